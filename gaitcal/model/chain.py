@@ -1,0 +1,164 @@
+"""The linkage, compiled: one moving frame per coordinate, with everything constant in time folded away.
+
+Between two coordinates the chain is constant in time, however many joint parameters it passes, so a trial of many
+frames needs one frame per *coordinate* only. Frame k has the pose
+
+    X_k(t) = X_parent(t) C_k M_k(q_k(t)),
+
+C_k constant, M_k the elementary motion of coordinate k. A segment, and the axis of a joint parameter, are constants
+in the frame of the coordinate before them: X_segment = X_b D_s; a joint parameter moves all that comes after it along
+(or about) the axis a_p through the point c_p of frame b. These constants depend on the joint parameters alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, root_elements
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One element in its place: which frame it is constant in, and what it acts on."""
+
+    element: Element
+    source: int
+    """Index of the coordinate, joint parameter or zero angle."""
+
+
+@dataclass(frozen=True)
+class ChainConstants:
+    """What the joint parameters fix. Rotations as 3 x 3, lengths in m."""
+
+    offset_rotation: Array
+    """(nq, 3, 3) rotation of C_k."""
+    offset_translation: Array
+    """(nq, 3) translation of C_k."""
+    segment_rotation: Array
+    """(ns, 3, 3) rotation of D_s."""
+    segment_translation: Array
+    """(ns, 3) translation of D_s."""
+    parameter_axis: Array
+    """(np, 3) a_p, with the sign of the element."""
+    parameter_point: Array
+    """(np, 3) c_p."""
+
+
+class Chain:
+    """A part of the linkage below a root segment, with the joint parameters of interest marked.
+
+    Parameters
+    ----------
+    root : segment that is free in the laboratory (six coordinates).
+    segments : the segments of the part, root included.
+    free : names of the joint parameters whose derivatives are wanted; those the part does not pass are left out.
+    """
+
+    def __init__(
+        self, root: str = "pelvis", segments: tuple[str, ...] = SEGMENTS, free: tuple[str, ...] = ()
+    ) -> None:
+        self.root = root
+        self.segments = tuple(s for s in SEGMENTS if s in segments)
+        coordinates: list[str] = []
+        elements: list[Element] = []
+        parents: list[int] = []
+        self._walks: dict[str, tuple[int, list[_Step]]] = {}
+        """Per segment: the frame it hangs on, and the constant steps from there."""
+        self._before: list[list[_Step]] = []
+        passed: dict[str, tuple[int, list[_Step]]] = {}
+        ancestors: dict[str, tuple[set[int], set[str]]] = {}
+
+        def walk(steps: tuple[Element, ...], start: str | None, child: str) -> None:
+            if start is None:
+                frame, pending, above = -1, [], (set[int](), set[str]())
+            else:
+                frame, before = self._walks[start]
+                pending, above = list(before), (set(ancestors[start][0]), set(ancestors[start][1]))
+            for e in steps:
+                if e.source is Source.COORDINATE:
+                    coordinates.append(e.name)
+                    elements.append(e)
+                    parents.append(frame)
+                    self._before.append(pending)
+                    frame, pending = len(coordinates) - 1, []
+                    above[0].add(frame)
+                    continue
+                index = JP_INDEX[e.name] if e.source is Source.JOINT_PARAMETER else ZERO_ANGLES.index(e.name)
+                step = _Step(e, index)
+                if e.name in free:
+                    passed[e.name] = (frame, [*pending, step])
+                    above[1].add(e.name)
+                pending = [*pending, step]
+            self._walks[child] = (frame, pending)
+            ancestors[child] = above
+
+        walk(root_elements(root), None, root)
+        for joint in JOINTS:
+            if joint.child in self.segments and joint.child != root:
+                walk(joint.elements, joint.parent, joint.child)
+
+        self.coordinates: tuple[str, ...] = tuple(coordinates)
+        self.elements: tuple[Element, ...] = tuple(elements)
+        self.parents: tuple[int, ...] = tuple(parents)
+        self.free: tuple[str, ...] = tuple(name for name in free if name in passed)
+        self._passed = [passed[name] for name in self.free]
+        self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
+        self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
+        self.parameter_rotates: NDArray[np.bool_] = np.array([w[-1].element.rotates for _, w in self._passed], bool)
+        self.coordinate_rotates: NDArray[np.bool_] = np.array([e.rotates for e in self.elements], bool)
+        nq, n_free = len(coordinates), len(self.free)
+        support = np.zeros((nq + n_free, len(self.segments)))
+        for column, segment in enumerate(self.segments):
+            frames, names = ancestors[segment]
+            support[list(frames), column] = 1.0
+            for k, name in enumerate(self.free):
+                support[nq + k, column] = float(name in names)
+        self.support: Array = support
+        """(nq + np, ns): 1 where a coordinate or a free joint parameter moves a segment."""
+
+    def constants(self, joint: Array, zero_angles: Array) -> ChainConstants:
+        """The constants for joint parameters (98,) and zero angles (4,), in m and rad."""
+        offsets = [_compose(steps, joint, zero_angles) for steps in self._before]
+        places = [_compose(self._walks[s][1], joint, zero_angles) for s in self.segments]
+        axes, points = np.empty((len(self.free), 3)), np.empty((len(self.free), 3))
+        for k, (_, steps) in enumerate(self._passed):
+            rotation, translation = _compose(steps[:-1], joint, zero_angles)
+            axes[k] = steps[-1].element.sign * rotation[:, steps[-1].element.axis]
+            points[k] = translation
+        return ChainConstants(
+            np.array([r for r, _ in offsets]),
+            np.array([t for _, t in offsets]),
+            np.array([r for r, _ in places]),
+            np.array([t for _, t in places]),
+            axes,
+            points,
+        )
+
+
+def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Array, Array]:
+    rotation, translation = np.eye(3), np.zeros(3)
+    for step in steps:
+        e = step.element
+        amount = e.sign * (joint if e.source is Source.JOINT_PARAMETER else zero_angles)[step.source]
+        if not e.rotates:
+            translation = translation + rotation[:, e.axis] * amount
+        elif amount != 0.0:
+            rotation = rotation @ axis_rotation(e.axis, float(amount))
+    return rotation, translation
+
+
+def axis_rotation(axis: int, angle: float) -> Array:
+    """(3, 3) right-handed rotation by `angle` (rad) about coordinate axis 0, 1 or 2."""
+    c, s = np.cos(angle), np.sin(angle)
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[a, a] = rotation[b, b] = c
+    rotation[a, b], rotation[b, a] = -s, s
+    return rotation

@@ -1,0 +1,127 @@
+"""The 84 inertial parameters (IPs): mass, mass centre and principal moments of the 12 segments that have mass.
+
+Moments are about the mass centre, principal axes parallel to the segment axes; `ant sup lat` = x y z. The talus is
+massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less `foot superior`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.linkage import SEGMENTS
+
+Array = NDArray[np.float64]
+
+MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if not s.startswith("talus"))
+"""12 segments; row s of a (12, 7) table of IPs is [mass, com x y z, moment x y z]."""
+
+QUANTITIES = ("mass", "com.ant", "com.sup", "com.lat", "moi.ant", "moi.sup", "moi.lat")
+UNITS = ("kg", "mm", "mm", "mm", "kg*mm^2", "kg*mm^2", "kg*mm^2")
+_TO_SI = (1.0, 1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6)
+
+IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in QUANTITIES)
+"""All 84, in the order of every (84,) array of inertial parameters (kg, m, kg m^2)."""
+
+IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
+IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
+IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
+"""(84,) factors from kg, mm, kg mm^2 to SI."""
+
+_FREE_CENTRES = {
+    "pelvis": ("com.ant", "com.sup"),
+    "thigh": ("com.sup",),
+    "shank": ("com.sup",),
+    "foot": ("com.ant",),
+    "head_trunk": ("com.sup",),
+    "upper_arm": ("com.sup",),
+    "forearm_hand": ("com.sup",),
+}
+
+
+@dataclass(frozen=True)
+class InertialSet:
+    """Free variables of an IP calibration: IP = constant where not free, else `scale[i] * x[column[i]]`."""
+
+    names: tuple[str, ...]
+    """Of the free variables: `pelvis.mass`, `thigh.com.sup`, ... (symmetric) or the IP names (all)."""
+    selection: Array
+    """(84, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
+
+
+def symmetric_set() -> InertialSet:
+    """The 36 symmetric IPs: 7 masses, 8 mass-centre coordinates, 21 moments."""
+    names: list[str] = []
+    columns: list[Array] = []
+    bodies = ("pelvis", "thigh", "shank", "foot", "head_trunk", "upper_arm", "forearm_hand")
+    quantities = [("mass",)] + [("com",)] + [("moi.ant", "moi.sup", "moi.lat")]
+    for group in quantities:
+        for body in bodies:
+            for quantity in _FREE_CENTRES[body] if group == ("com",) else group:
+                column = np.zeros(len(IP_NAMES))
+                for segment in MASSIVE_SEGMENTS:
+                    if segment == body or segment[:-2] == body:
+                        column[IP_INDEX[f"{segment}.{quantity}"]] = 1.0
+                names.append(f"{body}.{quantity}")
+                columns.append(column)
+    return InertialSet(tuple(names), np.stack(columns, axis=1))
+
+
+def full_set() -> InertialSet:
+    """All 84 IPs, each free by itself."""
+    return InertialSet(IP_NAMES, np.eye(len(IP_NAMES)))
+
+
+def table(inertial: Array) -> Array:
+    """(12, 7) view of an (84,) array."""
+    return inertial.reshape(len(MASSIVE_SEGMENTS), len(QUANTITIES))
+
+
+def dynamic_parameters(inertial: Array) -> Array:
+    """(12, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment origin.
+
+    Order of Pinocchio: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
+    """
+    rows = table(inertial)
+    m, c, moments = rows[:, 0], rows[:, 1:4], rows[:, 4:7]
+    out = np.empty((len(rows), 10))
+    out[:, 0] = m
+    out[:, 1:4] = m[:, None] * c
+    square = np.sum(c * c, axis=1)
+    for axis, column in ((0, 4), (1, 6), (2, 9)):
+        out[:, column] = moments[:, axis] + m * (square - c[:, axis] ** 2)
+    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+        out[:, column] = -m * c[:, a] * c[:, b]
+    return out
+
+
+def dynamic_jacobian(inertial: Array) -> Array:
+    """(12, 10, 7): derivative of `dynamic_parameters` by each segment's own seven IPs."""
+    rows = table(inertial)
+    m, c = rows[:, 0], rows[:, 1:4]
+    jac = np.zeros((len(rows), 10, 7))
+    jac[:, 0, 0] = 1.0
+    square = np.sum(c * c, axis=1)
+    for axis in range(3):
+        jac[:, 1 + axis, 0] = c[:, axis]
+        jac[:, 1 + axis, 1 + axis] = m
+    for axis, column in ((0, 4), (1, 6), (2, 9)):
+        jac[:, column, 0] = square - c[:, axis] ** 2
+        jac[:, column, 4 + axis] = 1.0
+        for other in range(3):
+            if other != axis:
+                jac[:, column, 1 + other] = 2.0 * m * c[:, other]
+    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+        jac[:, column, 0] = -c[:, a] * c[:, b]
+        jac[:, column, 1 + a] = -m * c[:, b]
+        jac[:, column, 1 + b] = -m * c[:, a]
+    return jac
+
+
+def is_physical(inertial: Array) -> NDArray[np.bool_]:
+    """(12,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
+    rows = table(inertial)
+    moments = np.sort(rows[:, 4:7], axis=1)
+    return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])

@@ -1,0 +1,138 @@
+"""The 98 joint parameters (JPs): where each joint axis lies in the two segments it connects.
+
+Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow
+(6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z),
+orientations `front trans sag` (about x, y, z) of the segment's frame: x anterior, y superior, z to the right
+on both sides. A left value is the mirror image z -> -z of the right one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SIDES = ("r", "l")
+
+
+class Kind(Enum):
+    """What a joint parameter is: a position (mm outside, m inside) or an orientation (deg, rad)."""
+
+    POSITION = "position"
+    ORIENTATION = "orientation"
+
+    @property
+    def unit(self) -> str:
+        """Unit in files."""
+        return "mm" if self is Kind.POSITION else "deg"
+
+    @property
+    def to_si(self) -> float:
+        """Factor from the unit in files to m or rad."""
+        return 1e-3 if self is Kind.POSITION else float(np.pi / 180.0)
+
+
+_AXIS = {"ant": 0, "sup": 1, "lat": 2, "front": 0, "trans": 1, "sag": 2}
+
+_SIDED = {
+    "hip": "pelvis: ant sup lat; thigh: ant sup lat",
+    "knee": "thigh: front trans ant sup; shank: front trans ant sup lat",
+    "talocrural": "shank: front trans ant sup lat",
+    "subtalar": "talus: trans sup; foot: trans sag ant sup lat",
+    "shoulder": "trunk: front trans ant sup lat; upperarm: trans sag ant sup lat",
+    "elbow": "upperarm: front trans ant sup; forearm: front trans ant sup lat",
+}
+_BACK = "pelvis: ant sup lat; trunk: ant sup lat"
+_SEGMENT = {
+    "pelvis": "pelvis",
+    "trunk": "head_trunk",
+    "thigh": "thigh_{}",
+    "shank": "shank_{}",
+    "talus": "talus_{}",
+    "foot": "foot_{}",
+    "upperarm": "upper_arm_{}",
+    "forearm": "forearm_hand_{}",
+}
+
+
+@dataclass(frozen=True)
+class JointParameter:
+    """One entry of the catalogue."""
+
+    name: str
+    """For example `hip_r.pelvis.ant`."""
+    joint: str
+    """`hip_r`, `back`, ..."""
+    segment: str
+    """The segment in whose frame it is measured: `pelvis`, `thigh_r`, ..."""
+    kind: Kind
+    axis: int
+    """0, 1, 2: the coordinate (position) or the axis turned about (orientation)."""
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the left value has the opposite sign of the right one."""
+        lateral = self.axis == 2
+        return lateral if self.kind is Kind.POSITION else not lateral
+
+
+def _catalogue() -> tuple[JointParameter, ...]:
+    entries: list[JointParameter] = []
+
+    def add(joint: str, side: str, lists: str) -> None:
+        for group in lists.split(";"):
+            place, directions = group.split(":")
+            place = place.strip()
+            for direction in directions.split():
+                kind = Kind.POSITION if direction in ("ant", "sup", "lat") else Kind.ORIENTATION
+                name = f"{joint}.{place}.{direction}"
+                entries.append(JointParameter(name, joint, _SEGMENT[place].format(side), kind, _AXIS[direction]))
+
+    for side in SIDES:
+        for joint in ("hip", "knee", "talocrural", "subtalar"):
+            add(f"{joint}_{side}", side, _SIDED[joint])
+    add("back", "", _BACK)
+    for side in SIDES:
+        for joint in ("shoulder", "elbow"):
+            add(f"{joint}_{side}", side, _SIDED[joint])
+    return tuple(entries)
+
+
+JOINT_PARAMETERS: tuple[JointParameter, ...] = _catalogue()
+"""All 98, in the order of every (98,) array of joint parameters."""
+
+JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
+JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
+JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
+"""(98,) factors from mm and deg to m and rad."""
+
+
+def isolated_parameters(joint: str) -> tuple[str, ...]:
+    """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or 12."""
+    name, side = joint.split("_")
+    joints = {f"talocrural_{side}", f"subtalar_{side}"} if name == "ankle" else {joint}
+    return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
+
+
+def gait_parameters(side: str) -> tuple[str, ...]:
+    """The 17 JPs of one leg that a gait trial determines: the rows of Table II that change from the isolated trials.
+
+    Hip: pelvis and thigh, anterior and superior; knee: all nine; talocrural: all but lateral.
+    """
+    kept = []
+    for p in JOINT_PARAMETERS:
+        hip = p.joint == f"hip_{side}" and p.axis != 2
+        talocrural = p.joint == f"talocrural_{side}" and not (p.kind is Kind.POSITION and p.axis == 2)
+        if hip or talocrural or p.joint == f"knee_{side}":
+            kept.append(p.name)
+    return tuple(kept)
+
+
+def leg_parameters(side: str) -> tuple[str, ...]:
+    """The 27 JPs of one leg."""
+    joints = {f"{j}_{side}" for j in ("hip", "knee", "talocrural", "subtalar")}
+    return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)

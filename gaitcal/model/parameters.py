@@ -1,0 +1,69 @@
+"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero angles."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.data_files import models_path
+from gaitcal.model.inertial_parameters import IP_NAMES, MASSIVE_SEGMENTS, table
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
+from gaitcal.model.linkage import ZERO_ANGLES
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters in SI units (m, rad, kg, kg m^2). Arrays are not to be changed in place."""
+
+    joint: Array
+    """(98,) joint parameters in the order of `JP_NAMES`."""
+    inertial: Array
+    """(84,) inertial parameters in the order of `IP_NAMES`."""
+    zero_angles: Array
+    """(4,) rad, in the order of `ZERO_ANGLES`."""
+
+    def with_joint(self, names: tuple[str, ...], values: Array) -> Parameters:
+        """A copy with some joint parameters (m, rad) replaced."""
+        joint = self.joint.copy()
+        joint[[JP_INDEX[name] for name in names]] = values
+        return replace(self, joint=joint)
+
+    def with_inertial(self, inertial: Array) -> Parameters:
+        """A copy with other inertial parameters (84,)."""
+        return replace(self, inertial=np.array(inertial, dtype=float))
+
+    @property
+    def mass(self) -> float:
+        """Total mass, kg."""
+        return float(table(self.inertial)[:, 0].sum())
+
+
+def published_subject() -> Parameters:
+    """The built-in nominal subject of the reproduction (`models/nominal_subject.json`; male, 69.4 kg, 1.70 m)."""
+    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    listed = data["joint_parameters"]
+    joint = np.empty(len(JP_NAMES))
+    for i, name in enumerate(JP_NAMES):
+        at, segment, direction = name.split(".")
+        if at == "back":
+            joint[i] = listed["back"][name]
+        else:
+            kind, side = at.split("_")
+            joint[i] = listed[side][f"{kind}.{segment}.{direction}"]
+    inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
+    keys = {"head_trunk": "headtrunk", "upper_arm": "upperarm", "forearm_hand": "forearmhand"}
+    for i, segment in enumerate(MASSIVE_SEGMENTS):
+        body = segment[:-2] if segment.endswith(("_r", "_l")) else segment
+        entry = data["inertial_parameters"][keys.get(body, body)]
+        com = np.array(entry["com_mm"])
+        com[2] *= 1.0 if not segment.endswith("_l") else -1.0
+        inertial[i] = [entry["mass_kg"], *(1e-3 * com), *(1e-6 * np.array(entry["moi_kg_mm2_xyz"]))]
+    zero = data["fixed_zero_offsets_deg"]
+    angles = [zero["theta_tc0"], zero["theta_st0_right"], zero["theta_tc0"], zero["theta_st0_left"]]
+    assert len(angles) == len(ZERO_ANGLES) and inertial.size == len(IP_NAMES)
+    return Parameters(joint * JP_TO_SI, inertial.ravel(), np.deg2rad(angles))

@@ -1,0 +1,71 @@
+"""One person's model: who, which parameters, which markers where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.parameters import Parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The person."""
+
+    name: str
+    mass: float
+    """kg."""
+    height: float
+    """m."""
+    sex: str
+    """`male` or `female`: the column of the anthropometric table."""
+
+    @property
+    def weight(self) -> float:
+        """Body weight, N."""
+        return self.mass * GRAVITY
+
+    @property
+    def bwh(self) -> float:
+        """Body weight times height, N·m: torques in %BW*H are 100 torque / bwh."""
+        return self.weight * self.height
+
+
+@dataclass(frozen=True)
+class MarkerPlacement:
+    """Tracking markers, fixed in their segments."""
+
+    labels: tuple[str, ...]
+    segments: tuple[str, ...]
+    """Name of the segment of each marker."""
+    local: Array
+    """(nm, 3) m, in the segment frame."""
+    weight: Array
+    """(nm,) >= 0; a marker with weight 0 is reported but does not pull."""
+
+
+@dataclass(frozen=True)
+class SubjectModel:
+    """A person's linkage model: nominal (from the static trial) or calibrated."""
+
+    subject: Subject
+    parameters: Parameters
+    """The values in use."""
+    nominal: Parameters
+    """The values before calibration, for comparison and as the centre of priors and bounds."""
+    markers: MarkerPlacement
+    frozen: tuple[str, ...] = ()
+    """Coordinates held at zero because no marker moves with them (no arms, no head)."""
+    landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
+    """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`, ...)."""
+    notes: tuple[str, ...] = ()
+    """What was assumed in making it; shown in every output."""
+
+    def with_parameters(self, parameters: Parameters) -> SubjectModel:
+        """The same person and markers with other parameters."""
+        return replace(self, parameters=parameters)

@@ -1,0 +1,108 @@
+"""Coordinates in time: clamped quintic B-splines on uniform knots.
+
+    q(t) = sum_a b_a(t) n_a,        six non-zero basis functions at any t,
+
+n_a the nodes (control values), (nn, nq). With nn nodes there are nn - 5 spans. Velocities and accelerations are the
+exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots after de Boor, clamped and uniform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import diags_array
+
+Array = NDArray[np.float64]
+
+DEGREE = 5
+ORDER = DEGREE + 1
+MINIMUM_NODES = ORDER
+
+
+@dataclass(frozen=True)
+class SplineBasis:
+    """The basis at the frames of one trial."""
+
+    time: Array
+    """(nf,) s."""
+    knots: Array
+    """(nn + 6,) s."""
+    first: NDArray[np.intp]
+    """(nf,) index of the first of the six nodes that matter at a frame."""
+    value: Array
+    """(nf, 6) their weights."""
+    rate: Array
+    """(nf, 6) 1/s, weights for the first derivative."""
+    acceleration: Array
+    """(nf, 6) 1/s^2, weights for the second derivative."""
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes a coordinate."""
+        return len(self.knots) - ORDER
+
+    @property
+    def spans(self) -> list[tuple[int, slice]]:
+        """(first node, frames) of each knot span that holds frames; frames of a span are consecutive."""
+        edges = np.flatnonzero(np.diff(self.first)) + 1
+        bounds = [0, *edges.tolist(), len(self.first)]
+        return [(int(self.first[a]), slice(a, b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+
+    def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
+        """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""
+        weights = (self.value, self.rate, self.acceleration)[derivative]
+        out = np.empty((len(self.time), nodes.shape[1]))
+        for first, frames in self.spans:
+            np.matmul(weights[frames], nodes[first : first + ORDER], out=out[frames])
+        return out
+
+    def fit(self, samples: Array) -> Array:
+        """(nn, nq) nodes that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
+        nn = self.nodes
+        band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
+        for first, frames in self.spans:
+            w = self.value[frames]
+            gram = w.T @ w
+            for d in range(ORDER):
+                band[d, first : first + ORDER - d] += np.diagonal(gram, -d)
+            right[first : first + ORDER] += w.T @ samples[frames]
+        band[0] += 1e-12 * band[0].max()
+        solution: Array = cho_solve_banded((cholesky_banded(band, lower=True), True), right)
+        return solution
+
+
+def spline_basis(time: Array, nodes: int) -> SplineBasis:
+    """The basis for `nodes` nodes over the frames at `time` (s, increasing)."""
+    if nodes < MINIMUM_NODES:
+        raise ValueError(f"a quintic spline needs at least {MINIMUM_NODES} nodes, not {nodes}")
+    start, end = float(time[0]), float(time[-1])
+    inner = np.linspace(start, end, nodes - DEGREE + 1)
+    knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
+    first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
+    weights = [_local_weights(knots, time, first, k) for k in range(3)]
+    return SplineBasis(time, knots, first.astype(np.intp), *weights)
+
+
+def _local_weights(knots: Array, time: Array, first: NDArray[np.intp], derivative: int) -> Array:
+    """(nf, 6) weights of the six nodes for the k-th derivative: lower-degree basis times divided differences."""
+    degree = DEGREE - derivative
+    matrix = BSpline.design_matrix(time, knots[derivative : len(knots) - derivative], degree)
+    for k in range(degree + 1, ORDER):
+        inner = knots[DEGREE - k : len(knots) - (DEGREE - k)]
+        count = len(inner) - k - 1
+        scale = k / (inner[k + 1 : k + count] - inner[1:count])
+        matrix = matrix @ diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count))
+    entries = matrix.tocoo()
+    rows, columns = entries.coords
+    out = np.zeros((len(time), ORDER))
+    out[rows, columns - first[rows]] = entries.data
+    return out
+
+
+def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:
+    """The same spline as a SciPy object, for evaluation anywhere in the trial."""
+    return BSpline(basis.knots, nodes, DEGREE)
