@@ -15,17 +15,14 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
-from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Source, root_elements
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """m/s^2, downwards along -y."""
-
-REACTIONS: tuple[str, ...] = tuple(f"knee_adduction_{side}" for side in SIDES)
-"""Locked joints whose generalised force is the internal reaction moment about the knee frame's x axis."""
 
 _REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 _PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
@@ -64,13 +61,7 @@ def build_linkage(parameters: Parameters, free: tuple[str, ...] = (), *, reactio
     builder = _Builder(parameters, free)
     builder.add_chain(root_elements("pelvis"), None, "pelvis")
     for joint in JOINTS:
-        elements = joint.elements
-        if reactions and joint.name.startswith("knee"):
-            side = joint.name[-1]
-            reaction = Element(True, 0, 1.0 if side == "r" else -1.0, Source.COORDINATE, f"knee_adduction_{side}")
-            at = next(i for i, e in enumerate(elements) if e.source is Source.COORDINATE) + 1
-            elements = (*elements[:at], reaction, *elements[at:])
-        builder.add_chain(elements, joint.parent, joint.child)
+        builder.add_chain(joint_elements(joint, reactions=reactions), joint.parent, joint.child)
     return builder.finish()
 
 

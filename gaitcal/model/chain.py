@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, root_elements
+from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -59,10 +59,16 @@ class Chain:
     root : segment that is free in the laboratory (six coordinates).
     segments : the segments of the part, root included.
     free : names of the joint parameters whose derivatives are wanted; those the part does not pass are left out.
+    reactions : whether the knees carry their locked reaction joints (two more coordinates).
     """
 
     def __init__(
-        self, root: str = "pelvis", segments: tuple[str, ...] = SEGMENTS, free: tuple[str, ...] = ()
+        self,
+        root: str = "pelvis",
+        segments: tuple[str, ...] = SEGMENTS,
+        free: tuple[str, ...] = (),
+        *,
+        reactions: bool = False,
     ) -> None:
         self.root = root
         self.segments = tuple(s for s in SEGMENTS if s in segments)
@@ -102,7 +108,7 @@ class Chain:
         walk(root_elements(root), None, root)
         for joint in JOINTS:
             if joint.child in self.segments and joint.child != root:
-                walk(joint.elements, joint.parent, joint.child)
+                walk(joint_elements(joint, reactions=reactions), joint.parent, joint.child)
 
         self.coordinates: tuple[str, ...] = tuple(coordinates)
         self.elements: tuple[Element, ...] = tuple(elements)

@@ -120,6 +120,38 @@ def dynamic_jacobian(inertial: Array) -> Array:
     return jac
 
 
+def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
+    """(10, 10): dynamic parameters in a frame F from those in a frame S placed in it by (rotation, translation).
+
+    With the pseudo-inertia J = [[sum x x^T, m c], [m c^T, m]] of point masses, J_F = X J_S X^T, X homogeneous.
+    """
+    x = np.eye(4)
+    x[:3, :3], x[:3, 3] = rotation, translation
+    moved = [_from_pseudo(x @ _to_pseudo(unit) @ x.T) for unit in np.eye(10)]
+    return np.stack(moved, axis=1)
+
+
+_SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
+
+
+def _to_pseudo(p: Array) -> Array:
+    inertia = p[_SYMMETRIC]
+    out = np.zeros((4, 4))
+    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    out[:3, 3] = out[3, :3] = p[1:4]
+    out[3, 3] = p[0]
+    return out
+
+
+def _from_pseudo(j: Array) -> Array:
+    second = j[:3, :3]
+    inertia = np.trace(second) * np.eye(3) - second
+    out = np.empty(10)
+    out[0], out[1:4] = j[3, 3], j[:3, 3]
+    out[_SYMMETRIC] = inertia
+    return out
+
+
 def is_physical(inertial: Array) -> NDArray[np.bool_]:
     """(12,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
     rows = table(inertial)

@@ -224,4 +224,18 @@ def joint_segments(joint: str) -> tuple[str, ...]:
     }[name]
 
 
+REACTIONS: tuple[str, ...] = tuple(f"knee_adduction_{side}" for side in SIDES)
+"""Locked joints whose generalised force is the internal reaction moment about the knee frame's x axis (shank side)."""
+
+
+def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, ...]:
+    """The elements of a joint; with `reactions`, a knee also has its locked reaction joint after the flexion."""
+    if not reactions or not joint.name.startswith("knee"):
+        return joint.elements
+    side = joint.name[-1]
+    reaction = Element(True, 0, 1.0 if side == "r" else -1.0, Source.COORDINATE, f"knee_adduction_{side}")
+    at = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE) + 1
+    return (*joint.elements[:at], reaction, *joint.elements[at:])
+
+
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")

@@ -1,0 +1,124 @@
+"""Phase 1: joint parameters and motions from markers (Reinbolt et al. 2007, eq. 1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.track import TrackSettings
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+POSITION_SCALE = 0.1
+"""m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """Bounds, priors and tolerances of a joint-parameter calibration."""
+
+    position_bound: float = np.inf
+    """m, largest distance of a position from its nominal value."""
+    orientation_bound: float = np.inf
+    """rad, the same for orientations."""
+    prior_position: float = np.inf
+    """m, standard deviation of a position about its nominal value; infinite: no prior."""
+    prior_orientation: float = np.inf
+    """rad."""
+    prior_marker: float = 0.005
+    """m, the marker error that a prior of one standard deviation is weighed against, once per independent sample."""
+    tolerance: float = 1e-10
+    """Relative tolerance on cost and parameters."""
+    most_evaluations: int = 100
+    tracking: TrackSettings = field(default_factory=TrackSettings)
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Joint parameters found, and everything needed to say how well."""
+
+    free: tuple[str, ...]
+    values: Array
+    """(np,) m, rad."""
+    parameters: Parameters
+    nodes: tuple[Array, ...]
+    """Per trial (nn, nq)."""
+    state: ReducedState
+    iterations: int
+    seconds: float
+    converged: bool
+    message: str
+    at_bound: tuple[str, ...]
+    """Free parameters that ended on a bound."""
+
+
+def calibrate_joints(
+    problems: Sequence[TrialProblem],
+    parameters: Parameters,
+    free: tuple[str, ...],
+    starts: Sequence[Array],
+    settings: JointSettings | None = None,
+    *,
+    start_values: Array | None = None,
+    centre: Parameters | None = None,
+) -> JointFit:
+    """Fit the joint parameters `free` to the markers of all `problems` together.
+
+    Parameters
+    ----------
+    problems : the trials; each has its own motion, all share the joint parameters.
+    parameters : values of all that is not free.
+    starts : per trial, nodes (nn, nq) to start from.
+    start_values : (np,) where the free parameters start, m and rad; their present values unless given.
+    centre : where bounds and priors are centred; `parameters` unless given.
+    """
+    began = time.perf_counter()
+    settings = settings or JointSettings()
+    passed = {name for problem in problems for name in problem.with_free(free).chain.free}
+    free = tuple(name for name in free if name in passed)
+    index = [JP_INDEX[name] for name in free]
+    position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
+    middle = (centre or parameters).joint[index]
+    reach = np.where(position, settings.position_bound, settings.orientation_bound)
+    lower, upper = middle - reach, middle + reach
+    sigma = np.where(position, settings.prior_position, settings.prior_orientation)
+    first = parameters.joint[index] if start_values is None else start_values
+    inside = np.clip(first, lower + 1e-9 * (upper - lower) if np.isfinite(reach).all() else lower, upper)
+    problem = ReducedProblem(
+        problems, parameters, free, starts, settings.tracking, prior=settings.prior_marker / sigma, centre=middle
+    )
+    scale = np.where(position, POSITION_SCALE, 1.0)
+    result = least_squares(
+        problem.residual,
+        inside,
+        jac=problem.jacobian,
+        bounds=(lower, upper) if np.isfinite(reach).any() else (-np.inf, np.inf),
+        x_scale=scale,
+        ftol=settings.tolerance,
+        xtol=settings.tolerance,
+        gtol=1e-15,
+        max_nfev=settings.most_evaluations,
+    )
+    state = problem.at(result.x)
+    edge = np.isfinite(reach) & (np.abs(result.x - middle) > 0.999 * np.where(np.isfinite(reach), reach, 1.0))
+    return JointFit(
+        free,
+        result.x,
+        parameters.with_joint(free, result.x),
+        tuple(trial.nodes for trial in state.trials),
+        state,
+        int(result.nfev),
+        time.perf_counter() - began,
+        bool(result.status > 0) and all(trial.converged for trial in state.trials),
+        str(result.message),
+        tuple(name for name, on_edge in zip(free, edge, strict=True) if on_edge),
+    )

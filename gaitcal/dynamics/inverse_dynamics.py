@@ -1,0 +1,111 @@
+"""Inverse dynamics: the generalised forces that the motion and the ground reactions ask for.
+
+    tau = RNEA(q, v, a) - sum_feet J_foot^T w_foot
+
+with w_foot the wrench of the ground on the foot and J_foot the spatial Jacobian, both about the laboratory origin, so
+that the wrench needs no transformation to the foot. The six root rows are the pelvis residual: what no ground
+reaction explains. Two locked joints report the knees' internal reaction moment about the knee frame's x axis.
+
+The derivative by a coordinate or joint parameter j keeps the wrench fixed in the laboratory: for i after j the column
+J_i turns and moves with j, d J_i / d j = J_j x J_i (the spatial cross product), and not otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.model.build import LinkageModel, build_linkage
+from gaitcal.model.chain import Chain
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, placed_dynamic_parameters
+from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.parameters import Parameters
+
+Array = NDArray[np.float64]
+
+FEET: tuple[str, ...] = ("foot_r", "foot_l")
+"""Order of the second axis of every array of foot wrenches."""
+
+
+@dataclass(frozen=True)
+class GeneralisedForces:
+    """Generalised forces of one trial: internal, net of all structures crossing the joint, acting on the child."""
+
+    tau: Array
+    """(nf, 27) N·m (N for the three pelvis translations) in the order of `COORDINATES`."""
+    knee_adduction: Array
+    """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank, adduction positive."""
+    residual_force: Array
+    """(nf, 3) N, laboratory axes."""
+    residual_moment: Array
+    """(nf, 3) N·m about the pelvis origin, laboratory axes."""
+
+
+class Dynamics:
+    """The linkage of one set of parameters, ready for inverse dynamics of any number of frames."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self.linkage: LinkageModel = build_linkage(parameters, reactions=True)
+        self.chain = Chain(reactions=True)
+        self._constants = self.chain.constants(parameters.joint, parameters.zero_angles)
+        self._data = self.linkage.model.createData()
+        self._place = np.array([self.chain.coordinates.index(name) for name in COORDINATES])
+        self._reaction = np.array([self.chain.coordinates.index(name) for name in REACTIONS])
+        self._feet = [self.chain.segments.index(foot) for foot in FEET]
+
+    def expand(self, values: Array) -> Array:
+        """(nf, 29) with zeros for the locked reaction joints, from (nf, 27)."""
+        out = np.zeros((len(values), len(self.chain.coordinates)))
+        out[:, self._place] = values
+        return out
+
+    def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> GeneralisedForces:
+        """Generalised forces for coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
+
+        Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
+        """
+        q_all, v_all, a_all = self.expand(q), self.expand(v), self.expand(a)
+        model, data, rnea = self.linkage.model, self._data, pin.rnea
+        tau = np.empty_like(q_all)
+        for f in range(len(q_all)):
+            tau[f] = rnea(model, data, q_all[f], v_all[f], a_all[f])
+        columns = jacobian(self.chain, self._constants, forward(self.chain, self._constants, q_all))
+        for foot, segment in enumerate(self._feet):
+            moved = np.flatnonzero(self.chain.support[:, segment])
+            tau[:, moved] -= np.einsum("kif,fi->fk", columns[moved], wrenches[:, foot])
+        axes = columns[3:6, 3:].transpose(2, 0, 1)
+        moment = np.linalg.solve(axes, tau[:, 3:6, None])[:, :, 0]
+        return GeneralisedForces(tau[:, self._place], tau[:, self._reaction], tau[:, :3].copy(), moment)
+
+    def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each massive segment.
+
+        Contracted with `dynamic_parameters` it gives the root wrench without ground reactions, laboratory axes.
+        """
+        return root_regressor(self.linkage, self.expand(q), self.expand(v), self.expand(a))
+
+
+def root_regressor(linkage: LinkageModel, q: Array, v: Array, a: Array) -> Array:
+    """See `Dynamics.root_regressor`; q, v, a for all joints of `linkage`."""
+    model, data = linkage.model, linkage.model.createData()
+    at = [linkage.segment_joint[s] for s in MASSIVE_SEGMENTS]
+    columns = np.concatenate([np.arange(10 * (j - 1), 10 * j) for j in at])
+    rows = np.empty((len(q), 6, len(columns)))
+    axes = np.empty((len(q), 3, 3))
+    for f in range(len(q)):
+        rows[f] = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])[:6, columns]
+    tilt, lean = q[:, 3], q[:, 4]
+    axes[:, 0] = [0.0, 0.0, 1.0]
+    axes[:, 1] = np.stack([np.cos(tilt), np.sin(tilt), np.zeros(len(q))], axis=1)
+    axes[:, 2] = np.stack([-np.sin(tilt) * np.cos(lean), np.cos(tilt) * np.cos(lean), np.sin(lean)], axis=1)
+    rows[:, 3:] = np.linalg.solve(axes, rows[:, 3:])
+    out = rows.reshape(len(q), 6, len(at), 10)
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        place = linkage.segment_placement[segment]
+        out[:, :, k] = out[:, :, k] @ placed_dynamic_parameters(place.rotation, place.translation)
+    return out
