@@ -1,0 +1,262 @@
+"""Phase 2: inertial parameters from the pelvis residual (Reinbolt et al. 2007, eq. 2).
+
+    min_p  sum_frames { |F|^2 / BW^2 + |T|^2 / L^2 } + sum_n ((p_n - p'_n) / s_n)^2
+
+F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L = BW * H (or
+another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m, m c, I_origin): the frames are
+compressed once by a QR factorisation of their regressor to 121 rows, whose norm is the full residual's exactly; the
+iteration never sees a frame again.
+
+`published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than 0.1 %.
+`consistent` (default): every body stays physically possible, total mass and left-right symmetry are exact, because
+the variables are logarithms: m_k = M softmax, second moments of mass exp(.), hence positive moments that obey the
+triangle inequality; one pass, s_n the spread of the anthropometric table.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gaitcal.model.inertial_parameters import (
+    IP_NAMES,
+    InertialSet,
+    dynamic_jacobian,
+    dynamic_parameters,
+    is_physical,
+    table,
+)
+
+Array = NDArray[np.float64]
+
+RESEED_CHANGE = 1e-3
+"""The published stop: RMS residuals change by less than 0.1 %."""
+MOST_SEEDS = 200
+
+
+class TorqueScale(Enum):
+    """Length L/BW by which residual torques are normalised (the three choices of the paper's discussion)."""
+
+    BODY_HEIGHT = "bwh"
+    PELVIS_WIDTH = "pelvis_width"
+    MILLIMETRE = "1mm"
+
+
+@dataclass(frozen=True)
+class RootEquations:
+    """The root wrench of all valid frames, linear in the dynamic parameters, compressed."""
+
+    factor: Array
+    """(n, 120) rows of R."""
+    target: Array
+    """(n,) the ground reactions' part, Q^T w, in the same rows."""
+    frames: int
+    force_rows: Array
+    """(n_f, 121) the same for force alone, unscaled (N), for reporting."""
+    moment_rows: Array
+    """(n_m, 121) the same for moment alone (N·m)."""
+
+    def rms(self, inertial: Array) -> tuple[float, float]:
+        """RMS residual force (N) and moment (N·m) over frames and the three components."""
+        phi = np.append(dynamic_parameters(inertial).ravel(), 1.0)
+        count = np.sqrt(3.0 * self.frames)
+        force, moment = np.linalg.norm(self.force_rows @ phi), np.linalg.norm(self.moment_rows @ phi)
+        return float(force / count), float(moment / count)
+
+
+def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
+    """Compress the root wrench of the valid frames.
+
+    Parameters
+    ----------
+    regressor : (nf, 6, 12, 10) of `Dynamics.root_regressor`.
+    ground : (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
+    weight : body weight, N.
+    length : m, torques are divided by weight * length.
+    """
+    nf = len(regressor)
+    rows = np.concatenate([regressor.reshape(nf, 6, 120), ground[:, :, None]], axis=2)
+    force = np.linalg.qr(rows[:, :3].reshape(3 * nf, 121), mode="r")
+    moment = np.linalg.qr(rows[:, 3:].reshape(3 * nf, 121), mode="r")
+    stacked = np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r")
+    return RootEquations(stacked[:, :120], stacked[:, 120], nf, force, moment)
+
+
+@dataclass(frozen=True)
+class InertialFit:
+    """Inertial parameters found."""
+
+    names: tuple[str, ...]
+    """Of the free variables."""
+    inertial: Array
+    """(84,) SI."""
+    jacobian: Array
+    """(84, n) of the IPs by the variables at the solution, for uncertainties."""
+    residual_jacobian: Array
+    """(rows, n) of residuals and penalties by the variables at the solution."""
+    rms_force: float
+    """N."""
+    rms_moment: float
+    """N·m."""
+    seeds: int
+    """How often the result became the next seed (1: a single pass)."""
+    iterations: int
+    seconds: float
+    converged: bool
+    message: str
+
+
+def fit_published(
+    equations: RootEquations, seed: Array, which: InertialSet, *, start: Array | None = None, reseed: bool = True
+) -> InertialFit:
+    """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until nothing changes."""
+    began = time.perf_counter()
+    inertial = (seed if start is None else start).copy()
+    centre = seed.copy()
+    s = which.selection
+    norm = (s * s).sum(axis=0)
+    last = equations.rms(inertial)
+    iterations, seeds, message, converged = 0, 0, "", False
+    jac = np.empty((0, 0))
+    while seeds < MOST_SEEDS:
+        seeds += 1
+        prior = s.T @ centre / norm
+        scale = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
+        base = inertial - s @ (s.T @ inertial / norm)
+
+        def residual(x: Array, base: Array = base, scale: Array = scale, prior: Array = prior) -> Array:
+            values = base + s @ (x * scale)
+            gap = equations.factor @ dynamic_parameters(values).ravel() + equations.target
+            return np.concatenate([gap, x - prior / scale])
+
+        def jacobian(x: Array, base: Array = base, scale: Array = scale) -> Array:
+            by_ip = _by_inertial(equations.factor, base + s @ (x * scale))
+            return np.vstack([by_ip @ s * scale, np.eye(len(x))])
+
+        result = least_squares(
+            residual, s.T @ inertial / norm / scale, jac=jacobian, method="lm", ftol=1e-15, xtol=1e-15, gtol=1e-15
+        )
+        inertial = base + s @ (result.x * scale)
+        iterations += int(result.nfev)
+        message, converged = str(result.message), bool(result.status > 0)
+        jac = jacobian(result.x) / scale
+        rms = equations.rms(inertial)
+        settled = all(abs(new - old) <= RESEED_CHANGE * old or new < 1e-9 for new, old in zip(rms, last, strict=True))
+        last, centre = rms, inertial
+        if settled or not reseed:
+            break
+    return InertialFit(
+        which.names, inertial, s, jac, *last, seeds, iterations, time.perf_counter() - began, converged, message
+    )
+
+
+def _by_inertial(factor: Array, inertial: Array) -> Array:
+    """(n, 84) derivative of factor @ dynamic_parameters."""
+    blocks = factor.reshape(len(factor), 12, 10)
+    return np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
+
+
+@dataclass(frozen=True)
+class ConsistentSettings:
+    """Spread of people about the anthropometric table, and how good a root wrench can be expected to be."""
+
+    mass_spread: float = 0.10
+    """Standard deviation of the logarithm of a segment's share of body mass."""
+    centre_spread: float = 0.010
+    """m, standard deviation of a mass-centre coordinate."""
+    moment_spread: float = 0.15
+    """Standard deviation of the logarithm of a second moment of mass."""
+    residual: float = 0.01
+    """Standard deviation of F / BW and T / (BW L) that stems from measurement, not from inertia."""
+    independent: float = 10.0
+    """Frames per independent sample: neighbouring frames of a residual repeat each other."""
+
+
+def fit_consistent(
+    equations: RootEquations, seed: Array, which: InertialSet, settings: ConsistentSettings | None = None
+) -> InertialFit:
+    """Physically possible inertias nearest to the residual-free ones; total mass is exactly the seed's."""
+    began = time.perf_counter()
+    settings = settings or ConsistentSettings()
+    chart = _LogChart(seed, which)
+    weight = 1.0 / (settings.residual * np.sqrt(settings.independent))
+    spread = chart.spread(settings)
+
+    def residual(x: Array) -> Array:
+        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        return np.concatenate([weight * gap, x / spread])
+
+    def jacobian(x: Array) -> Array:
+        by_ip = _by_inertial(equations.factor, chart.inertial(x))
+        return np.vstack([weight * by_ip @ chart.jacobian(x), np.diag(1.0 / spread)])
+
+    result = least_squares(residual, np.zeros(chart.size), jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13)
+    inertial = chart.inertial(result.x)
+    return InertialFit(
+        which.names,
+        inertial,
+        chart.jacobian(result.x),
+        jacobian(result.x),
+        *equations.rms(inertial),
+        1,
+        int(result.nfev),
+        time.perf_counter() - began,
+        bool(result.status > 0),
+        str(result.message),
+    )
+
+
+class _LogChart:
+    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
+
+    def __init__(self, seed: Array, which: InertialSet) -> None:
+        if not is_physical(seed).all():
+            raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
+        self.size = len(which.names)
+        self.rows = table(seed)
+        kinds = [name.split(".", 1)[1] for name in which.names]
+        self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
+        self.selection = which.selection
+        moments = self.rows[:, 4:7]
+        self.second = 0.5 * moments.sum(axis=1, keepdims=True) - moments
+        """(12, 3) second moments of mass about the mass centre along each axis."""
+
+    def spread(self, settings: ConsistentSettings) -> Array:
+        """(n,) prior standard deviation of each variable."""
+        return np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
+
+    def _parts(self, x: Array) -> tuple[Array, Array, Array]:
+        changes = table(self.selection @ x)
+        return changes[:, 0], changes[:, 1:4], changes[:, 4:7]
+
+    def inertial(self, x: Array) -> Array:
+        log_mass, shift, log_second = self._parts(x)
+        raw = self.rows[:, 0] * np.exp(log_mass)
+        out = np.empty((12, 7))
+        out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
+        out[:, 1:4] = self.rows[:, 1:4] + shift
+        second = self.second * np.exp(log_second)
+        out[:, 4:7] = second.sum(axis=1, keepdims=True) - second
+        return out.ravel()
+
+    def jacobian(self, x: Array) -> Array:
+        """(84, n)."""
+        _, _, log_second = self._parts(x)
+        mass = table(self.inertial(x))[:, 0]
+        second = self.second * np.exp(log_second)
+        chain = np.zeros((12, 7, 12, 7))
+        share = mass / mass.sum()
+        chain[:, 0, :, 0] = np.diag(mass) - np.outer(mass, share)
+        for s in range(12):
+            for axis in range(3):
+                chain[s, 1 + axis, s, 1 + axis] = 1.0
+                for other in range(3):
+                    if other != axis:
+                        chain[s, 4 + axis, s, 4 + other] = second[s, other]
+        out: Array = chain.reshape(84, 84) @ self.selection
+        return out
