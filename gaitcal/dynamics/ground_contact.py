@@ -1,0 +1,160 @@
+"""Which foot a force plate carries, and in which frames every foot on the ground is on a plate.
+
+A plate's loaded stretches are given to the foot under whose sole the centre of pressure lies, stretch by stretch,
+unless the study says which foot it is. Whether a foot is down at all is told by its motion alone: its heel or its toe
+rests. Where a foot is down and no plate carries it, the ground reaction is not known and the frame is not valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+
+from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.recording import filter_plate, resample_wrench
+from gaitcal.recording.recording import ForcePlate
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LOADED = 20.0
+"""N of vertical force above which a plate counts as stepped on."""
+RESTING = 0.4
+"""m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
+EDGE = 0.08
+"""s by which resting and loading may differ at the beginning and end of a contact."""
+UNDER_FOOT = 0.15
+"""m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
+SHORTEST = 0.05
+"""s: a shorter loading is a knock, not a step."""
+
+
+@dataclass(frozen=True)
+class FootPoints:
+    """Heel and toe of both feet, from the tracked model: order right, left."""
+
+    heel: Array
+    """(nf, 2, 3) m."""
+    toe: Array
+    """(nf, 2, 3) m."""
+    heel_speed: Array
+    """(nf, 2) m/s."""
+    toe_speed: Array
+    """(nf, 2) m/s."""
+
+
+@dataclass(frozen=True)
+class GroundReactions:
+    """Ground reactions on the feet at the marker frames."""
+
+    wrench: Array
+    """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
+    valid: BoolArray
+    """(nf,) every foot on the ground is on a plate."""
+    loaded: BoolArray
+    """(nf, 2) a plate carries the foot."""
+    resting: BoolArray
+    """(nf, 2) the foot is down, judged by its motion."""
+    notes: tuple[str, ...]
+
+
+def ground_reactions_on_feet(
+    plates: Sequence[ForcePlate],
+    time: Array,
+    feet: FootPoints,
+    *,
+    cutoff: float | None,
+    assigned: Mapping[str, str] | None = None,
+) -> GroundReactions:
+    """Assign plates to feet, filter their wrenches and bring them to the marker frames.
+
+    Parameters
+    ----------
+    time : (nf,) s of the marker frames.
+    cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
+    assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
+    """
+    wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
+    notes: list[str] = []
+    covered = np.ones(len(time), dtype=bool)
+    for plate in plates:
+        raw = np.nan_to_num(resample_wrench(plate, time))
+        smooth = resample_wrench(plate if cutoff is None else filter_plate(plate, cutoff), time)
+        covered &= np.isfinite(smooth).all(axis=1)
+        smooth = np.nan_to_num(smooth)
+        told = (assigned or {}).get(plate.name)
+        for stretch in _stretches(raw[:, 1] > LOADED, time):
+            foot = {"r": 0, "l": 1}.get(told) if told else _foot_under(raw, stretch, feet)
+            if told == "none":
+                continue
+            span = f"{time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
+            if foot is None:
+                notes.append(f"plate {plate.name}, {span}: the centre of pressure is under neither foot; left out")
+                continue
+            wide = _widen(stretch, raw[:, 1] > LOADED, time, cutoff)
+            wrench[wide, foot] += smooth[wide]
+            loaded[stretch, foot] = True
+            how = "as the study says" if told else "by its centre of pressure"
+            notes.append(f"plate {plate.name}, {span}: {('right', 'left')[foot]} foot, {how}")
+    resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
+    unmeasured = resting & ~_near(loaded, time)
+    valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
+    return GroundReactions(wrench, valid, loaded, resting, tuple(notes))
+
+
+def _stretches(active: BoolArray, time: Array) -> list[slice]:
+    """Runs of loaded frames, knocks left out."""
+    marked, count = label(active)
+    runs = [np.flatnonzero(marked == k) for k in range(1, count + 1)]
+    return [slice(int(r[0]), int(r[-1]) + 1) for r in runs if time[r[-1]] - time[r[0]] >= SHORTEST]
+
+
+def _widen(stretch: slice, active: BoolArray, time: Array, cutoff: float | None) -> slice:
+    """A stretch with the tails that the filter makes, up to half way to the plate's next loading."""
+    if cutoff is None:
+        return stretch
+    tail = 1.0 / cutoff
+    before = np.flatnonzero(active[: stretch.start])
+    after = np.flatnonzero(active[stretch.stop :])
+    low = 0 if not len(before) else (int(before[-1]) + stretch.start) // 2 + 1
+    high = len(time) if not len(after) else (stretch.stop + int(after[0]) + stretch.stop) // 2
+    start = int(np.searchsorted(time, time[stretch.start] - tail))
+    stop = int(np.searchsorted(time, time[stretch.stop - 1] + tail)) + 1
+    return slice(max(start, low), min(stop, high))
+
+
+def _foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
+    """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load."""
+    w = wrench[stretch]
+    cop = np.stack([w[:, 5] / w[:, 1], -w[:, 3] / w[:, 1]], axis=1)
+    distances = [
+        np.average(
+            _to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1]
+        )
+        for k in range(len(FEET))
+    ]
+    best = int(np.argmin(distances))
+    return best if distances[best] < UNDER_FOOT else None
+
+
+def _to_line(point: Array, a: Array, b: Array) -> Array:
+    along = b - a
+    t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
+    out: Array = np.linalg.norm(a + t[:, None] * along - point, axis=1)
+    return out
+
+
+def _near(loaded: BoolArray, time: Array) -> BoolArray:
+    """Frames within `EDGE` of a loaded one, foot by foot."""
+    out = loaded.copy()
+    for foot in range(loaded.shape[1]):
+        at = time[loaded[:, foot]]
+        if len(at):
+            place = np.clip(np.searchsorted(at, time), 1, len(at) - 1) if len(at) > 1 else np.zeros(len(time), int)
+            gap = np.minimum(np.abs(time - at[place]), np.abs(time - at[np.maximum(place - 1, 0)]))
+            out[:, foot] |= gap <= EDGE
+    return out

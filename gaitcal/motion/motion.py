@@ -1,0 +1,142 @@
+"""A person's motion in one trial: the result of tracking, and how well each marker is met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MarkerErrors:
+    """Distances between measured and model markers."""
+
+    labels: tuple[str, ...]
+    segments: tuple[str, ...]
+    weight: Array
+    """(nm,) weight of each marker in the fit (its largest over the frames)."""
+    distance: Array
+    """(nf, nm) m; NaN where a marker was not seen."""
+
+    def rms(self, segment: str | None = None) -> float | None:
+        """RMS distance (m) over markers with weight, of one segment or all; None where there are none."""
+        kept = self.kept(segment)
+        if not kept.any():
+            return None
+        return float(np.sqrt(np.nanmean(self.distance[:, kept] ** 2)))
+
+    def kept(self, segment: str | None = None) -> NDArray[np.bool_]:
+        """(nm,) markers with weight that were seen at all, of one segment or all."""
+        seen = np.isfinite(self.distance).any(axis=0)
+        here = np.array([segment is None or s == segment for s in self.segments], dtype=bool)
+        return (self.weight > 0) & seen & here
+
+    def largest(self) -> tuple[float, str] | None:
+        """Largest distance (m) over markers with weight, and which marker."""
+        kept = np.flatnonzero(self.kept())
+        if not len(kept):
+            return None
+        peaks = np.nanmax(self.distance[:, kept], axis=0)
+        return float(peaks.max()), self.labels[kept[int(peaks.argmax())]]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates of one trial as splines, with the markers' errors."""
+
+    name: str
+    coordinates: tuple[str, ...]
+    """Names of the columns: the 27, or those of the part that was tracked."""
+    basis: SplineBasis
+    nodes: Array
+    """(nn, nq) m, rad."""
+    errors: MarkerErrors
+    converged: bool
+
+    @property
+    def time(self) -> Array:
+        """(nf,) s."""
+        return self.basis.time
+
+    @property
+    def q(self) -> Array:
+        """(nf, nq) coordinates, m and rad."""
+        return self.basis.evaluate(self.nodes)
+
+    @property
+    def velocity(self) -> Array:
+        """(nf, nq) m/s, rad/s."""
+        return self.basis.evaluate(self.nodes, 1)
+
+    @property
+    def acceleration(self) -> Array:
+        """(nf, nq) m/s^2, rad/s^2."""
+        return self.basis.evaluate(self.nodes, 2)
+
+
+def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, converged: bool = True) -> Motion:
+    """The motion that `nodes` describe, with the errors of every marker."""
+    positions = problem.positions(nodes, problem.constants(parameters))
+    distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
+    return Motion(
+        problem.name, problem.chain.coordinates, problem.basis, nodes, _errors(problem, distance), converged
+    )
+
+
+def rigid_floor(problem: TrialProblem) -> MarkerErrors:
+    """Errors when each segment follows its own markers, with no joints: no linkage of these segments can do better."""
+    data = problem.data
+    distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
+    for s in np.unique(data.segment).tolist():
+        of = np.flatnonzero(data.segment == s)
+        distance[:, of] = rigid_fit(data.local[of], data.measured[of], data.weight[of]).residual.T
+    return _errors(problem, distance)
+
+
+def _errors(problem: TrialProblem, distance: Array) -> MarkerErrors:
+    data = problem.data
+    unseen = ~data.measured.any(axis=1).T
+    segments = tuple(problem.chain.segments[s] for s in data.segment)
+    return MarkerErrors(problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance))
+
+
+def track(
+    model: SubjectModel,
+    recording: Recording,
+    *,
+    rule: NodeRule | None = None,
+    root: str = "pelvis",
+    segments: tuple[str, ...] = SEGMENTS,
+    settings: TrackSettings | None = None,
+) -> Motion:
+    """Track the markers of a recording with a person's model: 27 quintic splines that bring the model's markers
+    nearest to the measured ones, over all frames at once.
+
+    Parameters
+    ----------
+    model : the person's model, nominal or calibrated.
+    recording : markers in m, y up; gaps are NaN and get no weight.
+    rule : number of spline nodes; 15 spans a second unless given.
+    root, segments : a part of the linkage to track alone.
+    """
+    problem = trial_problem(recording.source, model, recording, rule or NodeRule(), root=root, segments=segments)
+    constants = problem.constants(model.parameters)
+    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    tracked = track_nodes(problem, constants, start, settings)
+    return motion_of(problem, model.parameters, tracked.nodes, converged=tracked.converged)
+
+

@@ -1,0 +1,168 @@
+"""A study: one person's recordings, read and checked, ready to be calibrated."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.subject_model import Subject
+from gaitcal.recording import read_recording
+from gaitcal.recording.recording import Recording
+from gaitcal.settings import CalibrationSettings
+from gaitcal.study_file import StudyFile, Trial, load_study_file
+
+
+@dataclass(frozen=True)
+class StudyTrial:
+    """One trial of a study."""
+
+    name: str
+    role: str
+    """`static`, `joint` or `gait`."""
+    joint: str | None
+    """The joint of an isolated trial."""
+    recording: Recording
+    """Labels as in the marker set; only the frames that the study asks for."""
+    plates: Mapping[str, str]
+    """Plate name -> "r", "l" or "none", where the study says so."""
+    filter_hz: float | str | None = None
+    """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Who, which markers mean what, which trials, and how to calibrate."""
+
+    subject: Subject
+    marker_set: MarkerSet
+    trials: tuple[StudyTrial, ...]
+    settings: CalibrationSettings
+    weights: Mapping[str, float]
+    """Marker label -> weight, where the study overrides the marker set."""
+    inputs: Mapping[str, str]
+    """File -> SHA-256 of every input."""
+    source: str = "study"
+
+    @classmethod
+    def load(cls, path: Path | str) -> Study:
+        """Read a study file and all its recordings.
+
+        Raises
+        ------
+        InputError
+            One line: file, field, what was found, what is allowed.
+        """
+        path = Path(path)
+        study = load_study_file(path)
+        marker_set = load_marker_set(study.markers.set)
+        trials = tuple(_read_trial(trial, study, marker_set) for trial in study.trials)
+        files = [path, *(t.file for t in study.trials), *(t.forces for t in study.trials if t.forces)]
+        if study.markers.set_path:
+            files.append(study.markers.set_path)
+        s = study.subject
+        _check_weights(study, marker_set, path)
+        return cls(
+            Subject(s.name, s.mass_kg, s.height_m, s.sex),
+            marker_set,
+            trials,
+            study.calibration,
+            dict(study.markers.weights),
+            {_shown(f, path.parent): hashlib.sha256(f.read_bytes()).hexdigest() for f in dict.fromkeys(files)},
+            str(path),
+        )
+
+    @property
+    def static(self) -> StudyTrial:
+        """The static trial."""
+        return next(trial for trial in self.trials if trial.role == "static")
+
+    @property
+    def moving(self) -> tuple[StudyTrial, ...]:
+        """All other trials."""
+        return tuple(trial for trial in self.trials if trial.role != "static")
+
+
+def _shown(file: Path, folder: Path) -> str:
+    try:
+        return file.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return file.name
+
+
+def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
+    known = set(marker_set.labels)
+    for label in study.markers.weights:
+        if label not in known:
+            raise InputError(
+                f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}",
+                source=path,
+                field="markers.weights",
+            )
+
+
+def _read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTrial:
+    recording = read_recording(trial.file, forces=trial.forces)
+    recording = _rename(recording, study.markers.rename)
+    for name in trial.plates:
+        known = [plate.name for plate in recording.plates]
+        if name not in known:
+            raise InputError(
+                f"found plate '{name}'; the recording has {', '.join(known) or 'none'}",
+                source=trial.file,
+                field=f"trial '{trial.name}'.plates",
+            )
+    recording = _window(recording, trial)
+    _check_forces_cover(recording, trial)
+    return StudyTrial(
+        trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz
+    )
+
+
+def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
+    if not rename:
+        return recording
+    labels = tuple(rename.get(label, label) for label in recording.labels)
+    doubled = sorted({label for label in labels if labels.count(label) > 1})
+    if doubled:
+        raise InputError(
+            f"found '{doubled[0]}' twice after renaming; a label names one marker",
+            source=recording.source,
+            field="markers.rename",
+        )
+    changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
+    return replace(recording, labels=labels).with_notes(*([f"markers renamed: {', '.join(changed)}"] if changed else []))
+
+
+def _window(recording: Recording, trial: Trial) -> Recording:
+    if trial.time is None:
+        return recording
+    low, high = trial.time
+    inside = (recording.time >= low - 1e-9) & (recording.time <= high + 1e-9)
+    if inside.sum() < 2:
+        raise InputError(
+            f"found [{low:g}, {high:g}]; the recording runs from {recording.time[0]:g} to {recording.time[-1]:g} s",
+            source=trial.file,
+            field=f"trial '{trial.name}'.time",
+        )
+    return replace(recording, time=recording.time[inside], markers=recording.markers[inside])
+
+
+def _check_forces_cover(recording: Recording, trial: Trial) -> None:
+    if trial.role != "gait":
+        return
+    step = float(np.median(np.diff(recording.time)))
+    for plate in recording.plates:
+        if plate.time[0] > recording.time[0] + step or plate.time[-1] < recording.time[-1] - step:
+            raise InputError(
+                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "
+                f"{recording.time[0]:g} to {recording.time[-1]:g} s; forces must cover the markers: shorten the trial "
+                "with time = [start, end]",
+                source=trial.forces or trial.file,
+                field=f"plate {plate.name}",
+            )

@@ -1,0 +1,88 @@
+"""What a calibration returns: the person's models and, trial by trial, how well they do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import GeneralisedForces
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.recording.recording import Recording
+from gaitcal.study.person import Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoadedTrial:
+    """Ground reactions of a gait trial, and the generalised forces with each model."""
+
+    reactions: GroundReactions
+    nominal: GeneralisedForces
+    """Nominal model and the motion tracked with it."""
+    jp: GeneralisedForces | None
+    """Calibrated joint parameters, nominal inertial parameters."""
+    jp_ip: GeneralisedForces | None
+    """Calibrated joint and inertial parameters."""
+    joint_step: GeneralisedForces | None
+    """After joint and inertial parameters together."""
+
+    @property
+    def final(self) -> GeneralisedForces:
+        """With the model that the calibration ended with."""
+        return self.joint_step or self.jp_ip or self.jp or self.nominal
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One moving trial before and after calibration."""
+
+    name: str
+    role: str
+    joint: str | None
+    recording: Recording
+    """As tracked: turned so that x is forward."""
+    nominal: Motion
+    """Gait: the whole body. Isolated trial: the segments of its joint alone."""
+    calibrated: Motion
+    floor: MarkerErrors
+    """Rigid-segment floor of the same markers."""
+    body: Motion
+    """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
+    loads: LoadedTrial | None
+    """None without force plates."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated person."""
+
+    study: Study
+    nominal: SubjectModel
+    model: SubjectModel
+    """With the calibrated parameters."""
+    trials: tuple[TrialResult, ...]
+    phases: tuple[Phase, ...]
+    joint: JointCalibration | None
+    """None where the settings leave joint parameters alone."""
+    inertial: InertialFit | None
+    """None without ground reactions, or where the settings leave inertial parameters alone."""
+    notes: tuple[str, ...]
+    """What was assumed."""
+    warnings: tuple[str, ...]
+    """What a user should look at."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether every phase reached its tolerance."""
+        return all(phase.converged for phase in self.phases)
+
+    def trial(self, name: str) -> TrialResult:
+        """The trial of that name."""
+        return next(trial for trial in self.trials if trial.name == name)
