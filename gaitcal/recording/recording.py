@@ -7,11 +7,20 @@ The turn about the vertical that brings x along the progression is a step of its
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.errors import InputError
+from gaitcal.recording.labels import clean
+
 Array = NDArray[np.float64]
+
+
+def seen_mask(markers: Array) -> NDArray[np.bool_]:
+    """(nf, nm) bool: which of markers (nf, nm, 3) were seen; a marker is seen whole or not at all."""
+    return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -58,9 +67,30 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        """Frames per second (median step)."""
-        return float(1.0 / np.median(np.diff(self.time)))
+        """Frames per second (median step); NaN for fewer than two frames."""
+        return float(1.0 / np.median(np.diff(self.time))) if len(self.time) > 1 else float("nan")
 
     def with_notes(self, *notes: str) -> Recording:
         """The same recording with more notes."""
         return replace(self, notes=self.notes + notes)
+
+
+def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
+    """Markers (nf, nm, 3) with the literal 0 0 0 that some programs write for a gap made NaN, and a note if any was.
+
+    A marker known in part is not known: where one coordinate is NaN, all three are.
+    """
+    zero = (markers == 0).all(axis=2)
+    part = np.isnan(markers).any(axis=2)
+    notes: tuple[str, ...] = ()
+    if zero.any():
+        where = int(zero.any(axis=0).sum())
+        notes = (f"{int(zero.sum())} positions of exactly 0 0 0 taken as gaps, in {where} markers.",)
+    return np.where((zero | part)[:, :, None], np.nan, markers), notes
+
+
+def require_plain_labels(recording: Recording, target: Path) -> None:
+    """InputError for marker or plate names that no text table can hold."""
+    for name in (*recording.labels, *(plate.name for plate in recording.plates)):
+        if clean(name) != name or not name:
+            raise InputError(f"the name {name[:40]!r} cannot be written; it has odd characters", source=target)

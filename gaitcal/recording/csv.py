@@ -1,0 +1,145 @@
+"""Our own wide CSV tables: y up, metres, seconds, N, N·m, by definition. Nothing is converted on reading.
+
+Markers: `time,RASI_x,RASI_y,RASI_z,...`; an empty cell is a gap.
+Forces: `time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...`: force, point, moment about the point.
+Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin with
+`#` are comments.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.atomic import atomic_file
+from gaitcal.errors import InputError
+from gaitcal.recording.force_columns import PlateColumns, build_plate
+from gaitcal.recording.input_file import read_lines
+from gaitcal.recording.labels import clean, unique
+from gaitcal.recording.mot import Forces, common_time
+from gaitcal.recording.number_table import NumberTable, parse_rows
+from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.recording.timebase import require_increasing
+
+MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
+FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
+QUANTITIES = {"f": "force", "p": "point", "t": "moment"}
+
+
+def read_markers_csv(path: Path) -> Recording:
+    """Markers of a wide table, exactly as written."""
+    names, table = _table(path)
+    if is_force_header(names):
+        raise InputError("this is a table of forces; give it as the forces of a trial", source=path)
+    places: dict[tuple[str, int], dict[int, int]] = {}
+    for column, name in enumerate(names):
+        match = MARKER_COLUMN.fullmatch(name)
+        if match is None:
+            raise InputError(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed", source=path)
+        repeat = 0
+        while "xyz".index(match["axis"]) in places.setdefault((match["name"], repeat), {}):
+            repeat += 1
+        places[match["name"], repeat]["xyz".index(match["axis"])] = column
+    for (name, _), columns in places.items():
+        if len(columns) < 3:
+            axes = ", ".join("xyz"[axis] for axis in sorted(columns))
+            raise InputError(f"found only {axes}; x, y and z are needed", source=path, field=f"marker {name[:40]}")
+    if not places:
+        raise InputError("found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path)
+    labels, renamed = unique(clean(name) or "?" for name, _ in places)
+    notes = (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",) if renamed else ()
+    order = [columns[axis] for columns in places.values() for axis in range(3)]
+    markers, told = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
+    return Recording(str(path), _time(path, table), labels, markers, (), notes + told)
+
+
+def read_forces_csv(path: Path) -> Forces:
+    """Plates of a wide table, exactly as written."""
+    names, table = _table(path)
+    found: dict[str, PlateColumns] = {}
+    for column, name in enumerate(names):
+        match = FORCE_COLUMN.fullmatch(name)
+        if match is None:
+            raise InputError(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed", source=path)
+        plate = found.setdefault(clean(match["name"]), PlateColumns())
+        axes = plate.columns[QUANTITIES[match["quantity"]]]
+        if "xyz".index(match["axis"]) in axes:
+            raise InputError(f"found the column '{name[:40]}' twice", source=path)
+        axes["xyz".index(match["axis"])] = column
+        plate.names.append(name)
+    if not found:
+        raise InputError("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path)
+    time = _time(path, table)
+    plates = []
+    notes: tuple[str, ...] = ()
+    for name, columns in found.items():
+        plate_, told = build_plate(name, time, table.values[:, 1:], columns, path)
+        plates.append(plate_)
+        notes += told
+    return Forces(str(path), tuple(plates), notes)
+
+
+def is_force_header(names: list[str]) -> bool:
+    """True where every column is one of a plate."""
+    return bool(names) and all(FORCE_COLUMN.fullmatch(name) for name in names)
+
+
+def read_header(path: Path) -> list[str]:
+    """Column names after time."""
+    return _header(path, read_lines(path))[0]
+
+
+def write_markers_csv(path: Path, recording: Recording) -> None:
+    """Markers as a wide table that reads back bit for bit."""
+    require_plain_labels(recording, path)
+    names = [f"{label}_{axis}" for label in recording.labels for axis in "xyz"]
+    _write(path, names, recording.time, recording.markers.reshape(len(recording.time), -1))
+
+
+def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
+    """Plates with one common time as a wide table that reads back bit for bit (corners are not kept)."""
+    time = common_time(plates, path)
+    names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
+    _write(path, names, time, np.hstack([np.hstack([p.force, p.point, p.moment]) for p in plates]))
+
+
+def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
+    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(["time", *names])
+        for moment, row in zip(time.tolist(), values, strict=True):
+            cells = ["" if value != value else repr(value) for value in row.tolist()]
+            file.write(",".join([repr(moment), *cells]) + "\n")
+
+
+def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
+    """Column names after time, and the index of the first line of numbers."""
+    start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    if start == len(lines):
+        raise InputError("found only comments; a header line is needed", source=path)
+    try:
+        cells = next(csv.reader([lines[start]]))
+    except csv.Error as error:
+        raise InputError(f"damaged header ({error})", source=path, field=f"line {start + 1}") from None
+    if not cells or cells[0].strip().lower() != "time":
+        hint = " (this one is separated by ';')" if ";" in lines[start] else ""
+        raise InputError(
+            f"found '{lines[start][:40]}'; a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}",
+            source=path,
+            field=f"line {start + 1}",
+        )
+    return [cell.strip() for cell in cells[1:]], start + 1
+
+
+def _table(path: Path) -> tuple[list[str], NumberTable]:
+    lines = read_lines(path)
+    names, start = _header(path, lines)
+    return names, parse_rows(lines, start, 1 + len(names), source=path, separator=",")
+
+
+def _time(path: Path, table: NumberTable) -> Array:
+    time = np.ascontiguousarray(table.values[:, 0])
+    require_increasing(time, path, table.lines)
+    return time

@@ -1,0 +1,92 @@
+"""Low-pass filter for plate wrenches, and their values at the marker frames.
+
+Butterworth, second order, run forwards and backwards: fourth order in all and no delay. Two passes square the gain, so
+each pass is designed for the higher cut-off at which its own gain is 2^(-1/4) at the cut-off asked for; with the
+bilinear transform's w = tan(pi f / fs),
+
+    1 / (1 + (w/wd)^4) = 2^(-1/2)   =>   wd = w / (sqrt(2) - 1)^(1/4)
+
+(Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, section 3.4.4.2). What is filtered is force
+and moment about the laboratory origin, both linear in the channels; never the centre of pressure, a quotient.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from gaitcal.errors import InputError
+from gaitcal.recording.force_plate import LOADED_N, plate_from_moment
+from gaitcal.recording.recording import Array, ForcePlate
+
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
+    """(ns, k) values at `rate` Hz without what is faster than `cutoff_hz` (-3 dB there, both passes together).
+
+    Stretches between NaN are filtered each alone. InputError unless 0 < cutoff_hz < rate / 2.
+    """
+    nyquist = 0.5 * rate
+    if not 0.0 < cutoff_hz < nyquist:
+        raise InputError(
+            f"found {cutoff_hz:g} Hz; between 0 and half the sampling rate, {nyquist:g} Hz, is allowed",
+            field="filter cut-off",
+        )
+    warped = math.tan(math.pi * cutoff_hz / rate) / (math.sqrt(2.0) - 1.0) ** 0.25
+    design = math.atan(warped) / math.pi * rate
+    sections = butter(2, design, fs=rate, output="sos")
+    out = np.array(values, dtype=np.float64)
+    known = np.isfinite(out).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(np.int8), [0]])))
+    # Enough padding for the transient to die out, so that the ends do not ring; reflected about the end value.
+    padding = round(3.0 * rate / cutoff_hz)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        pad = min(padding, int(stop - start) - 1)
+        if pad > 0:
+            out[start:stop] = sosfiltfilt(sections, out[start:stop], axis=0, padlen=pad)
+    return out
+
+
+def filter_plate(plate: ForcePlate, cutoff_hz: float) -> ForcePlate:
+    """The plate with its wrench low-passed, and centre of pressure and free moment worked out anew from it.
+
+    Points lie in the plane of the plate's corners, or, where these are unknown, at the height of its points under load.
+    InputError where the cut-off is not below half the sampling rate.
+    """
+    if len(plate.time) < 2:
+        return plate
+    rate = float(1.0 / np.median(np.diff(plate.time)))
+    wrench = low_pass(plate.wrench(), rate, cutoff_hz)
+    centre, normal = _surface(plate)
+    force = np.ascontiguousarray(wrench[:, :3])
+    moment = wrench[:, 3:] - np.cross(centre, force)
+    return plate_from_moment(plate.name, plate.time, force, moment, centre, normal, plate.corners)
+
+
+def resample_wrench(plate: ForcePlate, time: Array) -> Array:
+    """(nf, 6) force and moment about the laboratory origin at `time` (nf,) s, linear between samples.
+
+    NaN outside the span of the plate's own time, and next to samples that are NaN.
+    """
+    wrench = plate.wrench()
+    tolerance = 1e-6 * float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 1e-9
+    inside = (time >= plate.time[0] - tolerance) & (time <= plate.time[-1] + tolerance)
+    out = np.full((len(time), 6), np.nan)
+    for column in range(6):
+        out[inside, column] = np.interp(time[inside], plate.time, wrench[:, column])
+    return out
+
+
+def _surface(plate: ForcePlate) -> tuple[Array, Array]:
+    """A point of the plate's surface (3,) m and its upward normal (3,)."""
+    if plate.corners is not None:
+        normal = np.cross(plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3])
+        normal = normal / np.linalg.norm(normal)
+        return np.asarray(plate.corners.mean(axis=0)), np.asarray(normal if normal[1] > 0 else -normal)
+    loaded = plate.force[:, 1] > LOADED_N
+    points = plate.point[loaded if loaded.any() else slice(None)]
+    points = points[np.isfinite(points).all(axis=1)]
+    return np.asarray(np.median(points, axis=0)) if len(points) else np.zeros(3), UP

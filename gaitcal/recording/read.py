@@ -1,0 +1,54 @@
+"""One door for every file: its ending says which reader it meets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+from gaitcal.errors import InputError, nearest
+from gaitcal.recording.c3d import read_c3d
+from gaitcal.recording.csv import read_forces_csv, read_markers_csv
+from gaitcal.recording.input_file import require_file
+from gaitcal.recording.mot import Forces, read_mot_forces
+from gaitcal.recording.recording import Recording
+from gaitcal.recording.trc import read_trc
+
+MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
+FORCE_READERS = {".mot": read_mot_forces, ".sto": read_mot_forces, ".csv": read_forces_csv}
+
+
+def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | None = None) -> Recording:
+    """Markers of a .c3d, .trc or .csv file, and its plates.
+
+    The plates are those of `forces` (.mot, .sto, .csv) if given, else the C3D file's own. Metres, seconds, newtons, y
+    up; the turn to the progression is `turn_to_progression`. Every fault of a file is an InputError of one line. Sizes
+    are not judged here: millimetres declared as metres are for `gaitcal check`.
+    """
+    file = Path(path)
+    reader = MARKER_READERS.get(file.suffix.lower())
+    if reader is None:
+        raise _unknown_ending(file, tuple(MARKER_READERS))
+    recording = reader(file)
+    if forces is None:
+        return recording
+    read = read_forces(forces)
+    notes = read.notes
+    if recording.plates:
+        notes = (f"The {len(recording.plates)} plates of the C3D file gave way to those of {read.source}.", *notes)
+    return replace(recording, plates=read.plates, notes=recording.notes + notes)
+
+
+def read_forces(path: str | PathLike[str]) -> Forces:
+    """Plates of a .mot, .sto or .csv file, y up, in m, N and N·m by definition of these formats."""
+    file = Path(path)
+    reader = FORCE_READERS.get(file.suffix.lower())
+    if reader is None:
+        raise _unknown_ending(file, tuple(FORCE_READERS))
+    return reader(file)
+
+
+def _unknown_ending(file: Path, allowed: tuple[str, ...]) -> InputError:
+    require_file(file)  # a missing file or a folder is the plainer fault
+    found = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
+    return InputError(f"{found}; allowed are {', '.join(allowed)}{nearest(file.suffix, allowed)}", source=file)

@@ -1,0 +1,135 @@
+"""TRC files (Motion Analysis, OpenSim): marker coordinates, tab-separated.
+
+The header is believed only where nothing better is there: marker names and data columns are counted, the number of
+frames is what follows, and the Time column is the clock. Line 3 gives the unit; the vertical is found from the data.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from gaitcal.atomic import atomic_file
+from gaitcal.errors import InputError, nearest
+from gaitcal.recording.axes import Vertical, make_y_up
+from gaitcal.recording.input_file import read_lines
+from gaitcal.recording.labels import clean, common_prefix, is_unlabelled, unique
+from gaitcal.recording.number_table import parse_rows
+from gaitcal.recording.recording import Recording, require_plain_labels, zeros_to_missing
+from gaitcal.recording.timebase import require_increasing, undo_rounding
+
+PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
+LONGEST_HEADER = 20
+AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)
+"""X1 Y1 Z1 X2 ..., or nothing."""
+USUAL_VERTICAL = Vertical(1, 1, "the usual practice, as the data do not tell")
+
+
+def read_trc(path: Path) -> Recording:
+    """Markers of a TRC file, in metres, y up."""
+    return make_y_up(parse_trc(path), USUAL_VERTICAL)
+
+
+def parse_trc(path: Path) -> Recording:
+    """Markers of a TRC file, in metres, in the axes of the file."""
+    lines = read_lines(path)
+    label_line = _label_line(path, lines)
+    separator = "\t" if "\t" in lines[label_line] else None
+    facts = _facts(lines[:label_line])
+    names = _names(path, lines[label_line], separator)
+    notes: tuple[str, ...] = ()
+    start = label_line + 1
+    while start < len(lines) and AXIS_LINE.fullmatch(lines[start]):
+        start += 1
+    table = parse_rows(lines, start, 2 + 3 * len(names), source=path, separator=separator, short_step=3)
+    require_increasing(table.values[:, 1], path, table.lines)
+    time, told = undo_rounding(table.values[:, 1])
+    notes += told
+    frames = len(time)
+    if table.filled_rows:
+        notes += (f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",)
+    if facts.get("numframes", str(frames)) not in (str(frames), f"{frames}.0"):
+        notes += (f"Header says {facts['numframes'][:20]} frames; {frames} found.",)
+    keep = [i for i, name in enumerate(names) if not is_unlabelled(name)]
+    if len(keep) < len(names):
+        notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
+    if not keep:
+        raise InputError("found no marker with a name", source=path, field=f"line {label_line + 1}")
+    unit, told = _unit(path, facts)
+    notes += told
+    markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
+    markers, told = zeros_to_missing(markers)
+    notes += told
+    prefix = common_prefix([names[i] for i in keep])
+    if prefix:
+        notes += (f"Prefix '{prefix}' taken off the marker names.",)
+    labels, renamed = unique(names[i].removeprefix(prefix) for i in keep)
+    if renamed:
+        notes += (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",)
+    return Recording(str(path), time, labels, markers, (), notes)
+
+
+def write_trc(path: Path, recording: Recording) -> None:
+    """Markers in metres, y up; every float in the shortest form that reads back to the same bits."""
+    require_plain_labels(recording, path)
+    rate = recording.rate if len(recording.time) > 1 else 0.0
+    frames, markers = len(recording.time), len(recording.labels)
+    rows = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.6g}\t{rate:.6g}\t{frames}\t{markers}\tm\t{rate:.6g}\t1\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(recording.labels) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(markers) for axis in "XYZ"),
+        "",
+    ]
+    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(rows) + "\n")
+        for index, frame in enumerate(recording.markers.reshape(frames, -1).tolist()):
+            cells = ["" if value != value else repr(value) for value in frame]
+            file.write("\t".join([str(index + 1), repr(float(recording.time[index])), *cells]) + "\n")
+
+
+def _label_line(path: Path, lines: Sequence[str]) -> int:
+    for index, line in enumerate(lines[:LONGEST_HEADER]):
+        if line.split("\t")[0].strip().lower().startswith("frame#"):
+            return index
+    raise InputError(
+        f"found no line of marker names; a line that begins with 'Frame#' is needed among the first {LONGEST_HEADER}",
+        source=path,
+    )
+
+
+def _facts(lines: Sequence[str]) -> dict[str, str]:
+    """The two lines of keys and values, keys in small letters."""
+    for keys, values in pairwise(lines):
+        if "units" in keys.lower():
+            separator = "\t" if "\t" in keys else None
+            pairs = zip(keys.lower().split(separator), values.split(separator), strict=False)
+            return {key.strip(): value.strip() for key, value in pairs}
+    return {}
+
+
+def _names(path: Path, line: str, separator: str | None) -> list[str]:
+    cells = [clean(cell) for cell in line.split(separator)]
+    if len(cells) < 3 or cells[1].lower() != "time":
+        raise InputError("'Frame#' must be followed by 'Time' and marker names", source=path, field="marker names")
+    filled = [i for i, cell in enumerate(cells[2:]) if cell]
+    if not filled:
+        raise InputError("found no marker name after 'Time'", source=path, field="marker names")
+    if all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3):
+        return cells[2 : 2 + filled[-1] + 1 : 3]
+    return [cells[2 + i] for i in filled]
+
+
+def _unit(path: Path, facts: dict[str, str]) -> tuple[float, tuple[str, ...]]:
+    name = facts.get("units")
+    if name is None:
+        return 1000.0, ("The header names no unit; millimetres were taken.",)
+    unit = PER_METRE.get(name.lower())
+    if unit is None:
+        raise InputError(
+            f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", source=path, field="Units"
+        )
+    return unit, ()
