@@ -1,0 +1,121 @@
+"""The same linkage in other segment frames: how true joint parameters are told in the frames of a static trial.
+
+A calibration measures joint parameters in segment frames that it makes from the static trial's landmarks. A synthetic
+subject's true axes are lines and points of its segments; told in those frames they are the truth that a calibration
+should find. The signed angles of A = Rx(front) Ry(trans) follow from its z axis, those of B = Ry(trans) Rz(sag) from
+its x axis; a hinge is told at the point of its axis that the parameter list allows (lateral position zero on the
+proximal side), a talocrural axis at its common perpendicular with the subtalar one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.chain import Chain
+from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.linkage import JOINTS, Source
+from gaitcal.model.parameters import Parameters
+
+Array = NDArray[np.float64]
+Frame = tuple[Array, Array]
+"""Rotation (3, 3), columns the axes, and origin (3,), in the laboratory."""
+
+
+def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
+    """Pose of every segment frame of a linkage at coordinates (27,)."""
+    chain = Chain()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
+    return {name: (axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+
+
+def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Frame]) -> Array:
+    """(98,) joint parameters of the linkage, at pose q (27,), in the segment `frames` of the same pose (no talus)."""
+    lines = _joint_lines(parameters, q)
+    out = np.full(len(JP_INDEX), np.nan)
+
+    def put(name: str, value: float) -> None:
+        out[JP_INDEX[name]] = value
+
+    def put_point(prefix: str, segment: str, point: Array, directions: str = "ant sup lat") -> None:
+        rotation, origin = frames[segment]
+        local = rotation.T @ (point - origin)
+        for direction in directions.split():
+            put(f"{prefix}.{direction}", local[("ant", "sup", "lat").index(direction)])
+
+    def put_z_axis(prefix: str, segment: str, axis: Array) -> None:
+        d = frames[segment][0].T @ axis
+        put(f"{prefix}.front", np.arctan2(-d[1], d[2]))
+        put(f"{prefix}.trans", np.arcsin(np.clip(d[0], -1, 1)))
+
+    def put_x_axis(prefix: str, segment: str, axis: Array) -> None:
+        d = frames[segment][0].T @ axis
+        put(f"{prefix}.trans", np.arctan2(-d[2], d[0]))
+        put(f"{prefix}.sag", np.arcsin(np.clip(d[1], -1, 1)))
+
+    def put_hinge(name: str, proximal: tuple[str, str], distal: tuple[str, str], line: tuple[Array, Array]) -> None:
+        axis, point = line
+        rotation, origin = frames[proximal[1]]
+        lateral = rotation[:, 2]
+        point = point - axis * ((point - origin) @ lateral) / (axis @ lateral)
+        put_z_axis(f"{name}.{proximal[0]}", proximal[1], axis)
+        put_point(f"{name}.{proximal[0]}", proximal[1], point, "ant sup")
+        put_z_axis(f"{name}.{distal[0]}", distal[1], axis)
+        put_point(f"{name}.{distal[0]}", distal[1], point)
+
+    for side in SIDES:
+        thigh, shank, foot, arm, forearm = (
+            f"{s}_{side}" for s in ("thigh", "shank", "foot", "upper_arm", "forearm_hand")
+        )
+        hip = lines[f"hip_flexion_{side}"][1]
+        put_point(f"hip_{side}.pelvis", "pelvis", hip)
+        put_point(f"hip_{side}.thigh", thigh, hip)
+        put_hinge(f"knee_{side}", ("thigh", thigh), ("shank", shank), _reversed(lines[f"knee_angle_{side}"]))
+        z, at_z = lines[f"ankle_angle_{side}"]
+        x, at_x = lines[f"subtalar_angle_{side}"]
+        x = x if side == "r" else -x
+        talus_origin, foot_point = _common_perpendicular(z, at_z, x, at_x)
+        up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
+        put_z_axis(f"talocrural_{side}.shank", shank, z)
+        put_point(f"talocrural_{side}.shank", shank, talus_origin)
+        put(f"subtalar_{side}.talus.trans", -np.arcsin(np.clip(z @ x, -1, 1)))
+        put(f"subtalar_{side}.talus.sup", (foot_point - talus_origin) @ up)
+        put_x_axis(f"subtalar_{side}.foot", foot, x)
+        put_point(f"subtalar_{side}.foot", foot, foot_point)
+        z, shoulder = lines[f"arm_flex_{side}"]
+        x = lines[f"arm_add_{side}"][0] * (1.0 if side == "r" else -1.0)
+        put_z_axis(f"shoulder_{side}.trunk", "head_trunk", z)
+        put_point(f"shoulder_{side}.trunk", "head_trunk", shoulder)
+        put_x_axis(f"shoulder_{side}.upperarm", arm, x)
+        put_point(f"shoulder_{side}.upperarm", arm, shoulder)
+        put_hinge(f"elbow_{side}", ("upperarm", arm), ("forearm", forearm), lines[f"elbow_flex_{side}"])
+    back = lines["lumbar_extension"][1]
+    put_point("back.pelvis", "pelvis", back)
+    put_point("back.trunk", "head_trunk", back)
+    return out
+
+
+def _joint_lines(parameters: Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
+    """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
+    chain = Chain()
+    poses = forward(chain, chain.constants(parameters.joint, parameters.zero_angles), q[None])
+    turning = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE]
+    return {
+        name: (e.sign * poses.axes[k, e.axis, :, 0], poses.origins[k, :, 0])
+        for k, (name, e) in enumerate(zip(chain.coordinates, chain.elements, strict=True))
+        if name in turning
+    }
+
+
+def _reversed(line: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The knee flexes about -z of its frame; its parameters tell the z axis."""
+    return -line[0], line[1]
+
+
+def _common_perpendicular(a: Array, at_a: Array, b: Array, at_b: Array) -> tuple[Array, Array]:
+    """Nearest points of two lines."""
+    system = np.array([[a @ a, -a @ b], [a @ b, -b @ b]])
+    s, t = np.linalg.solve(system, [a @ (at_b - at_a), b @ (at_b - at_a)])
+    return at_a + s * a, at_b + t * b

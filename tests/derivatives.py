@@ -1,0 +1,71 @@
+"""The one finite-difference checker that every analytic derivative meets, and the random linkages they are tried on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.chain import Chain
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
+from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+
+def central_differences(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
+    """(outputs, inputs) derivative of `function` at x."""
+    columns = []
+    for k in range(len(x)):
+        up, down = x.copy(), x.copy()
+        up[k] += step
+        down[k] -= step
+        columns.append((np.ravel(function(up)) - np.ravel(function(down))) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def assert_derivative(
+    analytic: Array, function: Callable[[Array], Array], x: Array, *, relative: float = 1e-6, step: float = 1e-6
+) -> None:
+    """Fail unless `analytic` is the derivative of `function` at x, relative to its largest entry."""
+    numeric = central_differences(function, x, step)
+    assert analytic.shape == numeric.shape
+    np.testing.assert_allclose(analytic, numeric, rtol=0, atol=relative * max(1.0, float(np.abs(numeric).max())))
+
+
+def perturbed_parameters(rng: np.random.Generator, position: float = 0.01, angle: float = 0.17) -> Parameters:
+    """The published subject with all 98 joint parameters moved at random (m, rad)."""
+    base = published_subject()
+    reach = np.array([position if p.kind is Kind.POSITION else angle for p in JOINT_PARAMETERS])
+    return base.with_joint(
+        tuple(p.name for p in JOINT_PARAMETERS), base.joint + rng.uniform(-1, 1, len(reach)) * reach
+    )
+
+
+def random_trial(
+    rng: np.random.Generator,
+    parameters: Parameters,
+    *,
+    free: tuple[str, ...] = (),
+    frames: int = 60,
+    nodes: int = 8,
+    per_segment: int = 4,
+    root: str = "pelvis",
+    segments: tuple[str, ...] | None = None,
+) -> tuple[TrialProblem, Array]:
+    """A trial whose markers are exactly those of a random smooth motion, and the nodes of that motion."""
+    chain = Chain(root, free=free) if segments is None else Chain(root, segments, free)
+    massive = [i for i, s in enumerate(chain.segments) if not s.startswith("talus")]
+    segment = np.repeat(np.array(massive, dtype=np.intp), per_segment)
+    local = rng.normal(0, 0.1, (len(segment), 3))
+    basis = spline_basis(np.arange(frames) / 100.0, nodes)
+    true = np.cumsum(rng.normal(0, 0.08, (nodes, len(chain.coordinates))), axis=0)
+    data = MarkerData(segment, local, np.empty(0), np.empty(0))
+    x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), data, basis.evaluate(true))
+    data = MarkerData(segment, local, x, np.ones((len(segment), frames)))
+    labels = tuple(f"m{i}" for i in range(len(segment)))
+    return TrialProblem("random", chain, basis, data, labels), true

@@ -1,0 +1,105 @@
+"""Marker residual, gradient and Hessian: against finite differences, explicit Jacobians and Pinocchio's CRBA."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from gaitcal.model.build import build_linkage
+from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
+from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.marker_residual import frame_equations
+from gaitcal.motion.trial_problem import TrialProblem
+from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+
+DERIVATIVE = 1e-7
+"""Relative to the largest entry: what central differences of step 1e-6 can tell."""
+
+
+def dense(equations: NormalEquations) -> Array:
+    """H_qq as a full matrix."""
+    n, width = equations.band.shape
+    full = np.zeros((n, n))
+    for k in range(width):
+        values = equations.band[: n - k, k]
+        full[np.arange(k, n), np.arange(n - k)] = values
+        full[np.arange(n - k), np.arange(k, n)] = values
+    return full
+
+
+def residual(problem: TrialProblem, parameters: object, nodes: Array, p: Array) -> Array:
+    values = parameters.with_joint(problem.chain.free, p)  # type: ignore[attr-defined]
+    gap = problem.positions(nodes, problem.constants(values)) - problem.data.measured
+    return (np.sqrt(problem.data.weight)[:, None] * gap).ravel()
+
+
+def test_normal_equations_are_those_of_the_residual() -> None:
+    """Explicit Jacobian by central differences, on a part with gaps, unequal weights and free joint parameters."""
+    rng = np.random.default_rng(4)
+    parameters = perturbed_parameters(rng)
+    segments = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
+    problem, true = random_trial(rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments)
+    weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
+    problem = problem.with_weight(weight)
+    nodes = true + rng.normal(0, 0.02, true.shape)
+    p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
+    at = parameters.with_joint(problem.chain.free, p)
+    equations = problem.equations(nodes, problem.constants(at))
+    by_nodes = central_differences(lambda x: residual(problem, parameters, x.reshape(nodes.shape), p), nodes.ravel())
+    by_p = central_differences(lambda x: residual(problem, parameters, nodes, x), p)
+    r = residual(problem, parameters, nodes, p)
+    for found, wanted in (
+        (equations.node_gradient.ravel(), by_nodes.T @ r),
+        (equations.parameter_gradient, by_p.T @ r),
+        (dense(equations), by_nodes.T @ by_nodes),
+        (equations.mixed, by_nodes.T @ by_p),
+        (equations.parameters, by_p.T @ by_p),
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=DERIVATIVE * np.abs(wanted).max())
+    np.testing.assert_allclose(equations.cost, r @ r, rtol=1e-12)
+    cost, gradient = problem.gradient(nodes, problem.constants(at))
+    np.testing.assert_allclose(gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
+    np.testing.assert_allclose([cost, problem.cost(nodes, problem.constants(at))], equations.cost, rtol=1e-12)
+
+
+def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
+    rng = np.random.default_rng(5)
+    parameters = perturbed_parameters(rng)
+    free = (*gait_parameters("r"), *isolated_parameters("ankle_l"))
+    problem, true = random_trial(rng, parameters, free=free, frames=12, nodes=6)
+    linkage = build_linkage(parameters, problem.chain.free)
+    for joint in range(1, linkage.model.njoints):
+        linkage.model.inertias[joint] = pin.Inertia.Zero()
+    for segment, local in zip(problem.data.segment, problem.data.local, strict=True):
+        name = problem.chain.segments[segment]
+        point = linkage.segment_placement[name].act(local)
+        linkage.model.inertias[linkage.segment_joint[name]] += pin.Inertia(1.0, point, np.zeros((3, 3)))
+    order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
+    q = problem.basis.evaluate(true)
+    pairs = problem._pairs
+    found = frame_equations(problem.chain, problem.constants(parameters), pairs, problem.data, q)
+    data = linkage.model.createData()
+    for f in range(len(q)):
+        full = np.zeros(linkage.model.nq)
+        full[order] = np.concatenate([q[f], parameters.joint[[JP_INDEX[n] for n in problem.chain.free]]])
+        mass = np.triu(pin.crba(linkage.model, data, full, pin.Convention.WORLD))
+        mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
+        ours = np.zeros_like(mass)
+        ours[pairs.first, pairs.second] = ours[pairs.second, pairs.first] = found.hessian[f]
+        np.testing.assert_allclose(ours, mass, rtol=0, atol=1e-13 * np.abs(mass).max())
+
+
+def test_a_marker_with_weight_zero_has_no_say() -> None:
+    rng = np.random.default_rng(6)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=30, nodes=7)
+    weight = problem.data.weight.copy()
+    weight[3] = 0.0
+    measured = problem.data.measured.copy()
+    measured[3] += 1e3
+    wild = replace(problem, data=replace(problem.data, measured=measured, weight=weight))
+    constants = problem.constants(parameters)
+    assert wild.cost(true, constants) < 1e-20
+    assert np.abs(wild.equations(true, constants).node_gradient).max() < 1e-12
