@@ -1,0 +1,26 @@
+"""Where the data folder `models/` lies: inside the installed package, or at the top of a source checkout."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from gaitcal.errors import GaitcalError
+
+
+def models_path() -> Path:
+    """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
+
+    A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode, has it beside the
+    package.
+
+    Raises
+    ------
+    GaitcalError
+        The installation is incomplete: neither place holds the folder.
+    """
+    package = Path(str(files("gaitcal")))
+    for folder in (package / "models", package.parent / "models"):
+        if (folder / "nominal_subject.json").is_file():
+            return folder
+    raise GaitcalError(f"{package}: the data folder 'models' is missing; install gaitcal again")

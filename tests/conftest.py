@@ -1,0 +1,20 @@
+"""Fixtures for every test."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real recordings that GAITCAL_DATA names. Without it tests skip; in CI they fail."""
+    named = os.environ.get("GAITCAL_DATA")
+    if named and Path(named).is_dir():
+        return Path(named)
+    reason = f"GAITCAL_DATA is {named!r}, no folder" if named else "GAITCAL_DATA is not set"
+    if os.environ.get("CI"):
+        pytest.fail(f"{reason}; with CI set the real recordings must be there", pytrace=False)
+    pytest.skip(f"{reason}: no real recordings to test with")

@@ -1,0 +1,61 @@
+"""What is installed: data in the wheel, a light import, constraints that fit each other."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from gaitcal import data_files
+from gaitcal.errors import GaitcalError
+
+ROOT = Path(__file__).parent.parent
+
+
+def python(code: str, cwd: Path, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_models_of_the_checkout() -> None:
+    assert data_files.models_path() == ROOT / "models"
+
+
+def test_an_incomplete_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(data_files, "files", lambda package: tmp_path / package)
+    with pytest.raises(GaitcalError, match="install gaitcal again"):
+        data_files.models_path()
+
+
+def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) -> None:
+    heavy = ["meshcat", "matplotlib", "dask", "distributed", "jinja2", "typer", "rich", "IPython"]
+    code = f"import sys, gaitcal; print([name for name in {heavy} if name in sys.modules])"
+    assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
+
+
+@pytest.mark.slow
+def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        archive.extractall(tmp_path / "site")
+    data = {f"gaitcal/models/{p.relative_to(ROOT / 'models').as_posix()}" for p in (ROOT / "models").rglob("*.*")}
+    assert data <= names
+    assert "gaitcal/py.typed" in names
+    assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
+    code = "from gaitcal.data_files import models_path; print(models_path())"
+    assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(tmp_path / "site" / "gaitcal" / "models")
