@@ -53,6 +53,8 @@ class JointFit:
     nodes: tuple[Array, ...]
     """Per trial (nn, nq)."""
     state: ReducedState
+    prior: Array
+    """(np,) m per unit of p: weight of each parameter's prior row; 0 without."""
     iterations: int
     seconds: float
     converged: bool
@@ -116,6 +118,7 @@ def calibrate_joints(
         parameters.with_joint(free, result.x),
         tuple(trial.nodes for trial in state.trials),
         state,
+        problem.prior,
         int(result.nfev),
         time.perf_counter() - began,
         bool(result.status > 0) and all(trial.converged for trial in state.trials),

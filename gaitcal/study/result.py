@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,16 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class TorqueErrors:
+    """Standard errors of the final generalised forces, from markers through joint parameters and motion, and IPs."""
+
+    tau: Array
+    """(nf, 27) N·m, N."""
+    knee_adduction: Array
+    """(nf, 2) N·m."""
+
+
+@dataclass(frozen=True)
 class LoadedTrial:
     """Ground reactions of a gait trial, and the generalised forces with each model."""
 
@@ -32,6 +43,8 @@ class LoadedTrial:
     """Calibrated joint and inertial parameters."""
     joint_step: GeneralisedForces | None
     """After joint and inertial parameters together."""
+    errors: TorqueErrors | None = None
+    """Standard errors of `final`."""
 
     @property
     def final(self) -> GeneralisedForces:
@@ -73,6 +86,10 @@ class Calibration:
     """None where the settings leave joint parameters alone."""
     inertial: InertialFit | None
     """None without ground reactions, or where the settings leave inertial parameters alone."""
+    standard_errors: Mapping[str, float]
+    """Parameter name -> standard error (SI) of every fitted parameter."""
+    unidentifiable: tuple[str, ...]
+    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value."""
     notes: tuple[str, ...]
     """What was assumed."""
     warnings: tuple[str, ...]

@@ -1,0 +1,166 @@
+"""How each marker coordinate pulls on the solution: influence functions, and standard errors from them.
+
+At the solution the estimate theta = (p, N) depends on the residuals of marker coordinate c (one axis of one marker in
+one trial) through its score u_c = sum_f J_cf r_cf, and moves by  d theta_c = -H^-1 u_c  with it. Skin movement repeats
+itself from frame to frame, so frames are not independent; marker coordinates are taken to be. The covariance is then
+the cluster-robust sandwich (Liang and Zeger 1986)
+
+    cov = sum_c d theta_c d theta_c^T,
+
+with residuals first inflated for what the motion itself has absorbed: r / (1 - h), h the leverage of the coordinate in
+its frame's own least-squares problem (Mancini and DeRouen 2001; skin noise is slow against the splines, so that the
+motion of a frame can follow it). Any quantity that depends on theta, a torque at a frame, gets its standard error from
+the same d theta_c by its derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.calibration.reduced_problem import NULL
+from gaitcal.model.chain import ChainConstants
+from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.spline import ORDER, SplineBasis
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+LEVERAGE_CAP = 0.9
+"""Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
+
+
+@dataclass(frozen=True)
+class TrialScores:
+    """Scores of one trial's marker coordinates, the motion eliminated."""
+
+    reduced: Array
+    """(np_t, nc) score of each marker coordinate on the free joint parameters of this trial's chain."""
+    nodes: Array
+    """(nn * nq, nc) H_qq^-1 g_c: what the nodes alone would do, negative."""
+    sensitivity: Array
+    """(nn * nq, np_t) H_qq^-1 H_qp."""
+    clusters: tuple[str, ...]
+    """(nc,) which marker coordinate each column is: `trial/label/axis`."""
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Influence of every marker coordinate of every trial on the joint parameters."""
+
+    free: tuple[str, ...]
+    parameters: Array
+    """(np, nc) d p_c, m and rad."""
+    clusters: tuple[str, ...]
+    """(nc,) names of the marker coordinates."""
+
+    @property
+    def covariance(self) -> Array:
+        """(np, np) of the joint parameters; zero along directions that the trials cannot see."""
+        out: Array = self.parameters @ self.parameters.T
+        return out
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error (m, rad) of each free joint parameter."""
+        errors = np.sqrt((self.parameters**2).sum(axis=1))
+        return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
+
+
+def influence_of(problems: Sequence[TrialProblem], fit: JointFit) -> Influence:
+    """Influence functions at the solution of a joint calibration."""
+    place = {name: k for k, name in enumerate(fit.free)}
+    pulls, clusters = [], []
+    for problem, nodes in zip(problems, fit.nodes, strict=True):
+        opened = problem.with_free(fit.free)
+        scores = trial_scores(opened, fit.parameters, nodes)
+        pull = np.zeros((len(fit.free), len(scores.clusters)))
+        pull[[place[name] for name in opened.chain.free]] = scores.reduced
+        pulls.append(pull)
+        clusters += scores.clusters
+    hessian = fit.state.hessian + np.diag(fit.prior**2)
+    return Influence(fit.free, -_inverse(hessian) @ np.hstack(pulls), tuple(clusters))
+
+
+def _inverse(hessian: Array) -> Array:
+    values, vectors = np.linalg.eigh(hessian)
+    kept = values > NULL * max(float(values[-1]), 0.0)
+    out: Array = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    return out
+
+
+def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
+    """Scores of one trial's marker coordinates at its motion, for the free joint parameters of its chain."""
+    constants = problem.constants(parameters)
+    equations = problem.equations(nodes, constants)
+    factor = BandFactor(equations.band)
+    by_node, by_parameter = _cluster_gradients(problem, constants, nodes)
+    sensitivity = factor.solve(equations.mixed) if equations.mixed.shape[1] else np.zeros((len(by_node), 0))
+    clusters = tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz")
+    return TrialScores(
+        by_parameter - sensitivity.T @ by_node, factor.solve(np.asfortranarray(by_node)), sensitivity, clusters
+    )
+
+
+def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> tuple[Array, Array]:
+    """(nn * nq, nc) and (np, nc) half gradients of each marker coordinate's own cost, residuals inflated."""
+    chain, data, basis = problem.chain, problem.data, problem.basis
+    nq = len(chain.coordinates)
+    q = basis.evaluate(nodes)
+    poses = forward(chain, constants, q)
+    spatial = jacobian(chain, constants, poses)
+    x = problem.positions(nodes, constants)
+    residual = x - data.measured
+    inverse = _frame_inverses(problem, constants, q)
+    matrix = basis_matrix(basis)
+    count = 3 * len(data.segment)
+    by_node = np.zeros((basis.nodes, nq, count))
+    by_parameter = np.zeros((len(chain.free), count))
+    for m, segment in enumerate(data.segment):
+        moved = np.flatnonzero(chain.support[:, segment])
+        own = moved[moved < nq]
+        velocity = _point_velocity(spatial[moved], x[m])
+        among = velocity[: len(own)]
+        leverage = np.einsum("kif,fkl,lif->if", among, inverse[np.ix_(np.arange(len(q)), own, own)], among)
+        leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
+        pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
+        for i in range(3):
+            by_node[:, own, 3 * m + i] = (pull[: len(own), i] @ matrix).T
+            by_parameter[moved[len(own) :] - nq, 3 * m + i] = pull[len(own) :, i].sum(axis=1)
+    return by_node.reshape(-1, count), by_parameter
+
+
+def _point_velocity(spatial: Array, x: Array) -> Array:
+    """(nk, 3, nf) velocity v + w x x of the point x (3, nf) for spatial velocities (nk, 6, nf)."""
+    v, w = spatial[:, :3], spatial[:, 3:]
+    out = v.copy()
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[:, i] += w[:, j] * x[k] - w[:, k] * x[j]
+    return out
+
+
+def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
+    """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
+    hessian = problem.frame_hessians(q, constants)
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
+    scaled = hessian * scale[:, :, None] * scale[:, None, :]
+    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
+    out: Array = inverse * scale[:, :, None] * scale[:, None, :]
+    return out
+
+
+def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
+    """(nf, nn) the basis, or a derivative of it, as a sparse matrix."""
+    weights = (basis.value, basis.rate, basis.acceleration)[derivative]
+    nf = len(basis.time)
+    columns = basis.first[:, None] + np.arange(ORDER)
+    return csr_array((weights.ravel(), columns.ravel(), np.arange(0, ORDER * nf + 1, ORDER)), shape=(nf, basis.nodes))
+

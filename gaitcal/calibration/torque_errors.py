@@ -1,0 +1,118 @@
+"""Standard errors of torques, frame by frame.
+
+Every marker coordinate c moves the joint parameters by d p_c and the motion by d N_c (`calibration/influence.py`), and
+with them the generalised forces by
+
+    d tau_c = (d tau/d q) B d N_c + (d tau/d v) B' d N_c + (d tau/d a) B'' d N_c + (d tau/d p) d p_c.
+
+Squares sum over marker coordinates; the inertial parameters add the diagonal of (d tau/d IP) cov (d tau/d IP)^T.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, placed_dynamic_parameters
+from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+
+def torque_standard_errors(
+    problem: TrialProblem,
+    nodes: Array,
+    parameters: Parameters,
+    wrenches: Array,
+    joint: Influence | None,
+    inertial: InertialFit | None,
+) -> Array:
+    """(nf, 29) standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial.
+
+    Parameters
+    ----------
+    problem, nodes : the whole-body trial and its motion.
+    wrenches : (nf, 2, 6) ground reactions on the feet, taken as exact.
+    joint : influence on the joint parameters; None where they were not calibrated.
+    inertial : the inertial calibration; None where there was none.
+    """
+    basis = problem.basis
+    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    free = joint.free if joint else ()
+    slopes = force_derivatives(parameters, free, q, v, a, wrenches)
+    moved = _marker_part(problem, nodes, parameters, joint, slopes)
+    variance = (moved**2).sum(axis=2)
+    if inertial is not None:
+        variance += _inertial_variance(parameters, inertial, q, v, a)
+    out: Array = np.sqrt(variance)
+    return out
+
+
+def _marker_part(
+    problem: TrialProblem, nodes: Array, parameters: Parameters, joint: Influence | None, slopes: ForceDerivatives
+) -> Array:
+    """(nf, 29, nc) d tau_c; this trial's own marker coordinates first, then those of other trials."""
+    scores = trial_scores(problem.with_free(slopes.free), parameters, nodes)
+    own = scores.clusters
+    everything = own if joint is None else (*own, *(c for c in joint.clusters if c not in set(own)))
+    change = np.zeros((basis_size(problem), len(everything)))
+    change[:, : len(own)] = -scores.nodes
+    shift = np.zeros((len(slopes.free), len(everything)))
+    if joint is not None:
+        place = {c: k for k, c in enumerate(everything)}
+        order = [joint.free.index(name) for name in slopes.free]
+        shift[:, [place[c] for c in joint.clusters]] = joint.parameters[order]
+        change -= scores.sensitivity @ shift
+    by_node = change.reshape(problem.basis.nodes, -1)
+    nf, nq = len(problem.basis.time), len(problem.chain.coordinates)
+    out = np.einsum("frp,pc->frc", slopes.by_parameter, shift)
+    for k, slope in enumerate((slopes.by_position, slopes.by_velocity, slopes.by_acceleration)):
+        out += slope @ (basis_matrix(problem.basis, k) @ by_node).reshape(nf, nq, -1)
+    return out
+
+
+def basis_size(problem: TrialProblem) -> int:
+    """Number of nodes times coordinates."""
+    return problem.basis.nodes * len(problem.chain.coordinates)
+
+
+def _inertial_variance(parameters: Parameters, fit: InertialFit, q: Array, v: Array, a: Array) -> Array:
+    """(nf, 29) variance from the inertial parameters."""
+    dynamics = Dynamics(parameters)
+    model, data = dynamics.linkage.model, dynamics.linkage.model.createData()
+    rows = np.array([dynamics.linkage.index(name) for name in (*COORDINATES, *REACTIONS)])
+    into = np.zeros((10 * (model.njoints - 1), 84))
+    slopes = dynamic_jacobian(parameters.inertial)
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        at = 10 * (dynamics.linkage.segment_joint[segment] - 1)
+        place = dynamics.linkage.segment_placement[segment]
+        moved = placed_dynamic_parameters(place.rotation, place.translation)
+        into[at : at + 10, 7 * k : 7 * k + 7] = moved @ slopes[k]
+    spread = into @ inertial_square_root(fit)
+    out = np.empty((len(q), len(rows)))
+    q, v, a = (dynamics.expand(values) for values in (q, v, a))
+    for f in range(len(q)):
+        regressor = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])
+        out[f] = ((regressor[rows] @ spread) ** 2).sum(axis=1)
+    return out
+
+
+def inertial_square_root(fit: InertialFit) -> Array:
+    """(84, n) R with covariance R R^T of the inertial parameters."""
+    values, vectors = np.linalg.eigh(fit.residual_jacobian.T @ fit.residual_jacobian)
+    kept = values > 1e-12 * values[-1]
+    out: Array = fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))
+    return out
+
+
+def inertial_standard_errors(fit: InertialFit) -> Array:
+    """(84,) SI; zero where a parameter was not free."""
+    out: Array = np.sqrt((inertial_square_root(fit) ** 2).sum(axis=1))
+    return out
