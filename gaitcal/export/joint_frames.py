@@ -1,0 +1,101 @@
+"""The linkage as other programs see it: bodies, and between each two of them one joint with a frame in either.
+
+Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants, then the
+coordinates, then constants. With J the joint frame, the pose of the child in the parent is
+
+    X_parent_child(q) = X_parent_J  M_1(q_1) ... M_n(q_n)  X_J_child,
+
+X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep sign and zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Source, root_elements
+from gaitcal.model.parameters import Parameters
+
+Array = NDArray[np.float64]
+
+GROUND = "ground"
+"""The laboratory: y up, x forward, z right."""
+
+
+@dataclass(frozen=True)
+class JointFrames:
+    """One joint: where it sits in its two segments, and how it moves."""
+
+    name: str
+    parent: str
+    """A segment, or `ground`."""
+    child: str
+    in_parent: pin.SE3
+    """X_parent_J, constant."""
+    motions: tuple[Element, ...]
+    """The coordinates in order from parent to child; each along or about an axis of the frame left by those before."""
+    to_child: pin.SE3
+    """X_J_child, constant; the joint frame in the child is its inverse."""
+
+
+@dataclass(frozen=True)
+class SegmentInertia:
+    """Mass, mass centre and principal moments, axes parallel to the segment's."""
+
+    mass: float
+    """kg; 0 for the talus."""
+    centre: Array
+    """(3,) m, in the segment frame."""
+    moments: Array
+    """(3,) kg m^2 about the mass centre."""
+
+
+def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
+    """All 14 joints, that of the pelvis in the laboratory first, each after the joint of its parent."""
+    root = _split("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"), parameters)
+    return (root, *(_split(j.name, j.parent, j.child, j.elements, parameters) for j in JOINTS))
+
+
+def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
+    """The inertia of one segment."""
+    if segment not in MASSIVE_SEGMENTS:
+        return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
+    row = table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
+    return SegmentInertia(float(row[0]), row[1:4], row[4:7])
+
+
+def axis_vector(element: Element) -> Array:
+    """(3,) unit axis of a coordinate, with its sign."""
+    axis = np.zeros(3)
+    axis[element.axis] = element.sign
+    return axis
+
+
+def _split(name: str, parent: str, child: str, elements: tuple[Element, ...], parameters: Parameters) -> JointFrames:
+    moving = [i for i, e in enumerate(elements) if e.source is Source.COORDINATE]
+    first, last = moving[0], moving[-1] + 1
+    before, after = pin.SE3.Identity(), pin.SE3.Identity()
+    for e in elements[:first]:
+        before = before * _constant(e, parameters)
+    for e in elements[last:]:
+        after = after * _constant(e, parameters)
+    return JointFrames(name, parent, child, before, elements[first:last], after)
+
+
+def _constant(element: Element, parameters: Parameters) -> pin.SE3:
+    if element.source is Source.JOINT_PARAMETER:
+        value = parameters.joint[JP_INDEX[element.name]]
+    else:
+        value = parameters.zero_angles[ZERO_ANGLES.index(element.name)]
+    amount = element.sign * float(value)
+    if element.rotates:
+        return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
+    translation = np.zeros(3)
+    translation[element.axis] = amount
+    return pin.SE3(np.eye(3), translation)

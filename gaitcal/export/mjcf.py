@@ -1,0 +1,133 @@
+"""The model as MuJoCo XML (MJCF).
+
+Every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a body in order, each about
+an axis given in the body's own frame at q = 0. For a chain of constants C and motions M,
+
+    X(q) = C_0 M_1 C_1 M_2 ... M_n C_n = (C_0 ... C_n) M'_1 ... M'_n,   M'_k = S_k^-1 M_k S_k,   S_k = C_k ... C_n,
+
+so joint k has the axis R_k^T a_k and passes through the point -R_k^T t_k, with (R_k, t_k) = S_k. Bodies that move
+must have mass in MuJoCo: the talus, which has none, is folded into the foot's body by the same formula, exactly. Only
+where a marker sits on the talus is it a body of its own, of `TALUS_MASS`.
+
+Not limited, damped or actuated: the same mechanical system. Coordinates held at zero are tied there by an equality.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.errors import InputError
+from gaitcal.export.coordinate_ranges import COORDINATE_RANGES
+from gaitcal.export.joint_frames import GROUND, JointFrames, axis_vector, joint_frames, segment_inertia
+from gaitcal.export.names import safe_name
+from gaitcal.export.xml_text import child, numbers, write_xml
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical
+from gaitcal.model.linkage import Element
+from gaitcal.model.subject_model import SubjectModel
+
+Array = NDArray[np.float64]
+
+TALUS_MASS = 1e-12
+"""kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""
+_TALUS_MOMENT = 1e-14
+"""kg m^2; MuJoCo accepts nothing below 1e-15."""
+
+_SITE_RADIUS = 0.008
+"""m, of the spheres that show markers."""
+
+
+@dataclass(frozen=True)
+class BodyJoint:
+    """One coordinate as a joint of a MuJoCo body."""
+
+    motion: Element
+    axis: Array
+    """(3,) unit axis in the body's frame at q = 0."""
+    point: Array
+    """(3,) m, on the axis, in the same frame."""
+
+
+def write_mjcf(model: SubjectModel, path: Path | str) -> None:
+    """Write `model`: m, kg, rad; y up; qpos, qvel and qacc are the same vectors as ours; markers are sites.
+
+    Raises
+    ------
+    InputError
+        An inertia that no rigid body can have (a principal moment larger than the sum of the others, or not positive):
+        MuJoCo refuses to load it, and to change it would be another mechanical system.
+    """
+    _require_physical(model, path)
+    document = ET.Element("mujoco", model=safe_name(model.subject.name))
+    compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "false"}
+    child(document, "compiler", **compiler)
+    child(document, "option", gravity=numbers((0.0, -GRAVITY, 0.0)))
+    child(child(document, "default"), "joint", limited="false", damping="0", armature="0", frictionloss="0")
+    parents = {GROUND: child(document, "worldbody")}
+    chains: dict[str, tuple[JointFrames, ...]] = {}
+    """Joints above a segment that is folded away."""
+    for joint in joint_frames(model.parameters):
+        chain = (*chains.pop(joint.parent, ()), joint)
+        if segment_inertia(model.parameters, joint.child).mass == 0.0 and joint.child not in model.markers.segments:
+            chains[joint.child] = chain
+        else:
+            parents[joint.child] = _add_body(parents[chain[0].parent], chain, model)
+    if model.frozen:
+        equality = child(document, "equality")
+        for name in model.frozen:
+            child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
+    write_xml(document, path)
+
+
+def body_joints(chain: tuple[JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
+    """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of that child."""
+    to_end = pin.SE3.Identity()
+    joints: list[BodyJoint] = []
+    for frames in reversed(chain):
+        to_end = frames.to_child * to_end
+        inverse = to_end.inverse()
+        for motion in reversed(frames.motions):
+            joints.append(BodyJoint(motion, inverse.rotation @ axis_vector(motion), inverse.translation))
+        to_end = frames.in_parent * to_end
+    return to_end, tuple(reversed(joints))
+
+
+def _require_physical(model: SubjectModel, path: Path | str) -> None:
+    for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
+        if not physical:
+            inertia = segment_inertia(model.parameters, segment)
+            raise InputError(
+                f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
+                f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body has; MuJoCo takes "
+                "only positive ones, none larger than the sum of the other two (osim and urdf can be written)",
+                source=path,
+                field=segment,
+            )
+
+
+def _add_body(parent: ET.Element, chain: tuple[JointFrames, ...], model: SubjectModel) -> ET.Element:
+    segment = chain[-1].child
+    place, joints = body_joints(chain)
+    quaternion = pin.Quaternion(place.rotation)
+    wxyz = (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
+    body = child(parent, "body", name=segment, pos=numbers(place.translation), quat=numbers(wxyz))
+    inertia = segment_inertia(model.parameters, segment)
+    mass, moments = (inertia.mass, inertia.moments) if inertia.mass else (TALUS_MASS, [_TALUS_MOMENT] * 3)
+    child(body, "inertial", pos=numbers(inertia.centre), mass=numbers([mass]), diaginertia=numbers(moments))
+    for joint in joints:
+        element = child(body, "joint", name=joint.motion.name, type="hinge" if joint.motion.rotates else "slide")
+        element.set("axis", numbers(joint.axis))
+        if joint.motion.rotates:
+            element.set("pos", numbers(joint.point))
+        element.set("range", numbers(COORDINATE_RANGES[joint.motion.name]))
+    markers = model.markers
+    for label, at, local in zip(markers.labels, markers.segments, markers.local, strict=True):
+        if at == segment:
+            child(body, "site", name=safe_name(label), pos=numbers(local), size=numbers([_SITE_RADIUS]))
+    return body

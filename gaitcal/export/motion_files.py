@@ -1,0 +1,159 @@
+"""Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
+
+Ground reactions: a wrench (F, M) about the laboratory origin becomes a force at the point p and a moment T about p,
+
+    T = M - p x F.
+
+Where the foot is loaded, p is the centre of pressure in the ground plane y = 0, p = (M_z, 0, -M_x) / F_y, and only the
+free moment T_y about the vertical remains. Where it is not, p stays where it was in the nearest loaded frame and T
+takes what is left, so that the wrench is the same in every frame and no point jumps.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.errors import InputError
+from gaitcal.export.names import safe_name
+from gaitcal.export.osim import DOCUMENT_VERSION
+from gaitcal.export.storage import StorageTable, write_storage
+from gaitcal.export.xml_text import child, write_xml
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
+
+Array = NDArray[np.float64]
+
+LOADED = 20.0
+"""N, vertical: the usual threshold above which a centre of pressure means something."""
+
+MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)
+
+MOMENT_COMMENTS = (
+    "Units: N m for rotations (NAME_moment), N for translations (NAME_force); time in s.",
+    "Internal and net: the generalised force of all structures that cross the joint, on the child segment.",
+    "Sign: positive drives the coordinate of that name in its positive direction; an external moment is the negative.",
+    "Frame: each about or along the axis of its own coordinate; laboratory x forward, y up, z right.",
+    "pelvis rows are the residual: what the ground reactions do not explain.",
+)
+
+
+def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Array) -> None:
+    """Write `q` (nf, len(coordinates)), m and rad, as an OpenSim motion: m and degrees, pelvis rotations first.
+
+    Raises
+    ------
+    InputError
+        A name is none of the 27 coordinates, or shapes do not agree.
+    """
+    names, order = _file_order(path, coordinates)
+    scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
+    values = _columns(path, q, len(coordinates))[:, order] * scale
+    write_storage(path, StorageTable("Coordinates", MOTION_COMMENTS, True, names, np.asarray(time), values))
+
+
+def write_sto_moments(
+    path: Path | str,
+    time: Array,
+    tau: Array,
+    coordinates: tuple[str, ...] = COORDINATES,
+    *,
+    comments: tuple[str, ...] = (),
+) -> None:
+    """Write generalised forces `tau` (nf, len(coordinates)), N·m and N, with the column names of OpenSim's own tool.
+
+    `comments` are further lines of the header, after those that say frame, sign and what is meant.
+    """
+    names, order = _file_order(path, coordinates)
+    columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
+    values = _columns(path, tau, len(coordinates))[:, order]
+    title, said = "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments)
+    write_storage(path, StorageTable(title, said, False, columns, np.asarray(time), values))
+
+
+def write_external_loads(
+    folder: Path | str, time: Array, wrenches: Array, stem: str = "ground_reactions"
+) -> tuple[Path, Path]:
+    """Write ground reactions on the feet as `STEM.mot` and `STEM.xml` (OpenSim's ExternalLoads on foot_r and foot_l).
+
+    `time` (nf,) s; `wrenches` (nf, 2, 6) on the right and the left foot, force (N) and moment (N·m) about the
+    laboratory origin. `stem` is made safe first, so a trial's name may be given as it is. Returns table and loads.
+
+    Raises
+    ------
+    InputError
+        Shapes do not agree or a number is not finite.
+    """
+    name = safe_name(stem)
+    table, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
+    if wrenches.shape != (len(time), len(FEET), 6):
+        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=table)
+    if not np.isfinite(wrenches).all():
+        raise InputError("a ground reaction is not finite; leave out frames without one", source=table)
+    names: list[str] = []
+    columns: list[Array] = []
+    for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
+        force, point, torque = _identifiers(foot)
+        names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
+        columns += [wrench[:, :3], *point_and_torque(wrench)]
+    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
+    values = np.hstack(columns)
+    write_storage(table, StorageTable("Ground reactions", comments, False, tuple(names), np.asarray(time), values))
+    _write_loads(loads, table.name)
+    return table, loads
+
+
+def point_and_torque(wrench: Array) -> tuple[Array, Array]:
+    """Point of application (nf, 3), m, and moment about it (nf, 3), N·m, of wrenches (nf, 6) about the origin."""
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    loaded = np.flatnonzero(np.abs(force[:, 1]) >= LOADED)
+    point = np.zeros_like(force)
+    if len(loaded):
+        centre = np.zeros((len(loaded), 3))
+        centre[:, 0] = moment[loaded, 2] / force[loaded, 1]
+        centre[:, 2] = -moment[loaded, 0] / force[loaded, 1]
+        frames = np.arange(len(force))
+        after = np.clip(np.searchsorted(loaded, frames), 0, len(loaded) - 1)
+        before = np.maximum(after - 1, 0)
+        nearer_before = np.abs(loaded[before] - frames) < np.abs(loaded[after] - frames)
+        point = centre[np.where(nearer_before, before, after)]
+    return point, moment - np.cross(point, force)
+
+
+def _file_order(path: Path | str, coordinates: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
+    for name in coordinates:
+        if name not in COORDINATE_INDEX:
+            raise InputError(f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", source=path, field="columns")
+    names = tuple(name for name in FILE_COORDINATES if name in coordinates)
+    return names, [coordinates.index(name) for name in names]
+
+
+def _columns(path: Path | str, values: Array, columns: int) -> Array:
+    if values.ndim != 2 or values.shape[1] != columns:
+        raise InputError(f"found values of shape {values.shape}, expected (frames, {columns})", source=path)
+    return values
+
+
+def _identifiers(foot: str) -> tuple[str, str, str]:
+    side = foot[-1]
+    return f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
+
+
+def _write_loads(path: Path, table: str) -> None:
+    document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
+    loads = child(document, "ExternalLoads", name="ground_reactions")
+    objects = child(loads, "objects")
+    for foot in FEET:
+        force, point, torque = _identifiers(foot)
+        load = child(objects, "ExternalForce", name=f"ground_on_{foot}")
+        child(load, "applied_to_body", foot)
+        child(load, "force_expressed_in_body", "ground")
+        child(load, "point_expressed_in_body", "ground")
+        child(load, "force_identifier", force)
+        child(load, "point_identifier", point)
+        child(load, "torque_identifier", torque)
+    child(loads, "datafile", table)
+    write_xml(document, path)

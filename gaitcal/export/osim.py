@@ -1,0 +1,115 @@
+"""The model as an OpenSim 4 document (`.osim`).
+
+Ground and 14 bodies named as our segments; each joint a `CustomJoint` between two `PhysicalOffsetFrame`s that stand
+where the joint parameters say; the 27 coordinates with our names, signs and zeros; the markers as `MarkerSet`.
+OpenSim's `CustomJoint` first translates along axes of the parent's joint frame and then turns about three axes, each
+fixed in the frame left by the turn before: the order of our elements.
+
+Inverse kinematics and inverse dynamics need nothing more. The talus has no mass, as in our model; it lies between
+bodies with mass, so Simbody can simulate forwards, too. Coordinates that are held at zero are `locked`.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pinocchio as pin
+
+from gaitcal.export.coordinate_ranges import COORDINATE_RANGES
+from gaitcal.export.euler import body_fixed_xyz
+from gaitcal.export.joint_frames import GROUND, JointFrames, axis_vector, joint_frames, segment_inertia
+from gaitcal.export.names import safe_name
+from gaitcal.export.xml_text import child, numbers, plain_text, write_xml
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.linkage import SEGMENTS, Element
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
+
+DOCUMENT_VERSION = "40000"
+"""Of the oldest OpenSim 4; later versions read it unchanged."""
+
+_UNIT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def write_osim(model: SubjectModel, path: Path | str) -> None:
+    """Write `model` for OpenSim 4.0 or newer: m, kg, rad; y up; same coordinates q as ours.
+
+    Names of markers and of the subject are written by `safe_name`.
+    """
+    document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
+    top = child(document, "Model", name=safe_name(model.subject.name))
+    child(top, "Ground", name=GROUND)
+    child(top, "gravity", numbers((0.0, -GRAVITY, 0.0)))
+    child(top, "credits", plain_text(" ".join(("Written by gaitcal.", *model.notes))))
+    child(top, "length_units", "meters")
+    child(top, "force_units", "N")
+    bodies = child(child(top, "BodySet", name="bodyset"), "objects")
+    for segment in SEGMENTS:
+        _add_body(bodies, model, segment)
+    joints = child(child(top, "JointSet", name="jointset"), "objects")
+    for joint in joint_frames(model.parameters):
+        _add_joint(joints, joint, model.frozen)
+    _add_markers(child(child(top, "MarkerSet", name="markerset"), "objects"), model.markers)
+    write_xml(document, path)
+
+
+def _add_body(bodies: ET.Element, model: SubjectModel, segment: str) -> None:
+    inertia = segment_inertia(model.parameters, segment)
+    body = child(bodies, "Body", name=segment)
+    child(body, "mass", numbers([inertia.mass]))
+    child(body, "mass_center", numbers(inertia.centre))
+    child(body, "inertia", numbers([*inertia.moments, 0.0, 0.0, 0.0]))
+
+
+def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...]) -> None:
+    joint = child(joints, "CustomJoint", name=frames.name)
+    parent, own = f"{frames.parent}_offset", f"{frames.child}_offset"
+    child(joint, "socket_parent_frame", parent)
+    child(joint, "socket_child_frame", own)
+    coordinates = child(joint, "coordinates")
+    for motion in sorted(frames.motions, key=lambda m: not m.rotates):
+        coordinate = child(coordinates, "Coordinate", name=motion.name)
+        child(coordinate, "default_value", "0")
+        child(coordinate, "default_speed_value", "0")
+        child(coordinate, "range", numbers(COORDINATE_RANGES[motion.name]))
+        child(coordinate, "clamped", "false")
+        child(coordinate, "locked", "true" if motion.name in frozen else "false")
+    offsets = child(joint, "frames")
+    ground = "/ground" if frames.parent == GROUND else f"/bodyset/{frames.parent}"
+    _add_offset(offsets, parent, ground, frames.in_parent)
+    _add_offset(offsets, own, f"/bodyset/{frames.child}", frames.to_child.inverse())
+    transform = child(joint, "SpatialTransform")
+    _add_axes(transform, "rotation", [m for m in frames.motions if m.rotates])
+    _add_axes(transform, "translation", [m for m in frames.motions if not m.rotates])
+
+
+def _add_offset(offsets: ET.Element, name: str, parent: str, place: pin.SE3) -> None:
+    frame = child(offsets, "PhysicalOffsetFrame", name=name)
+    child(frame, "socket_parent", parent)
+    child(frame, "translation", numbers(place.translation))
+    child(frame, "orientation", numbers(body_fixed_xyz(place.rotation)))
+
+
+def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
+    """Three axes of the transform: those of the coordinates, then the axes left over, which do not move."""
+    taken = {m.axis for m in motions}
+    idle = [axis for axis in range(3) if axis not in taken]
+    for number in range(3):
+        axis = child(transform, "TransformAxis", name=f"{kind}{number + 1}")
+        if number < len(motions):
+            motion = motions[number]
+            child(axis, "coordinates", motion.name)
+            child(axis, "axis", numbers(axis_vector(motion)))
+            child(child(axis, "LinearFunction", name="function"), "coefficients", "1 0")
+        else:
+            child(axis, "coordinates")
+            child(axis, "axis", numbers(_UNIT_AXES[idle[number - len(motions)]]))
+            child(child(axis, "Constant", name="function"), "value", "0")
+
+
+def _add_markers(objects: ET.Element, markers: MarkerPlacement) -> None:
+    for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
+        marker = child(objects, "Marker", name=safe_name(label))
+        child(marker, "socket_parent_frame", f"/bodyset/{segment}")
+        child(marker, "location", numbers(local))
+        child(marker, "fixed", "true")

@@ -1,0 +1,240 @@
+"""Reading a peer's model: our own comes back as it is, in any body frames, in both generations of files."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.export import ComparisonRow, compare, read_osim, write_osim
+from gaitcal.export.euler import body_fixed_xyz, from_body_fixed_xyz
+from gaitcal.export.xml_text import numbers
+from gaitcal.model.subject_model import SubjectModel
+from tests.export.mechanics import SEEDS, perturbed
+
+ROUNDING = 1e-8
+"""mm, deg, kg: singular values and inverse trigonometry on the way."""
+PEER_POSE = 1e-9
+"""m, of points up to 1 m from the origin: OpenSim's splines and ours."""
+
+
+def as_dict(rows: list[ComparisonRow]) -> dict[str, ComparisonRow]:
+    assert len({row.quantity for row in rows}) == len(rows)
+    return {row.quantity: row for row in rows}
+
+
+def assert_same(rows: list[ComparisonRow]) -> None:
+    named = as_dict(rows)
+    for side in "rl":
+        assert f"knee_{side} axis in thigh_{side}, front" in named
+        assert f"subtalar_{side} axis in foot_{side}, sag" in named
+        assert f"hip_{side} centre in pelvis, lat" in named
+    for row in rows:
+        assert abs(row.difference) < ROUNDING, row
+        assert row.difference == row.theirs - row.ours
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_our_own_model(published: SubjectModel, tmp_path: Path, seed: int) -> None:
+    model = perturbed(published, seed)
+    write_osim(model, tmp_path / "m.osim")
+    rows = compare(model, tmp_path / "m.osim")
+    assert_same(rows)
+    named = as_dict(rows)
+    assert named["total mass"].ours == pytest.approx(model.parameters.mass)
+
+
+def test_values_are_the_joint_parameters(published: SubjectModel, tmp_path: Path) -> None:
+    write_osim(published, tmp_path / "m.osim")
+    named = as_dict(compare(published, tmp_path / "m.osim"))
+    expected = {
+        "hip_r centre in pelvis, ant": -47.3,
+        "hip_l centre in pelvis, lat": -88.0,
+        "knee_r axis in thigh_r, sup": -419.8,
+        "knee_r axis in shank_r, trans": 5.0,
+        "knee_l axis in shank_l, trans": -5.0,
+        "talocrural_r axis in shank_r, front": 7.3,
+        "subtalar_r axis in foot_r, trans": 23.0,
+        "subtalar_l axis in foot_l, sag": 42.0,
+        "thigh_r length, hip centre to knee centre": 419.8,
+        "shank_l length, knee centre to talocrural centre": 377.4,
+        "talocrural_r to subtalar_r axis": 10.0,
+        "thigh_r mass": 9.827,
+    }
+    for quantity, value in expected.items():
+        assert named[quantity].ours == pytest.approx(value, abs=1e-3), quantity
+        assert named[quantity].theirs == pytest.approx(value, abs=1e-3), quantity
+
+
+def test_a_moved_axis_shows(published: SubjectModel, tmp_path: Path) -> None:
+    p = published.parameters
+    i = ("knee_r.thigh.ant", "knee_r.thigh.trans")
+    write_osim(published.with_parameters(p.with_joint(i, np.array([0.007, np.deg2rad(4)]))), tmp_path / "m.osim")
+    named = as_dict(compare(published, tmp_path / "m.osim"))
+    assert named["knee_r axis in thigh_r, ant"].difference == pytest.approx(7.0)
+    assert named["knee_r axis in thigh_r, trans"].difference == pytest.approx(4.0)
+    assert named["knee_l axis in thigh_l, ant"].difference == pytest.approx(0.0, abs=ROUNDING)
+
+
+def vector(element: ET.Element, tag: str) -> np.ndarray:
+    return np.array([float(word) for word in (element.findtext(tag) or "").split()])
+
+
+def put(element: ET.Element, tag: str, values: np.ndarray) -> None:
+    child = element.find(tag)
+    assert child is not None
+    child.text = numbers(values)
+
+
+def in_other_frames(tree: ET.ElementTree) -> None:
+    """The same model with body frames that stand elsewhere, as peers choose theirs otherwise."""
+    rng = np.random.default_rng(11)
+    place = {
+        b.get("name"): pin.SE3(from_body_fixed_xyz(rng.normal(size=3) * 0.1), rng.normal(size=3) * 0.1)
+        for b in tree.iter("Body")
+    }
+    for marker in tree.iter("Marker"):
+        body = (marker.findtext("socket_parent_frame") or "").rpartition("/")[2]
+        put(marker, "location", place[body].act(vector(marker, "location")))
+    for frame in tree.iter("PhysicalOffsetFrame"):
+        body = (frame.findtext("socket_parent") or "").rpartition("/")[2]
+        if body == "ground":
+            continue
+        old = pin.SE3(from_body_fixed_xyz(vector(frame, "orientation")), vector(frame, "translation"))
+        new = place[body] * old
+        put(frame, "translation", new.translation)
+        put(frame, "orientation", body_fixed_xyz(new.rotation))
+
+
+def in_old_format(tree: ET.ElementTree) -> None:
+    """The layout of OpenSim 3: joints inside bodies, locations in joints, functions in a wrapper."""
+    model = tree.getroot().find("Model")
+    assert model is not None
+    joints = model.find("JointSet")
+    assert joints is not None
+    model.remove(joints)
+    bodies = {b.get("name"): b for b in model.iter("Body")}
+    for joint in joints.findall("objects/*"):
+        frames = {f.get("name"): f for f in joint.iter("PhysicalOffsetFrame")}
+        parent, child = (frames[joint.findtext(f"socket_{end}_frame")] for end in ("parent", "child"))
+        owner = bodies[(child.findtext("socket_parent") or "").rpartition("/")[2]]
+        new = ET.SubElement(ET.SubElement(owner, "Joint"), "CustomJoint", name=joint.get("name") or "")
+        ET.SubElement(new, "parent_body").text = (parent.findtext("socket_parent") or "").rpartition("/")[2]
+        for frame, suffix in ((parent, "_in_parent"), (child, "")):
+            ET.SubElement(new, "location" + suffix).text = frame.findtext("translation")
+            ET.SubElement(new, "orientation" + suffix).text = frame.findtext("orientation")
+        objects = ET.SubElement(ET.SubElement(new, "CoordinateSet"), "objects")
+        objects.extend(joint.findall("coordinates/Coordinate"))
+        transform = joint.find("SpatialTransform")
+        assert transform is not None
+        for axis in transform:
+            function = axis[-1]
+            axis.remove(function)
+            ET.SubElement(axis, "function").append(function)
+        new.append(transform)
+    for marker in model.iter("Marker"):
+        socket = marker.find("socket_parent_frame")
+        assert socket is not None
+        socket.tag, socket.text = "body", (socket.text or "").rpartition("/")[2]
+
+
+@pytest.mark.parametrize("change", [in_other_frames, in_old_format])
+def test_other_frames_and_formats(
+    published: SubjectModel, tmp_path: Path, change: Callable[[ET.ElementTree], None]
+) -> None:
+    model = perturbed(published, 3)
+    write_osim(model, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    change(tree)
+    tree.write(tmp_path / "other.osim")
+    assert_same(compare(model, tmp_path / "other.osim"))
+
+
+def test_without_shared_markers_lengths_and_masses_remain(published: SubjectModel, tmp_path: Path) -> None:
+    write_osim(published, tmp_path / "m.osim")
+    text = (tmp_path / "m.osim").read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other ')
+    (tmp_path / "m.osim").write_text(text, encoding="utf-8")
+    named = as_dict(compare(published, tmp_path / "m.osim"))
+    assert named["thigh_r length, hip centre to knee centre"].theirs == pytest.approx(419.8)
+    assert named["thigh_r markers, and how many the peer shares"].theirs == 0
+    assert not [q for q in named if "axis in" in q]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("not xml", "is not well-formed XML"),
+        ("", "is not well-formed XML"),
+        ("<html/>", "found <html>, expected <OpenSimDocument>"),
+        ("<OpenSimDocument><Model/></OpenSimDocument>", "no bodies or no joints"),
+        (
+            "<OpenSimDocument><Model><BodySet><objects><Body name='a'><mass>much</mass></Body></objects></BodySet>"
+            "</Model></OpenSimDocument>",
+            "mass: found 'much', expected numbers",
+        ),
+    ],
+)
+def test_what_is_no_model(published: SubjectModel, tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "m.osim").write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        compare(published, tmp_path / "m.osim")
+
+
+def test_missing_file(published: SubjectModel, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        compare(published, tmp_path / "none.osim")
+
+
+REAL = ("subject01/reference/subject01_simbody.osim", "uf3/reference/scaled.osim", "uf3/reference/jmp_sequential.osim")
+
+
+def test_real_models(published: SubjectModel, data_dir: Path) -> None:
+    """Figures a reader can check by hand in the files."""
+    gait2354 = as_dict(compare(published, data_dir / REAL[0]))
+    assert gait2354["total mass"].theirs == pytest.approx(72.6, abs=0.01)
+    assert gait2354["shank_r mass"].theirs == pytest.approx(3.581, abs=1e-3)
+    assert gait2354["foot_r mass"].theirs == pytest.approx(0.0966 + 1.2074 + 0.2092, abs=1e-3)
+    assert gait2354["shank_r length, knee centre to talocrural centre"].theirs == pytest.approx(425, abs=20)
+    assert "head_trunk and arms mass" in gait2354
+    before, after = (as_dict(compare(published, data_dir / name)) for name in REAL[1:])
+    thigh = "thigh_r length, hip centre to knee centre"
+    assert 380 < before[thigh].theirs < 420
+    assert before[thigh].theirs != after[thigh].theirs
+    assert "upper_arm_l mass" in before
+
+
+@pytest.mark.peers
+@pytest.mark.parametrize("name", REAL)
+def test_poses_are_those_of_opensim(osim: Any, data_dir: Path, name: str) -> None:
+    """All joints we understand, knee with its splines at several angles, against OpenSim itself."""
+    peer = read_osim(data_dir / name)
+    model = osim.Model(str(data_dir / name))
+    state = model.initSystem()
+    coordinates = model.getCoordinateSet()
+    for angle in (-0.5, -0.3, 0.0, 0.3, 0.9):
+        values = {f"knee_angle_{s}": angle for s in "rl"} | {f"ankle_angle_{s}": 0.2 for s in "rl"}
+        for i in range(coordinates.getSize()):
+            c = coordinates.get(i)
+            c.setLocked(state, False)
+            value = c.getDefaultValue() if c.get_locked() else values.get(c.getName(), 0.0)
+            c.setClamped(state, False)
+            c.setValue(state, value, False)
+        model.realizePosition(state)
+        checked = 0
+        for joint in peer.joints.values():
+            if joint.axes is None or joint.name.startswith("patello"):
+                continue
+            frame = model.getBodySet().get(joint.child)
+            base = model.getGround() if joint.parent == "ground" else model.getBodySet().get(joint.parent)
+            ours = peer.joint_pose(joint, values)
+            for point in np.vstack([np.zeros(3), np.eye(3)]):
+                theirs = frame.findStationLocationInAnotherFrame(state, osim.Vec3(*point), base)
+                np.testing.assert_allclose(ours.act(point), theirs.to_numpy(), atol=PEER_POSE)
+            checked += 1
+        assert checked >= 12
