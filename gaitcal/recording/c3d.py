@@ -52,19 +52,20 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     frames = points.shape[2]
     if frames < 1:
         raise InputError("found no frame of points; at least one is needed", source=path)
-    start = _first_frame(parameters, int(raw["first_frame"])) / rate
+    first = _first_frame(parameters, int(raw["first_frame"]))
     keep, labels, told = _markers(path, parameters, points.shape[1])
     notes += told
     markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / PER_METRE[metres]
     markers[np.abs(markers) > 1e6] = np.nan  # a damaged float, not a place
     markers, told = zeros_to_missing(markers)
     notes += told
-    plates, told_plates = measured_plates(parameters, analogs, start, rate * analogs.shape[1] / frames, metres)
+    ratio = analogs.shape[1] / frames
+    plates, told_plates = measured_plates(parameters, analogs, first * ratio, rate * ratio, metres)
     notes += told_plates
     vertical = find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
     standing, told_plates = stand_up(plates, vertical.direction)
     notes += told_plates
-    time = start + np.arange(frames) / rate
+    time = (first + np.arange(frames)) / rate
     recording = Recording(str(path), time, labels, markers, standing, notes)
     turn = UP_TO_Y[vertical.axis, vertical.sign]
     if turn.is_identity:

@@ -52,11 +52,12 @@ class MeasuredPlate:
 
 
 def measured_plates(
-    parameters: Mapping[str, Mapping[str, Any]], analogs: Array, start: float, rate: float, metres: float
+    parameters: Mapping[str, Mapping[str, Any]], analogs: Array, first: float, rate: float, metres: float
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
-    """All plates that can be read from `analogs` (na, ns), sampled at `rate` Hz from `start` s, and notes on them.
+    """All plates that can be read from `analogs` (na, ns), sampled at `rate` Hz, and notes on them.
 
-    `metres` is the length of POINT:UNITS. A plate that cannot be placed or read is left out, with a note.
+    `first` is how many samples the clock was past zero at the first one. `metres` is the length of POINT:UNITS. A plate
+    that cannot be placed or read is left out, with a note.
     """
     group = parameters.get("FORCE_PLATFORM", {})
     types = _numbers(group, "TYPE").ravel()
@@ -71,7 +72,7 @@ def measured_plates(
     for index in range(count):
         name = f"Plate {index + 1}"
         try:
-            plate, told = _plate(parameters, index, analogs, start, rate, metres)
+            plate, told = _plate(parameters, index, analogs, first, rate, metres)
         except ValueError as fault:
             notes.append(f"{name} left out: {fault}.")
             continue
@@ -98,7 +99,7 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
 
 
 def _plate(
-    parameters: Mapping[str, Mapping[str, Any]], index: int, analogs: Array, start: float, rate: float, metres: float
+    parameters: Mapping[str, Mapping[str, Any]], index: int, analogs: Array, first: float, rate: float, metres: float
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
     kind = _type(group, index)
@@ -108,11 +109,11 @@ def _plate(
     if not len(keep):
         raise ValueError("its channels hold no numbers")
     notes = []
-    first, last = int(keep[0]), int(keep[-1])
+    begin, end = int(keep[0]), int(keep[-1])
     if len(keep) < channels.shape[1]:
         notes.append(f"{channels.shape[1] - len(keep)} samples hold no numbers (those at its ends were cut off)")
-    time = start + np.arange(first, last + 1) / rate
-    channels = channels[:, first : last + 1]
+    time = np.asarray((first + np.arange(begin, end + 1)) / rate, dtype=np.float64)
+    channels = channels[:, begin : end + 1]
     torque = metres if unit is None else unit
     origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
     force, moment, turned = _wrench(kind, channels, origin, group, index, frame, metres, torque)

@@ -22,6 +22,8 @@ MARGIN_M = 0.1
 """Around the points of a plate whose corners are unknown."""
 MOST_FRAMES = 65535
 """First and last frame are 16-bit numbers."""
+MOST_LABELS = 255
+"""A list of names counts them in one byte; nobody wears more markers."""
 LOOSE = 1e-3
 """Departure, in samples, up to which times count as uniform."""
 
@@ -35,6 +37,8 @@ def write_c3d(path: Path, recording: Recording) -> None:
     import ezc3d
 
     require_plain_labels(recording, path)
+    if len(recording.labels) > MOST_LABELS:
+        raise InputError(f"{len(recording.labels)} markers found; at most {MOST_LABELS} are allowed", source=path)
     rate, first = _clock(path, recording)
     frames = len(recording.time)
     file = ezc3d.c3d()
@@ -52,10 +56,12 @@ def write_c3d(path: Path, recording: Recording) -> None:
     if recording.plates:
         _add_plates(path, file, recording.plates, rate, frames, float(recording.time[0]))
     with atomic_file(path) as part:
+        written = part.with_suffix(".c3d")  # ezc3d adds this ending to any other, .C3D too
         try:
-            file.write(str(part))
-        except RuntimeError as error:
+            file.write(str(written))
+        except (RuntimeError, ValueError) as error:
             raise InputError(f"cannot be written ({error})", source=path) from None
+        written.replace(part)
 
 
 def _clock(path: Path, recording: Recording) -> tuple[float, int]:
@@ -105,13 +111,12 @@ def _add_plates(
     analog["OFFSET"]["value"] = [0] * channels
     file["data"]["analogs"] = np.concatenate([part[1] for part in parts])[None]  # type: ignore[index]
     corners = np.stack([1e3 * part[0].T for part in parts], axis=2)
-    add = file.add_parameter  # type: ignore[attr-defined]
-    add("FORCE_PLATFORM", "USED", [len(plates)])
-    add("FORCE_PLATFORM", "TYPE", [2] * len(plates))
-    add("FORCE_PLATFORM", "ZERO", [1, 0])
-    add("FORCE_PLATFORM", "CORNERS", corners)
-    add("FORCE_PLATFORM", "ORIGIN", np.zeros((3, len(plates))))
-    add("FORCE_PLATFORM", "CHANNEL", np.arange(1, channels + 1).reshape(len(plates), 6).T)
+    platform = parameters["FORCE_PLATFORM"]  # its entries are there, and have the right types
+    platform["USED"]["value"] = np.array([len(plates)])
+    platform["TYPE"]["value"] = np.array([2] * len(plates))
+    platform["CORNERS"]["value"] = corners
+    platform["ORIGIN"]["value"] = np.zeros((3, len(plates)))
+    platform["CHANNEL"]["value"] = np.arange(1, channels + 1).reshape(len(plates), 6).T
 
 
 def _plate_in_its_frame(plate: ForcePlate) -> tuple[Array, Array]:

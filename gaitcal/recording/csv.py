@@ -19,7 +19,7 @@ from gaitcal.errors import InputError
 from gaitcal.recording.force_columns import PlateColumns, build_plate
 from gaitcal.recording.input_file import read_lines
 from gaitcal.recording.labels import clean, unique
-from gaitcal.recording.mot import Forces, common_time
+from gaitcal.recording.mot import Forces, on_one_time
 from gaitcal.recording.number_table import NumberTable, parse_rows
 from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.recording.timebase import require_increasing
@@ -101,9 +101,9 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
 
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as a wide table that reads back bit for bit (corners are not kept)."""
-    time = common_time(plates, path)
+    time, values = on_one_time(plates, path)
     names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
-    _write(path, names, time, np.hstack([np.hstack([p.force, p.point, p.moment]) for p in plates]))
+    _write(path, names, time, values)
 
 
 def _write(path: Path, names: list[str], time: Array, values: Array) -> None:

@@ -66,7 +66,10 @@ def find_plates(names: Sequence[str]) -> list[PlateColumns]:
 def build_plate(
     name: str, time: Array, values: Array, found: PlateColumns, source: object
 ) -> tuple[ForcePlate, tuple[str, ...]]:
-    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, y up, and notes; InputError if incomplete."""
+    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, y up, and notes; InputError if incomplete.
+
+    Rows without a force at either end of the table are not part of it.
+    """
     for quantity, columns in found.columns.items():
         if columns and len(columns) < 3:
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
@@ -84,10 +87,16 @@ def build_plate(
             source=source,
             field=f"plate {name}",
         )
+    known = np.flatnonzero(np.isfinite(force).all(axis=1))
+    if not len(known):
+        raise InputError("its force columns hold no numbers", source=source, field=f"plate {name}")
+    span = slice(int(known[0]), int(known[-1]) + 1)
+    time, force, point = time[span], force[span], point[span]
     notes: tuple[str, ...] = ()
     if moment is None:
-        moment = np.zeros_like(force)
+        moment = np.zeros_like(values[:, :3])
         notes += (f"Plate {name}: no moment columns; a free moment of zero was taken.",)
+    moment = moment[span]
     idle = (force == 0).all(axis=1) & np.isnan(point).any(axis=1)
     if idle.any():
         point = np.where(idle[:, None], 0.0, point)

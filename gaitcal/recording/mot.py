@@ -93,15 +93,13 @@ def read_mot_forces(path: Path) -> Forces:
 
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px, ground_moment_1_mx, and so on."""
-    time = common_time(plates, path)
+    time, values = on_one_time(plates, path)
     names = ["time"]
-    columns = [time[:, None]]
-    for number, plate in enumerate(plates, start=1):
+    for number in range(1, len(plates) + 1):
         names += [f"ground_force_{number}_v{axis}" for axis in "xyz"]
         names += [f"ground_force_{number}_p{axis}" for axis in "xyz"]
         names += [f"ground_moment_{number}_m{axis}" for axis in "xyz"]
-        columns += [plate.force, plate.point, plate.moment]
-    values = np.hstack(columns)
+    values = np.column_stack([time, values])
     header = [path.name, "version=1", f"nRows={len(values)}", f"nColumns={values.shape[1]}", "inDegrees=yes"]
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join([*header, "endheader", "\t".join(names)]) + "\n")
@@ -109,14 +107,22 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
             file.write("\t".join(["nan" if value != value else repr(value) for value in row]) + "\n")
 
 
-def common_time(plates: tuple[ForcePlate, ...], target: Path) -> Array:
-    """The time that all plates share; InputError where they do not, as one table holds one time column."""
+def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Array]:
+    """Times (ns,) of a table of all plates, and its values (ns, 9 * plates): force, point, moment of each.
+
+    A plate that begins later or ends sooner than another has NaN there. InputError where plates are sampled at
+    different times, as one table has one time column.
+    """
     if not plates:
         raise InputError("there are no force plates to write", source=target)
-    time = plates[0].time
-    if any(not np.array_equal(plate.time, time) for plate in plates):
-        raise InputError("the plates have different sample times; one table needs the same for all", source=target)
-    return time
+    time = np.unique(np.concatenate([plate.time for plate in plates]))
+    values = np.full((len(time), 9 * len(plates)), np.nan)
+    for number, plate in enumerate(plates):
+        rows = np.searchsorted(time, plate.time)
+        if rows[-1] - rows[0] + 1 != len(rows):
+            raise InputError("the plates are sampled at different times; a table needs the same for all", source=target)
+        values[rows, 9 * number : 9 * number + 9] = np.hstack([plate.force, plate.point, plate.moment])
+    return time, values
 
 
 def _in_degrees(header: list[str]) -> bool | None:

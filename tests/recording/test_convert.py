@@ -1,0 +1,99 @@
+"""Conversion between formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.recording import Recording, convert, read_forces, read_recording, write_c3d, write_forces_csv, write_trc
+from tests.recording.recordings import body, loaded_body
+
+
+def require_same(found: Recording, expected: Recording) -> None:
+    """Markers, times and plates in every bit."""
+    assert found.labels == expected.labels
+    np.testing.assert_array_equal(found.time, expected.time)
+    np.testing.assert_array_equal(found.markers, expected.markers)
+    for a, b in zip(found.plates, expected.plates, strict=True):
+        assert a.name == b.name
+        for field in ("time", "force", "point", "moment"):
+            np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "pig_c3d/gait.c3d",
+        "pig_c3d/static.c3d",
+        "functional_c3d/static.c3d",
+        "c3d_formats/Eb015vi.c3d",
+        "c3d_formats/TYPE-1.C3D",
+    ],
+)
+def test_a_real_c3d_and_its_csv_are_the_same_bits(data_dir: Path, tmp_path: Path, file: str) -> None:
+    written = convert(data_dir / file, tmp_path / "out.csv")
+    assert written == (tmp_path / "out.csv", tmp_path / "out_forces.csv")
+    require_same(read_recording(written[0], forces=written[1]), read_recording(data_dir / file))
+
+
+def test_trc_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
+    source = data_dir / "subject01/subject01_walk1.trc"
+    assert convert(source, tmp_path / "w.csv") == (tmp_path / "w.csv",)
+    assert convert(tmp_path / "w.csv", tmp_path / "w.trc") == (tmp_path / "w.trc",)
+    expected = read_recording(source)
+    require_same(read_recording(tmp_path / "w.csv"), expected)
+    require_same(read_recording(tmp_path / "w.trc"), expected)
+
+
+def test_mot_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
+    source = data_dir / "subject01/subject01_walk1_grf.mot"
+    convert(source, tmp_path / "f.csv")
+    convert(tmp_path / "f.csv", tmp_path / "f.mot")
+    expected = read_forces(source).plates
+    for name in ("f.csv", "f.mot"):
+        for a, b in zip(read_forces(tmp_path / name).plates, expected, strict=True):
+            np.testing.assert_array_equal(a.time, b.time)
+            np.testing.assert_array_equal(a.wrench(), b.wrench())
+
+
+def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
+    write_c3d(tmp_path / "x.c3d", loaded_body())
+    assert convert(tmp_path / "x.c3d", tmp_path / "y.trc") == (tmp_path / "y.trc", tmp_path / "y_forces.mot")
+    require_same(
+        read_recording(tmp_path / "y.trc", forces=tmp_path / "y_forces.mot"), read_recording(tmp_path / "x.c3d")
+    )
+
+
+def test_csv_to_c3d_takes_the_forces_beside_it(tmp_path: Path) -> None:
+    write_c3d(tmp_path / "x.c3d", loaded_body())
+    convert(tmp_path / "x.c3d", tmp_path / "x.csv")
+    convert(tmp_path / "x.csv", tmp_path / "again.c3d")
+    a, b = read_recording(tmp_path / "again.c3d"), read_recording(tmp_path / "x.c3d")
+    np.testing.assert_array_equal(a.markers, b.markers)
+    for one, other in zip(a.plates, b.plates, strict=True):
+        assert np.all(np.abs(one.wrench() - other.wrench()) < 1e-6 * np.abs(other.wrench()).max(axis=0))
+
+
+def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:
+    write_trc(tmp_path / "a.trc", body(5))
+    write_forces_csv(tmp_path / "f.csv", loaded_body().plates)
+    target = tmp_path / "out.mot"
+    target.write_text("old")
+    with pytest.raises(InputError, match=r"a.trc can become .csv, .trc, .c3d"):
+        convert(tmp_path / "a.trc", target)
+    with pytest.raises(InputError, match=r"f.csv can become .csv, .mot, .sto"):
+        convert(tmp_path / "f.csv", tmp_path / "out.trc")
+    with pytest.raises(InputError, match="no such file"):
+        convert(tmp_path / "absent.c3d", target)
+    with pytest.raises(InputError, match="the same file"):
+        convert(tmp_path / "a.trc", tmp_path / "." / "a.trc")
+    with pytest.raises(InputError, match="found a folder"):
+        convert(tmp_path / "a.trc", tmp_path)
+    (tmp_path / "bad.mot").write_text("no table")
+    with pytest.raises(InputError, match="endheader"):
+        convert(tmp_path / "bad.mot", tmp_path / "bad.csv")
+    assert target.read_text() == "old"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.trc", "bad.mot", "f.csv", "out.mot"]

@@ -1,0 +1,130 @@
+"""Damaged files end in a recording or in one clear error: never in another exception, a hang or a dead process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import GaitcalError
+from gaitcal.recording import (
+    Recording,
+    c3d_parse,
+    read_forces,
+    read_recording,
+    write_c3d,
+    write_forces_csv,
+    write_forces_mot,
+    write_markers_csv,
+    write_trc,
+)
+from tests.recording.recordings import loaded_body
+
+MUTANTS = 200
+TOKENS = [
+    b"\t",
+    b",",
+    b"\n",
+    b"nan",
+    b"-1e400",
+    b"1e308",
+    b"\xff\xfe",
+    b"\0",
+    b"0",
+    b"-",
+    b"time",
+    b"_x",
+    b'"',
+    b"\xe2\x80\xa8",
+]
+
+
+def mutated(content: bytes, rng: np.random.Generator, head: int) -> bytes:
+    """One to eight changes, half of them among the first `head` bytes, where the structure lies."""
+    out = bytearray(content)
+    for _ in range(int(rng.integers(1, 9))):
+        if not out:
+            break
+        reach = min(head, len(out)) if rng.random() < 0.5 else len(out)
+        at = int(rng.integers(reach))
+        length = int(rng.integers(1, 20))
+        match int(rng.integers(6)):
+            case 0:
+                out[at] ^= 1 << int(rng.integers(8))
+            case 1:
+                out[at : at + length] = rng.bytes(length)
+            case 2:
+                del out[at : at + length]
+            case 3:
+                out[at:at] = TOKENS[int(rng.integers(len(TOKENS)))]
+            case 4:
+                other = int(rng.integers(len(out)))
+                out[at : at + length] = out[other : other + length]
+            case _:
+                del out[int(rng.integers(at, len(out))) :]
+    return bytes(out)
+
+
+def write_marker_file(path: Path, recording: Recording) -> None:
+    {".c3d": write_c3d, ".trc": write_trc, ".csv": write_markers_csv}[path.suffix](path, recording)
+
+
+def write_force_file(path: Path, recording: Recording) -> None:
+    {".mot": write_forces_mot, ".csv": write_forces_csv}[path.suffix](path, recording.plates)
+
+
+def fuzz(path: Path, content: bytes, read: Callable[[Path], object], head: int) -> int:
+    """How many mutants were read all the same."""
+    rng = np.random.default_rng(len(content))
+    read_well = 0
+    for _ in range(MUTANTS):
+        path.write_bytes(mutated(content, rng, head))
+        try:
+            read(path)
+        except GaitcalError as error:
+            assert "\n" not in str(error)
+            assert str(path) in str(error)
+        else:
+            read_well += 1
+    return read_well
+
+
+def read_and_require_sound(path: Path) -> None:
+    recording = read_recording(path)
+    assert len(set(recording.labels)) == len(recording.labels) == recording.markers.shape[1]
+    assert recording.markers.shape == (len(recording.time), len(recording.labels), 3)
+    assert np.all(np.diff(recording.time) > 0)
+    assert not np.isinf(recording.markers).any()
+    for plate in recording.plates:
+        assert plate.force.shape == plate.point.shape == plate.moment.shape == (len(plate.time), 3)
+
+
+@pytest.fixture(autouse=True)
+def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some damage makes the C3D parser loop; two seconds show that as well as six."""
+    monkeypatch.setattr(c3d_parse, "BASE_SECONDS", 2.0)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # 1e308 squared is infinite, and may be
+@pytest.mark.parametrize("suffix, head", [(".c3d", 3000), (".trc", 600), (".csv", 300)])
+def test_marker_files(tmp_path: Path, suffix: str, head: int) -> None:
+    path = tmp_path / f"m{suffix}"
+    write_marker_file(path, loaded_body(12))
+    assert 0 < fuzz(path, path.read_bytes(), read_and_require_sound, head) < MUTANTS
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("suffix, head", [(".mot", 600), (".csv", 300)])
+def test_force_files(tmp_path: Path, suffix: str, head: int) -> None:
+    path = tmp_path / f"f{suffix}"
+    write_force_file(path, loaded_body(3))
+    assert 0 < fuzz(path, path.read_bytes(), read_forces, head) < MUTANTS
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("name", ["TYPE-1.C3D", "TYPE-4.C3D", "Eb015vi.c3d"])
+def test_real_c3d_files(data_dir: Path, tmp_path: Path, name: str) -> None:
+    content = (data_dir / "c3d_formats" / name).read_bytes()
+    assert 0 < fuzz(tmp_path / "m.c3d", content, read_and_require_sound, 5000) < MUTANTS

@@ -1,0 +1,153 @@
+"""MOT and STO tables, and ground reactions in all their spellings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.recording import read_forces, read_table
+
+SCHEMES = {
+    "opensim": [
+        *(f"ground_force_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"1_ground_force_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_torque_{a}" for a in "xyz"),
+        *(f"1_ground_torque_{a}" for a in "xyz"),
+    ],
+    "sides": [
+        *(f"ground_force_r_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_force_l_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_torque_r_{a}" for a in "xyz"),
+        *(f"ground_torque_l_{a}" for a in "xyz"),
+    ],
+    "numbers": [
+        *(f"ground_force_1_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_force_2_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_moment_1_m{a}" for a in "xyz"),
+        *(f"ground_moment_2_m{a}" for a in "xyz"),
+    ],
+    "ours": [
+        *(f"R_f{a}" for a in "xyz"),
+        *(f"R_p{a}" for a in "xyz"),
+        *(f"L_f{a}" for a in "xyz"),
+        *(f"L_p{a}" for a in "xyz"),
+        *(f"R_t{a}" for a in "xyz"),
+        *(f"L_t{a}" for a in "xyz"),
+    ],
+    "repeated": [f"ground_force_{q}{a}" for q in "vp" for a in "xyz"] * 2 + [f"ground_torque_{a}" for a in "xyz"] * 2,
+}
+
+
+def table(names: list[str], rows: np.ndarray, header: str = "made up\nversion=1\nnRows=7\nnColumns=99\n") -> str:
+    lines = [header + "endheader", "\t".join(["time", *names])]
+    lines += ["\t".join([f"{0.01 * i:.2f}", *(repr(float(v)) for v in row)]) for i, row in enumerate(rows)]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_naming_scheme_gives_the_same_two_plates(tmp_path: Path, scheme: str) -> None:
+    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
+    path = tmp_path / "f.mot"
+    path.write_text(table(SCHEMES[scheme], values), encoding="utf-8")
+    first, second = read_forces(path).plates
+    assert (first.name, second.name) == ("1", "2")
+    for plate, start, moment in ((first, 1, 13), (second, 7, 16)):
+        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
+        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
+        np.testing.assert_array_equal(plate.moment[0], np.arange(moment, moment + 3))
+
+
+def test_a_fixed_point_with_full_moment_is_the_same_wrench(tmp_path: Path) -> None:
+    force, centre, free = np.array([30.0, 700.0, -20.0]), np.array([0.4, 0.0, 0.1]), np.array([0.0, 3.0, 0.0])
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"] + [f"2_{q}{a}" for q in "fpt" for a in "xyz"]
+    full = free + np.cross(centre, force)
+    path = tmp_path / "f.sto"
+    path.write_text(table(names, np.tile(np.concatenate([force, centre, free, force, 0 * force, full]), (3, 1))))
+    first, second = read_forces(path).plates
+    np.testing.assert_allclose(first.wrench(), second.wrench(), atol=1e-12)
+
+
+def test_forces_on_the_plate_are_turned_round(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, np.tile([10.0, -700, 5, 0.3, 0, 0.1, 0, 4, 0], (3, 1))))
+    forces = read_forces(path)
+    np.testing.assert_array_equal(forces.plates[0].force[0], [-10, 700, -5])
+    np.testing.assert_array_equal(forces.plates[0].moment[0], [0, -4, 0])
+    assert any("pointed down" in note for note in forces.notes)
+
+
+def test_points_unknown_without_force_do_not_spoil_the_wrench(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+    rows[1] = [0, 0, 0, np.nan, np.nan, np.nan, np.nan, 0, 0]
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, rows))
+    forces = read_forces(path)
+    np.testing.assert_array_equal(forces.plates[0].wrench()[1], 0)
+    assert any("1 samples without force" in note for note in forces.notes)
+
+
+@pytest.mark.parametrize(
+    "names, message",
+    [
+        (["hip_flexion_r", "pelvis_tx", "pelvis_ty"], "found no force columns among hip_flexion_r"),
+        (["ground_force_vx", "ground_force_vy", "ground_force_px"], "found only x, y of the force"),
+        (["ground_force_vx", "ground_force_vy", "ground_force_vz"], "no point of application"),
+    ],
+)
+def test_incomplete_forces_are_named(tmp_path: Path, names: list[str], message: str) -> None:
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, np.ones((3, len(names)))))
+    with pytest.raises(InputError, match=message):
+        read_forces(path)
+
+
+@pytest.mark.parametrize(
+    "header, degrees", [("inDegrees=yes\n", True), ("inDegrees = no\n", False), ("name x\ndatacolumns 3\n", None)]
+)
+def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None:
+    path = tmp_path / "t.mot"
+    path.write_text(table(["a", "b"], np.array([[1, 2], [3, 4.5]]), header))
+    found = read_table(path)
+    assert found.in_degrees is degrees
+    assert found.names == ("a", "b")
+    np.testing.assert_array_equal(found.column("b"), [2, 4.5])
+
+
+def test_table_parted_by_blanks(tmp_path: Path) -> None:
+    path = tmp_path / "t.sto"
+    path.write_text("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n")
+    np.testing.assert_array_equal(read_table(path).values, [[1, 2], [3, 4]])
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("time\ta\n0\t1\n", "no line 'endheader'"),
+        ("endheader\n", "ends after its header"),
+        ("endheader\nframe\ta\n0\t1\n", "found 'frame'; the first column must be 'time'"),
+        ("endheader\ntime\ta\n", "no row of numbers"),
+        ("endheader\ntime\ta\n0\t1\n1\t2\t3\n", "line 4: found 3 cells; 2 are allowed"),
+        ("endheader\ntime\ta\n0\t1\n1\n", "line 4: found 1 cells (file cut short?); 2 are needed"),
+    ],
+)
+def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "t.mot"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert message in str(caught.value)
+
+
+def test_reference_results_are_read(data_dir: Path) -> None:
+    folder = data_dir / "subject01/reference"
+    if not folder.is_dir():
+        pytest.skip("not among the files that users may download")
+    found = read_table(folder / "subject01_walk1_ik.mot")
+    assert found.in_degrees is True
+    assert {"knee_angle_r", "pelvis_tx"} <= set(found.names)
+    assert found.time[[0, -1]].tolist() == pytest.approx([0.4, 1.6])

@@ -1,0 +1,83 @@
+"""The still window of a static trial."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.recording import Recording, read_recording, still_window
+from tests.recording.recordings import LABELS, body
+
+
+def walk_stand_walk(noise: float = 2e-4) -> Recording:
+    """2 s walking at 1 m/s, 1 s standing, 2 s walking, 100 Hz, with measurement noise in m."""
+    recording = body(500, speed=0.0)
+    time = recording.time
+    way = np.minimum(time, 2.0) + np.maximum(time - 3.0, 0.0)
+    noisy = recording.markers + np.random.default_rng(0).normal(0, noise, recording.markers.shape)
+    noisy[..., 0] += way[:, None]
+    return replace(recording, markers=noisy)
+
+
+def test_the_standing_second_between_two_walks_is_found() -> None:
+    window = still_window(walk_stand_walk(), LABELS)
+    assert 2.0 <= window.start < window.stop <= 3.0
+    assert window.stop - window.start == pytest.approx(0.5)
+    assert window.frames.stop - window.frames.start == 51
+    assert window.speed < 0.01
+
+
+def test_no_stillness_is_an_error_with_the_smallest_speed() -> None:
+    with pytest.raises(InputError, match=r"no still window: the stillest 0.51 s move at 1.2 m/s RMS; at most 0.05 m/s"):
+        still_window(body(200, speed=1.2), LABELS)
+
+
+def test_a_window_in_which_every_marker_is_seen_comes_first() -> None:
+    recording = body(300, speed=0.0)
+    markers = recording.markers + np.random.default_rng(0).normal(0, 1e-4, recording.markers.shape)
+    markers[:200, 3] = np.nan
+    window = still_window(replace(recording, markers=markers), LABELS)
+    assert window.frames.stop > 200
+
+
+def test_only_the_markers_asked_for_count() -> None:
+    recording = body(100, speed=0.0)
+    recording.markers[:, 7, 0] += np.linspace(0, 3, 100)
+    assert still_window(recording, LABELS[:7]).speed < 1e-9
+    with pytest.raises(InputError, match="no still window"):
+        still_window(recording, LABELS[7:])
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5, 30])
+def test_short_recordings_are_taken_whole(frames: int) -> None:
+    window = still_window(body(frames, speed=0.0), [*LABELS, "not there"])
+    assert window.frames == slice(0, frames)
+    assert window.speed == 0.0
+
+
+def test_markers_never_seen_are_an_error() -> None:
+    recording = body(20)
+    blind = replace(recording, markers=np.full_like(recording.markers, np.nan))
+    for labels in (LABELS, ["absent"], []):
+        with pytest.raises(InputError, match="none of the markers"):
+            still_window(blind, labels)
+
+
+@pytest.mark.parametrize(
+    "file", ["subject01/subject01_static.trc", "uf3/static.trc", "pig_c3d/static.c3d", "functional_c3d/static.c3d"]
+)
+def test_real_static_trials_hold_one(data_dir: Path, file: str) -> None:
+    if not (data_dir / file).exists():
+        pytest.skip("not among the files that users may download")
+    recording = read_recording(data_dir / file)
+    assert still_window(recording, recording.labels).speed < 0.01
+
+
+def test_a_real_walk_holds_none(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "subject01/subject01_walk1.trc")
+    with pytest.raises(InputError, match="0.737 m/s"):
+        still_window(recording, recording.labels)
