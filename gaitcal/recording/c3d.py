@@ -20,6 +20,8 @@ from gaitcal.recording.recording import Array, Recording, zeros_to_missing
 METRES = {"mm": 1e-3, "millimeters": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""
 PER_METRE = {1e-3: 1000.0, 1e-2: 100.0, 1.0: 1.0}
+ABSURD_M = 1e6
+"""No place lies so far off; only a damaged float does."""
 COMPUTED_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
 USUAL_VERTICAL = Vertical(2, 1, "the usual practice, as the data do not tell")
@@ -56,7 +58,10 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     keep, labels, told = _markers(path, parameters, points.shape[1])
     notes += told
     markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / PER_METRE[metres]
-    markers[np.abs(markers) > 1e6] = np.nan  # a damaged float, not a place
+    absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
+    if absurd.any():
+        notes += (f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",)
+        markers[absurd] = np.nan
     markers, told = zeros_to_missing(markers)
     notes += told
     ratio = analogs.shape[1] / frames

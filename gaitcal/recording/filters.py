@@ -53,17 +53,17 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
 def filter_plate(plate: ForcePlate, cutoff_hz: float) -> ForcePlate:
     """The plate with its wrench low-passed, and centre of pressure and free moment worked out anew from it.
 
-    Points lie in the plane of the plate's corners, or, where these are unknown, at the height of its points under load.
+    Points lie at the height of the plate's points under load; where it carries nothing, in the middle of those.
     InputError where the cut-off is not below half the sampling rate.
     """
     if len(plate.time) < 2:
         return plate
     rate = float(1.0 / np.median(np.diff(plate.time)))
     wrench = low_pass(plate.wrench(), rate, cutoff_hz)
-    centre, normal = _surface(plate)
+    centre = _surface(plate)
     force = np.ascontiguousarray(wrench[:, :3])
     moment = wrench[:, 3:] - np.cross(centre, force)
-    return plate_from_moment(plate.name, plate.time, force, moment, centre, normal, plate.corners)
+    return plate_from_moment(plate.name, plate.time, force, moment, centre, UP, plate.corners)
 
 
 def resample_wrench(plate: ForcePlate, time: Array) -> Array:
@@ -80,13 +80,12 @@ def resample_wrench(plate: ForcePlate, time: Array) -> Array:
     return out
 
 
-def _surface(plate: ForcePlate) -> tuple[Array, Array]:
-    """A point of the plate's surface (3,) m and its upward normal (3,)."""
-    if plate.corners is not None:
-        normal = np.cross(plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3])
-        normal = normal / np.linalg.norm(normal)
-        return np.asarray(plate.corners.mean(axis=0)), np.asarray(normal if normal[1] > 0 else -normal)
+def _surface(plate: ForcePlate) -> Array:
+    """(3,) m, a point of the plate's surface: the middle of its points under load.
+
+    Not from its corners: a plate read from a table has none, and is to give the same numbers.
+    """
     loaded = plate.force[:, 1] > LOADED_N
     points = plate.point[loaded if loaded.any() else slice(None)]
     points = points[np.isfinite(points).all(axis=1)]
-    return np.asarray(np.median(points, axis=0)) if len(points) else np.zeros(3), UP
+    return np.asarray(np.median(points, axis=0)) if len(points) else np.zeros(3)

@@ -6,6 +6,8 @@ from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
 from gaitcal.errors import InputError, nearest
 from gaitcal.recording.c3d import read_c3d
 from gaitcal.recording.csv import read_forces_csv, read_markers_csv
@@ -29,7 +31,8 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     reader = MARKER_READERS.get(file.suffix.lower())
     if reader is None:
         raise _unknown_ending(file, tuple(MARKER_READERS))
-    recording = reader(file)
+    with np.errstate(all="ignore"):  # absurd numbers of a damaged file may overflow on their way to a message
+        recording = reader(file)
     if forces is None:
         return recording
     read = read_forces(forces)
@@ -45,7 +48,8 @@ def read_forces(path: str | PathLike[str]) -> Forces:
     reader = FORCE_READERS.get(file.suffix.lower())
     if reader is None:
         raise _unknown_ending(file, tuple(FORCE_READERS))
-    return reader(file)
+    with np.errstate(all="ignore"):
+        return reader(file)
 
 
 def _unknown_ending(file: Path, allowed: tuple[str, ...]) -> InputError:

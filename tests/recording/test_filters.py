@@ -58,16 +58,18 @@ def test_the_wrench_about_the_origin_is_filtered_not_the_centre_of_pressure() ->
     smooth = filter_plate(raw, 15.0)
     np.testing.assert_allclose(smooth.wrench(), low_pass(raw.wrench(), RATE, 15.0), atol=1e-9)
     loaded = smooth.force[:, 1] > 100
-    np.testing.assert_allclose(smooth.point[loaded, 1], raw.corners.mean(axis=0)[1], atol=1e-12)
+    np.testing.assert_allclose(smooth.point[loaded, 1], 0, atol=1e-12)
     np.testing.assert_allclose(smooth.moment[loaded][:, [0, 2]], 0, atol=1e-9)
     middle = raw.force[:, 1] > 500
     np.testing.assert_allclose(smooth.point[middle], raw.point[middle], atol=2e-3)
 
 
-def test_without_corners_the_height_of_the_points_is_kept() -> None:
-    raw = replace(plate(TIME), corners=None)
-    raw = replace(raw, point=raw.point + [0.0, -0.0075, 0.0])
+def test_the_height_of_the_points_is_kept_with_corners_or_without() -> None:
+    with_corners = plate(TIME)
+    with_corners = replace(with_corners, point=with_corners.point + [0.0, -0.0075, 0.0])
+    raw = replace(with_corners, corners=None)
     smooth = filter_plate(raw, 15.0)
+    np.testing.assert_array_equal(filter_plate(with_corners, 15.0).point, smooth.point)
     np.testing.assert_allclose(smooth.wrench(), low_pass(raw.wrench(), RATE, 15.0), atol=1e-9)
     np.testing.assert_allclose(smooth.point[smooth.force[:, 1] > 100, 1], -0.0075, atol=1e-9)
 

@@ -107,7 +107,6 @@ def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(c3d_parse, "BASE_SECONDS", 2.0)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # 1e308 squared is infinite, and may be
 @pytest.mark.parametrize("suffix, head", [(".c3d", 3000), (".trc", 600), (".csv", 300)])
 def test_marker_files(tmp_path: Path, suffix: str, head: int) -> None:
     path = tmp_path / f"m{suffix}"
@@ -115,7 +114,6 @@ def test_marker_files(tmp_path: Path, suffix: str, head: int) -> None:
     assert 0 < fuzz(path, path.read_bytes(), read_and_require_sound, head) < MUTANTS
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("suffix, head", [(".mot", 600), (".csv", 300)])
 def test_force_files(tmp_path: Path, suffix: str, head: int) -> None:
     path = tmp_path / f"f{suffix}"
@@ -123,7 +121,6 @@ def test_force_files(tmp_path: Path, suffix: str, head: int) -> None:
     assert 0 < fuzz(path, path.read_bytes(), read_forces, head) < MUTANTS
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("name", ["TYPE-1.C3D", "TYPE-4.C3D", "Eb015vi.c3d"])
 def test_real_c3d_files(data_dir: Path, tmp_path: Path, name: str) -> None:
     content = (data_dir / "c3d_formats" / name).read_bytes()
