@@ -98,3 +98,15 @@ def test_wrenches_turn_with_the_markers() -> None:
     wrench, expected = turned.plates[0].wrench(), walk.plates[0].wrench()
     np.testing.assert_allclose(wrench[:, :3], expected[:, :3] @ rotation.T, atol=1e-12)
     np.testing.assert_allclose(wrench[:, 3:], expected[:, 3:] @ rotation.T, atol=1e-9)
+
+
+@pytest.mark.parametrize("way", [(1.0, 0.3), (0.3, 1.0), (-1.0, 0.3), (0.3, -1.0)])
+def test_the_nearest_quarter_turn_is_taken(way: tuple[float, float]) -> None:
+    """`way` is x and z of the progression; afterwards x has the larger part, forwards, and z the smaller."""
+    standing = body(speed=0.0)
+    recording = replace(standing, markers=standing.markers.copy())
+    recording.markers[..., [0, 2]] += np.linspace(0, 1, 50)[:, None, None] * np.array(way)
+    moved = np.ptp(turn_to_progression(recording).markers, axis=0)[0]
+    np.testing.assert_allclose(moved, [1.0, 0.0, 0.3], atol=1e-12)
+    end = turn_to_progression(recording).markers
+    assert np.all(end[-1, :, 0] > end[0, :, 0])
