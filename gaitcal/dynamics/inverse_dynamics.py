@@ -78,7 +78,7 @@ class Dynamics:
         for foot, segment in enumerate(self._feet):
             moved = np.flatnonzero(self.chain.support[:, segment])
             tau[:, moved] -= np.einsum("kif,fi->fk", columns[moved], wrenches[:, foot])
-        axes = columns[3:6, 3:].transpose(2, 0, 1)
+        axes, _, _ = pelvis_axes(q)
         moment = np.linalg.solve(axes, tau[:, 3:6, None])[:, :, 0]
         return GeneralisedForces(tau[:, self._place], tau[:, self._reaction], tau[:, :3].copy(), moment)
 
@@ -96,16 +96,27 @@ def root_regressor(linkage: LinkageModel, q: Array, v: Array, a: Array) -> Array
     at = [linkage.segment_joint[s] for s in MASSIVE_SEGMENTS]
     columns = np.concatenate([np.arange(10 * (j - 1), 10 * j) for j in at])
     rows = np.empty((len(q), 6, len(columns)))
-    axes = np.empty((len(q), 3, 3))
     for f in range(len(q)):
         rows[f] = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])[:6, columns]
-    tilt, lean = q[:, 3], q[:, 4]
-    axes[:, 0] = [0.0, 0.0, 1.0]
-    axes[:, 1] = np.stack([np.cos(tilt), np.sin(tilt), np.zeros(len(q))], axis=1)
-    axes[:, 2] = np.stack([-np.sin(tilt) * np.cos(lean), np.cos(tilt) * np.cos(lean), np.sin(lean)], axis=1)
+    axes, _, _ = pelvis_axes(q)
     rows[:, 3:] = np.linalg.solve(axes, rows[:, 3:])
     out = rows.reshape(len(q), 6, len(at), 10)
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         place = linkage.segment_placement[segment]
         out[:, :, k] = out[:, :, k] @ placed_dynamic_parameters(place.rotation, place.translation)
     return out
+
+
+def pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
+    """(nf, 3, 3) laboratory axes of tilt, list and rotation as rows; and their derivatives by tilt and by list."""
+    ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
+    zero, one = np.zeros(len(q)), np.ones(len(q))
+
+    def rows(first: tuple[Array, ...], second: tuple[Array, ...], third: tuple[Array, ...]) -> Array:
+        return np.stack([np.stack(row, axis=1) for row in (first, second, third)], axis=1)
+
+    nothing = (zero, zero, zero)
+    axes = rows((zero, zero, one), (ct, st, zero), (-st * cl, ct * cl, sl))
+    by_tilt = rows(nothing, (-st, ct, zero), (-ct * cl, -st * cl, zero))
+    by_list = rows(nothing, nothing, (st * sl, -ct * sl, cl))
+    return axes, by_tilt, by_list

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, GeneralisedForces
+from gaitcal.dynamics.root_residual import root_residual
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
@@ -133,3 +134,21 @@ def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> No
     vertical = wrench[:, :, 1].sum(axis=1) / (parameters.mass * 9.81)
     assert 0.99 < vertical.mean() < 1.01
     assert 0.6 < vertical.min() and vertical.max() < 1.4
+
+
+def test_pelvis_residual_derivatives_by_finite_differences() -> None:
+    parameters = perturbed_parameters(RNG)
+    q, v, a, wrench = state(1)
+    free = gait_parameters("r")
+    found = root_residual(parameters, free, q, v, a, wrench)
+
+    def value(q: Array, v: Array, a: Array, p: Array) -> Array:
+        forces = Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench)
+        return np.hstack([forces.residual_force, forces.residual_moment]).ravel()
+
+    p = parameters.joint[[JP_INDEX[name] for name in found.free]]
+    np.testing.assert_allclose(found.value.ravel(), value(q, v, a, p), atol=FORCE)
+    assert_derivative(found.by_position[0], lambda x: value(x[None], v, a, p), q[0])
+    assert_derivative(found.by_velocity[0], lambda x: value(q, x[None], a, p), v[0])
+    assert_derivative(found.by_acceleration[0], lambda x: value(q, v, x[None], p), a[0])
+    assert_derivative(found.by_parameter[0], lambda x: value(q, v, a, x), p)

@@ -1,0 +1,86 @@
+"""Physically possible inertias as unconstrained variables.
+
+x = 0 is the seed. Masses are shares of the seed's total, m_k = M m_k^0 exp(x) / sum; mass centres are shifted by x;
+the second moments of mass about the mass centre, sum x_i^2, are scaled by exp(x). Moments of inertia are sums of two
+second moments each, so they are positive and obey the triangle inequality: the pseudo-inertia stays positive definite
+(Wensing, Kim and Slotine 2017; the axes of a body being fixed, its log-Cholesky parameters are these logarithms).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.inertial_parameters import InertialSet, is_physical, table
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ConsistentSettings:
+    """Spread of people about the anthropometric table, and how good a root wrench can be expected to be."""
+
+    mass_spread: float = 0.10
+    """Standard deviation of the logarithm of a segment's share of body mass."""
+    centre_spread: float = 0.010
+    """m, standard deviation of a mass-centre coordinate."""
+    moment_spread: float = 0.15
+    """Standard deviation of the logarithm of a second moment of mass."""
+    residual: float = 0.01
+    """Standard deviation of F / BW and T / (BW L) that stems from measurement, not from inertia."""
+    independent: float = 10.0
+    """Frames per independent sample: neighbouring frames of a residual repeat each other."""
+
+
+class LogChart:
+    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
+
+    def __init__(self, seed: Array, which: InertialSet) -> None:
+        if not is_physical(seed).all():
+            raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
+        self.size = len(which.names)
+        self.rows = table(seed)
+        kinds = [name.split(".", 1)[1] for name in which.names]
+        self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
+        self.selection = which.selection
+        moments = self.rows[:, 4:7]
+        self.second = 0.5 * moments.sum(axis=1, keepdims=True) - moments
+        """(12, 3) second moments of mass about the mass centre along each axis."""
+
+    def spread(self, settings: ConsistentSettings) -> Array:
+        """(n,) prior standard deviation of each variable."""
+        return np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
+
+    def _parts(self, x: Array) -> tuple[Array, Array, Array]:
+        changes = table(self.selection @ x)
+        return changes[:, 0], changes[:, 1:4], changes[:, 4:7]
+
+    def inertial(self, x: Array) -> Array:
+        """(84,) inertial parameters, SI."""
+        log_mass, shift, log_second = self._parts(x)
+        raw = self.rows[:, 0] * np.exp(log_mass)
+        out = np.empty((12, 7))
+        out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
+        out[:, 1:4] = self.rows[:, 1:4] + shift
+        second = self.second * np.exp(log_second)
+        out[:, 4:7] = second.sum(axis=1, keepdims=True) - second
+        return out.ravel()
+
+    def jacobian(self, x: Array) -> Array:
+        """(84, n) derivative of `inertial`."""
+        _, _, log_second = self._parts(x)
+        mass = table(self.inertial(x))[:, 0]
+        second = self.second * np.exp(log_second)
+        chain = np.zeros((12, 7, 12, 7))
+        share = mass / mass.sum()
+        chain[:, 0, :, 0] = np.diag(mass) - np.outer(mass, share)
+        for s in range(12):
+            for axis in range(3):
+                chain[s, 1 + axis, s, 1 + axis] = 1.0
+                for other in range(3):
+                    if other != axis:
+                        chain[s, 4 + axis, s, 4 + other] = second[s, other]
+        out: Array = chain.reshape(84, 84) @ self.selection
+        return out

@@ -1,0 +1,81 @@
+"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from gaitcal.study.result import Calibration
+from gaitcal.study.summary import residual_rms
+
+
+class Talk:
+    """Prints as much as the user asked for: quiet, normal or verbose."""
+
+    def __init__(self, *, quiet: bool, verbose: bool) -> None:
+        self.quiet, self.verbose = quiet, verbose
+        self.out = Console(quiet=quiet, highlight=False, soft_wrap=True)
+        self.err = Console(stderr=True, quiet=quiet, highlight=False)
+
+    def line(self, text: str = "") -> None:
+        """A line of the result."""
+        self.out.print(Text(text))
+
+    @contextmanager
+    def working(self) -> Iterator[Step]:
+        """While working: a spinner with the present step on a terminal, plain lines with -v, else nothing."""
+        if self.err.is_terminal and not self.quiet:
+            with self.err.status("starting") as status:
+                yield Step(lambda text: status.update(escape(text)))
+        elif self.verbose:
+            yield Step(lambda text: self.err.print(Text(text)))
+        else:
+            yield Step(lambda text: None)
+
+
+class Step:
+    """Tells what is being done now."""
+
+    def __init__(self, say: object) -> None:
+        self._say = say
+
+    def __call__(self, text: str) -> None:
+        """Show the step."""
+        self._say(text)  # type: ignore[operator]
+
+
+def print_calibration(talk: Talk, calibration: Calibration) -> None:
+    """The summary table of a calibration."""
+    table = Table(title=None, show_edge=False, pad_edge=False)
+    table.add_column("trial")
+    for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
+        table.add_column(name, justify="right")
+    for trial in calibration.trials:
+        errors = trial.calibrated.errors
+        values = [m.rms() for m in (trial.nominal.errors, errors, trial.floor)]
+        shown = ["-" if v is None else f"{1e3 * v:.2f}" for v in values]
+        ratio = f"{values[1] / values[2]:.2f}" if values[1] is not None and values[2] else "-"
+        count = str(int(errors.kept().sum()))
+        table.add_row(Text(trial.name), str(len(trial.calibrated.time)), count, *shown, ratio)
+    talk.out.print(table)
+    for trial in calibration.trials:
+        if trial.loads is not None and trial.loads.reactions.valid.any():
+            valid = trial.loads.reactions.valid
+            stages = {"nominal": trial.loads.nominal, "JP": trial.loads.jp, "JP, then IP": trial.loads.jp_ip}
+            stages["JP and IP together"] = trial.loads.joint_step
+            parts = []
+            for stage, forces in stages.items():
+                if forces is not None:
+                    force, torque = residual_rms(forces, valid)
+                    parts.append(f"{stage} {force:.1f} N, {torque:.1f} N·m")
+            talk.line(f"{trial.name}: pelvis residual RMS over {int(valid.sum())} valid frames: " + "; ".join(parts))
+    for warning in calibration.warnings:
+        talk.line(f"warning: {warning}")
+    if talk.verbose:
+        for note in calibration.notes:
+            talk.line(f"note: {note}")
