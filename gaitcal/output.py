@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
 
-from gaitcal.atomic import atomic_directory
+from gaitcal.atomic import MANIFEST, atomic_directory
+from gaitcal.calibration.influence import Influence
+from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.model.model_file import save_model
-from gaitcal.motion.motion import Motion
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import write_trc
 from gaitcal.report import write_report
-from gaitcal.study.result import Calibration, TrialResult
-from gaitcal.study.summary import Json, summary
+from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.study.summary import Json, summary, trial_summary
 from gaitcal.study.tables import (
     MOMENT_HEADER,
     coordinate_table,
@@ -26,6 +29,7 @@ from gaitcal.study.tables import (
     moment_table,
     parameter_table,
 )
+from gaitcal.study.uncertainty import Uncertainty
 from gaitcal.view import save_scene, scene_of, write_view
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
@@ -42,13 +46,14 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
     folder = Path(folder)
     made = manifest(calibration, settings)
     with atomic_directory(folder) as out:
-        (out / "manifest.json").write_text(_json(made), encoding="utf-8")
+        (out / MANIFEST).write_text(_json(made), encoding="utf-8")
         (out / "summary.json").write_text(_json(summary(calibration)), encoding="utf-8")
         _csv(parameter_table(calibration), out / "parameters.csv")
-        _models(calibration, out)
+        _models(calibration.model, out)
         for trial in calibration.trials:
-            _trial(calibration, trial, out)
-        save_uncertainty(calibration, out / "uncertainty.npz")
+            write_trial(trial, calibration.model, out)
+        save_uncertainty(calibration.uncertainty, out / "uncertainty.npz")
+        save_splines(calibration.trials, out / "splines.npz")
         save_scene(scene_of(calibration), out / "scene.npz")
         write_view(calibration, out / "view.html")
         write_report(calibration, out / "report.html", manifest=made)
@@ -90,64 +95,88 @@ def _csv(table: pd.DataFrame, path: Path, comments: tuple[str, ...] = ()) -> Non
         table.to_csv(stream, index=False, lineterminator="\n")
 
 
-def _models(calibration: Calibration, out: Path) -> None:
-    save_model(calibration.model, out / "model.toml")
-    writers: dict[str, Callable[..., object]] = {"osim": write_osim, "urdf": write_urdf, "xml": write_mjcf}
-    for suffix, write in writers.items():
-        write(calibration.model, out / f"model.{suffix}")
+def _models(model: SubjectModel, out: Path) -> None:
+    save_model(model, out / "model.toml")
+    write_osim(model, out / "model.osim")
+    write_urdf(model, out / "model.urdf")
+    write_mjcf(model, out / "model.xml")
 
 
-def _trial(calibration: Calibration, trial: TrialResult, out: Path) -> None:
+def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
+    """Motion, marker errors and markers of a trial; with force plates also torques and ground reactions."""
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    write_motion(trial.body, out / "motion", trial.name)
+    body = trial.body
+    write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
+    _csv(
+        coordinate_table(body),
+        out / "motion" / f"{trial.name}.csv",
+        ("coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",),
+    )
+    part = "the segments of its joint alone" if trial.joint else "the whole body"
     _csv(
         marker_error_table(trial),
         out / "marker_errors" / f"{trial.name}.csv",
-        (
-            "distance between measured and model marker, mm; calibrated model; empty: not seen",
-            "isolated trial: fit of the segments of its joint alone" if trial.joint else "fit of the whole body",
-        ),
+        (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
     )
     write_trc(out / "markers" / f"{trial.name}.trc", trial.recording)
     if trial.loads is not None:
-        write_moments(calibration, trial, out)
+        _write_loads(trial, trial.loads, model, out)
 
 
-def write_motion(motion: Motion, folder: Path, name: str) -> None:
-    """`NAME.mot` for OpenSim, and `NAME.csv` with velocities and accelerations."""
-    write_mot(folder / f"{name}.mot", motion.time, motion.coordinates, motion.q)
-    _csv(
-        coordinate_table(motion),
-        folder / f"{name}.csv",
-        ("coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",),
-    )
-
-
-def write_moments(calibration: Calibration, trial: TrialResult, out: Path) -> None:
-    """Generalised forces and the ground reactions behind them, for one trial with force plates."""
-    loads = trial.loads
-    if loads is None:
-        return
+def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    table = moment_table(loads, trial.body, calibration.model.subject.bwh)
-    _csv(table, out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
-    comments = tuple(line for line in MOMENT_HEADER if line.startswith("valid"))
+    body = trial.body
+    _csv(moment_table(loads, body, model.subject.bwh), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
     write_sto_moments(
-        out / "moments" / f"{trial.name}.sto", trial.body.time, loads.final.tau, trial.body.coordinates, comments=comments
+        out / "moments" / f"{trial.name}.sto",
+        body.time,
+        loads.final.tau,
+        body.coordinates,
+        comments=tuple(line for line in MOMENT_HEADER if line.startswith("valid")),
     )
-    write_external_loads(out / "forces", trial.body.time, loads.reactions.wrench, stem=trial.name)
+    write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
 
 
-def save_uncertainty(calibration: Calibration, path: Path) -> None:
-    """What further trials need to get standard errors: influences on the joint parameters, spread of the inertial."""
-    spread = calibration.uncertainty
-    np.savez_compressed(
-        path,
-        joint_free=np.array(spread.joint_free, dtype=str),
-        joint=spread.joint,
-        inertial=spread.inertial,
-    )
+def write_trials_summary(trials: Sequence[TrialResult], model: SubjectModel, out: Path) -> None:
+    """`summary.json` and `manifest.json` of further trials."""
+    content: dict[str, Json] = {"trials": {t.name: trial_summary(t, model.subject.bwh) for t in trials}}
+    (out / "summary.json").write_text(_json(content), encoding="utf-8")
+    made: dict[str, Json] = {"gaitcal": _version("gaitcal"), "subject": model.subject.name}
+    (out / MANIFEST).write_text(_json(made), encoding="utf-8")
 
 
+def save_splines(trials: Sequence[TrialResult], path: Path) -> None:
+    """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts from."""
+    arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
+    for k, t in enumerate(trials):
+        arrays |= {f"time_{k}": t.body.time, f"knots_{k}": t.body.basis.knots, f"nodes_{k}": t.body.nodes}
+        if t.loads is not None:
+            arrays |= {f"wrench_{k}": t.loads.reactions.wrench, f"valid_{k}": t.loads.reactions.valid}
+    np.savez_compressed(path, **arrays)
+
+
+def save_uncertainty(spread: Uncertainty, path: Path) -> None:
+    """What further trials need for standard errors: influences on the joint parameters, spread of the inertial."""
+    arrays: dict[str, np.ndarray] = {}
+    if spread.joint is not None:
+        arrays["joint_free"] = np.array(spread.joint.free, dtype=str)
+        arrays["joint_clusters"] = np.array(spread.joint.clusters, dtype=str)
+        arrays["joint"] = spread.joint.parameters
+    if spread.inertial is not None:
+        arrays["inertial"] = spread.inertial
+    np.savez_compressed(path, **arrays)
+
+
+def load_uncertainty(path: Path) -> Uncertainty:
+    """Read back what `save_uncertainty` wrote."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            joint = None
+            if "joint" in stored:
+                names = tuple(str(n) for n in stored["joint_free"])
+                joint = Influence(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
+            return Uncertainty(joint, stored["inertial"] if "inertial" in stored else None)
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None

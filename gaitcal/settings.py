@@ -13,8 +13,8 @@ class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
     mode: Literal["sequential", "simultaneous"] = Field(
-        default="sequential",
-        description="each joint from its isolated trials and then gait, or all joints over all trials at once",
+        default="simultaneous",
+        description="all joints over all trials at once, or each joint from its isolated trials and then gait",
     )
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
@@ -27,9 +27,6 @@ class CalibrationSettings(Table):
         default=30.0, gt=0, le=90, description="how far a joint axis may turn from its nominal direction, deg"
     )
     legs: Literal["both", "left", "right"] = Field(default="both", description="the legs whose joints are calibrated")
-    bilateral: bool = Field(
-        default=False, description="one set of joint parameters for both legs, mirrored, instead of one each"
-    )
     hip_centre: Literal["bell", "orthotrak"] = Field(
         default="bell", description="regression for the nominal hip centre: Bell 1990 or OrthoTrak"
     )
@@ -46,6 +43,13 @@ class CalibrationSettings(Table):
     )
     joint_step: bool = Field(
         default=False, description="a third step: joint and inertial parameters together, after each alone"
+    )
+    joint_step_load_share: float = Field(
+        default=0.005,
+        gt=0,
+        le=1,
+        description="third step: pelvis residual that measurement alone explains, as a share of body weight (force) "
+        "and of body weight times height (torque); smaller trusts the force plates more",
     )
     nodes_per_second: float = Field(
         default=15.0,
@@ -66,13 +70,6 @@ class CalibrationSettings(Table):
         default="matched",
         description="low-pass cut-off of ground reactions in Hz; 'matched': that of the motion's splines",
     )
-
-    @field_validator("bilateral")
-    @classmethod
-    def _bilateral_needs_both(cls, bilateral: bool, info: ValidationInfo) -> bool:
-        if bilateral and info.data.get("legs", "both") != "both":
-            raise ValueError(f"found true with legs = '{info.data['legs']}'; allowed only with legs = 'both'")
-        return bilateral
 
     @field_validator("joint_step")
     @classmethod

@@ -1,7 +1,9 @@
 """The order of joint-parameter calibration: isolated trials joint by joint, then gait; or everything at once.
 
-An isolated trial is fitted by its joint alone: the proximal segment is free in the laboratory, so that neither the
-rest of the body nor an uncalibrated neighbour joint has a say. Gait trials are fitted by the whole linkage.
+Sequential, an isolated trial is fitted by its joint alone: the proximal segment is free in the laboratory, so that an
+uncalibrated neighbour joint has no say; gait trials are fitted by the whole linkage. Simultaneous, every trial is
+fitted by pelvis and legs, whose joints are all free: each trial then also says what it knows of its neighbours, and no
+nominal joint is left to pull. With noise and wrong nominal values the errors are about half of the sequential ones.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.calibration.identifiability import in_words, small_turns, unseen_parameters
+from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.model.joint_parameters import gait_parameters, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
@@ -26,7 +30,10 @@ Array = NDArray[np.float64]
 class JointTrial:
     """A trial that takes part in joint calibration."""
 
-    problem: TrialProblem
+    alone: TrialProblem
+    """An isolated trial on the segments of its joint; gait on the whole body."""
+    legs: TrialProblem
+    """The trial on the pelvis and the leg that moves, or both legs for gait."""
     joint: str | None
     """The joint of an isolated trial; None for gait."""
 
@@ -56,6 +63,10 @@ class JointCalibration:
     parameters: Parameters
     phases: tuple[Phase, ...]
     fits: tuple[JointFit, ...]
+    problems: tuple[tuple[TrialProblem, ...], ...]
+    """The trials of each fit."""
+    unidentifiable: tuple[str, ...]
+    """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value."""
     warnings: tuple[str, ...]
 
     @property
@@ -64,80 +75,91 @@ class JointCalibration:
         return tuple(dict.fromkeys(name for fit in self.fits for name in fit.free))
 
 
+class _Run:
+    """Phases as they are done, one after the other."""
+
+    def __init__(self, nominal: Parameters, settings: JointSettings) -> None:
+        self.nominal, self.settings, self.parameters = nominal, settings, nominal
+        self.phases: list[Phase] = []
+        self.fits: list[JointFit] = []
+        self.problems: list[tuple[TrialProblem, ...]] = []
+        self.unseen: list[str] = []
+        self.warnings: list[str] = []
+
+    def fit(self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...]) -> JointFit:
+        """Fit, freeze what the trials cannot see, and fit the rest again."""
+        fit = self._solve(problems, free)
+        unseen = unseen_parameters(fit, influence_of(problems, fit))
+        seconds, iterations = fit.seconds, fit.iterations
+        if unseen:
+            seen = tuple(n for n in fit.free if n not in unseen)
+            fit = self._solve(problems, seen)
+            seconds, iterations = seconds + fit.seconds, iterations + fit.iterations
+            self.unseen += [n for n in unseen if n not in self.unseen]
+            self.warnings += in_words(unseen, fit.free, [p.name for p in problems])
+        self.warnings += [
+            f"{n} ended on its bound: the trials pull it further from its nominal value than the bound allows"
+            for n in fit.at_bound
+        ]
+        self.parameters = fit.parameters
+        self.fits.append(fit)
+        self.problems.append(tuple(problems))
+        trials = tuple(p.name for p in problems)
+        self.phases.append(Phase(name, trials, len(fit.free), iterations, seconds, fit.converged, fit.message))
+        return fit
+
+    def _solve(self, problems: Sequence[TrialProblem], free: tuple[str, ...]) -> JointFit:
+        p = self.parameters
+        starts = [starting_nodes(t.chain, t.constants(p), t.data, t.basis) for t in problems]
+        return calibrate_joints(problems, p, free, starts, self.settings, centre=self.nominal)
+
+    def done(self) -> JointCalibration:
+        """All phases together."""
+        fitted = {name for fit in self.fits for name in fit.free}
+        unseen = tuple(name for name in self.unseen if name not in fitted)
+        return JointCalibration(
+            self.parameters,
+            tuple(self.phases),
+            tuple(self.fits),
+            tuple(self.problems),
+            unseen,
+            tuple(dict.fromkeys(self.warnings)),
+        )
+
+
 def calibrate_sequentially(
-    trials: Sequence[JointTrial],
-    nominal: Parameters,
-    settings: JointSettings,
-    sides: tuple[str, ...] = ("r", "l"),
+    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, sides: tuple[str, ...] = ("r", "l")
 ) -> JointCalibration:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials with 17 a leg."""
-    parameters = nominal
-    phases: list[Phase] = []
-    fits: list[JointFit] = []
+    run = _Run(nominal, settings)
     for joint in ISOLATED_JOINTS:
-        own = [trial.problem for trial in trials if trial.joint == joint]
+        own = [trial.alone for trial in trials if trial.joint == joint]
         if own and joint[-1] in sides:
-            fit = _fit(own, parameters, isolated_parameters(joint), settings, nominal)
-            parameters = fit.parameters
-            fits.append(fit)
-            phases.append(_phase(f"joint:{joint}", own, fit))
-    gait = [trial.problem for trial in trials if trial.joint is None]
+            fit = run.fit(f"joint:{joint}", own, isolated_parameters(joint))
+            for problem, nodes in zip(own, fit.nodes, strict=True):
+                run.warnings += small_turns(problem, nodes, joint)
+    gait = [trial.alone for trial in trials if trial.joint is None]
     if gait:
-        free = tuple(name for side in sides for name in gait_parameters(side))
-        fit = _fit(gait, parameters, free, settings, nominal)
-        parameters = fit.parameters
-        fits.append(fit)
-        phases.append(_phase("gait", gait, fit))
-    return JointCalibration(parameters, tuple(phases), tuple(fits), _warnings(fits))
+        run.fit("gait", gait, tuple(name for side in sides for name in gait_parameters(side)))
+    return run.done()
 
 
 def calibrate_simultaneously(
-    trials: Sequence[JointTrial],
-    nominal: Parameters,
-    settings: JointSettings,
-    sides: tuple[str, ...] = ("r", "l"),
+    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, sides: tuple[str, ...] = ("r", "l")
 ) -> JointCalibration:
     """All trials at once: every parameter that an isolated trial determines, and 17 a leg where there is gait."""
     wanted: set[str] = set()
-    for trial in trials:
-        if trial.joint is not None and trial.joint[-1] in sides:
+    used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in sides]
+    for trial in used:
+        if trial.joint is not None:
             wanted.update(isolated_parameters(trial.joint))
-        elif trial.joint is None:
+        else:
             wanted.update(name for side in sides for name in gait_parameters(side))
     order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
-    free = tuple(name for name in order if name in wanted)
-    problems = [trial.problem for trial in trials if trial.joint is None or trial.joint[-1] in sides]
-    fit = _fit(problems, nominal, free, settings, nominal)
-    phase = _phase("all joints", problems, fit)
-    return JointCalibration(fit.parameters, (phase,), (fit,), _warnings([fit]))
-
-
-def _fit(
-    problems: Sequence[TrialProblem],
-    parameters: Parameters,
-    free: tuple[str, ...],
-    settings: JointSettings,
-    centre: Parameters,
-) -> JointFit:
-    starts = [starting_nodes(p.chain, p.constants(parameters), p.data, p.basis) for p in problems]
-    return calibrate_joints(problems, parameters, free, starts, settings, centre=centre)
-
-
-def _phase(name: str, problems: Sequence[TrialProblem], fit: JointFit) -> Phase:
-    return Phase(
-        name,
-        tuple(p.name for p in problems),
-        len(fit.free),
-        fit.iterations,
-        fit.seconds,
-        fit.converged,
-        fit.message,
-    )
-
-
-def _warnings(fits: Sequence[JointFit]) -> tuple[str, ...]:
-    return tuple(
-        f"{name} ended on its bound; the trials pull it further from its nominal value than the bound allows"
-        for fit in fits
-        for name in fit.at_bound
-    )
+    run = _Run(nominal, settings)
+    if used:
+        fit = run.fit("all joints", [t.legs for t in used], tuple(name for name in order if name in wanted))
+        for trial, nodes in zip(used, fit.nodes, strict=True):
+            if trial.joint is not None:
+                run.warnings += small_turns(trial.legs, nodes, trial.joint)
+    return run.done()

@@ -32,7 +32,7 @@ def torque_standard_errors(
     parameters: Parameters,
     wrenches: Array,
     joint: Influence | None,
-    inertial: InertialFit | None,
+    inertial: Array | None,
 ) -> Array:
     """(nf, 29) standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial.
 
@@ -41,7 +41,7 @@ def torque_standard_errors(
     problem, nodes : the whole-body trial and its motion.
     wrenches : (nf, 2, 6) ground reactions on the feet, taken as exact.
     joint : influence on the joint parameters; None where they were not calibrated.
-    inertial : the inertial calibration; None where there was none.
+    inertial : (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
     """
     basis = problem.basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
@@ -83,7 +83,7 @@ def basis_size(problem: TrialProblem) -> int:
     return problem.basis.nodes * len(problem.chain.coordinates)
 
 
-def _inertial_variance(parameters: Parameters, fit: InertialFit, q: Array, v: Array, a: Array) -> Array:
+def _inertial_variance(parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
     """(nf, 29) variance from the inertial parameters."""
     dynamics = Dynamics(parameters)
     model, data = dynamics.linkage.model, dynamics.linkage.model.createData()
@@ -95,12 +95,12 @@ def _inertial_variance(parameters: Parameters, fit: InertialFit, q: Array, v: Ar
         place = dynamics.linkage.segment_placement[segment]
         moved = placed_dynamic_parameters(place.rotation, place.translation)
         into[at : at + 10, 7 * k : 7 * k + 7] = moved @ slopes[k]
-    spread = into @ inertial_square_root(fit)
+    moved_by = into @ spread
     out = np.empty((len(q), len(rows)))
     q, v, a = (dynamics.expand(values) for values in (q, v, a))
     for f in range(len(q)):
         regressor = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])
-        out[f] = ((regressor[rows] @ spread) ** 2).sum(axis=1)
+        out[f] = ((regressor[rows] @ moved_by) ** 2).sum(axis=1)
     return out
 
 
@@ -111,8 +111,3 @@ def inertial_square_root(fit: InertialFit) -> Array:
     out: Array = fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))
     return out
 
-
-def inertial_standard_errors(fit: InertialFit) -> Array:
-    """(84,) SI; zero where a parameter was not free."""
-    out: Array = np.sqrt((inertial_square_root(fit) ** 2).sum(axis=1))
-    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.study.result import Calibration
+from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.study.summary import residual_rms
 
 
@@ -50,12 +50,22 @@ class Step:
 
 
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
-    """The summary table of a calibration."""
+    """The summary of a calibration: fit of every trial, pelvis residuals, warnings."""
+    print_trials(talk, calibration.trials)
+    for warning in calibration.warnings:
+        talk.line(f"warning: {warning}")
+    if talk.verbose:
+        for note in calibration.notes:
+            talk.line(f"note: {note}")
+
+
+def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
+    """Fit of every trial beside its rigid-segment floor, and pelvis residuals."""
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("trial")
     for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
         table.add_column(name, justify="right")
-    for trial in calibration.trials:
+    for trial in trials:
         errors = trial.calibrated.errors
         values = [m.rms() for m in (trial.nominal.errors, errors, trial.floor)]
         shown = ["-" if v is None else f"{1e3 * v:.2f}" for v in values]
@@ -63,19 +73,22 @@ def print_calibration(talk: Talk, calibration: Calibration) -> None:
         count = str(int(errors.kept().sum()))
         table.add_row(Text(trial.name), str(len(trial.calibrated.time)), count, *shown, ratio)
     talk.out.print(table)
-    for trial in calibration.trials:
+    for trial in trials:
         if trial.loads is not None and trial.loads.reactions.valid.any():
-            valid = trial.loads.reactions.valid
-            stages = {"nominal": trial.loads.nominal, "JP": trial.loads.jp, "JP, then IP": trial.loads.jp_ip}
-            stages["JP and IP together"] = trial.loads.joint_step
-            parts = []
-            for stage, forces in stages.items():
-                if forces is not None:
-                    force, torque = residual_rms(forces, valid)
-                    parts.append(f"{stage} {force:.1f} N, {torque:.1f} N·m")
-            talk.line(f"{trial.name}: pelvis residual RMS over {int(valid.sum())} valid frames: " + "; ".join(parts))
-    for warning in calibration.warnings:
-        talk.line(f"warning: {warning}")
-    if talk.verbose:
-        for note in calibration.notes:
-            talk.line(f"note: {note}")
+            talk.line(_residuals(trial.name, trial.loads))
+
+
+def _residuals(name: str, loads: LoadedTrial) -> str:
+    stages = {
+        "nominal": loads.nominal,
+        "JP": loads.jp,
+        "JP, then IP": loads.jp_ip,
+        "JP and IP together": loads.joint_step,
+    }
+    parts = []
+    for stage, forces in stages.items():
+        if forces is not None:
+            force, torque = residual_rms(forces, loads.reactions.valid)
+            parts.append(f"{stage} {force:.1f} N, {torque:.1f} N\u00b7m")
+    frames = int(loads.reactions.valid.sum())
+    return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)

@@ -108,7 +108,7 @@ def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
 
 def _read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTrial:
     recording = read_recording(trial.file, forces=trial.forces)
-    recording = _rename(recording, study.markers.rename)
+    recording = marker_set.renamed(_rename(recording, study.markers.rename))
     for name in trial.plates:
         known = [plate.name for plate in recording.plates]
         if name not in known:

@@ -16,6 +16,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.recording.recording import Recording
 from gaitcal.study.person import Study
+from gaitcal.study.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
 
@@ -86,14 +87,18 @@ class Calibration:
     """None where the settings leave joint parameters alone."""
     inertial: InertialFit | None
     """None without ground reactions, or where the settings leave inertial parameters alone."""
-    standard_errors: Mapping[str, float]
-    """Parameter name -> standard error (SI) of every fitted parameter."""
+    uncertainty: Uncertainty
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value."""
     notes: tuple[str, ...]
     """What was assumed."""
     warnings: tuple[str, ...]
     """What a user should look at."""
+
+    @property
+    def standard_errors(self) -> Mapping[str, float]:
+        """Parameter name -> standard error (SI) of every fitted parameter."""
+        return self.uncertainty.standard_errors
 
     @property
     def converged(self) -> bool:

@@ -22,7 +22,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         "status": "converged" if calibration.converged else "not converged",
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
-        "trials": {trial.name: _trial(trial, bwh) for trial in calibration.trials},
+        "trials": {trial.name: trial_summary(trial, bwh) for trial in calibration.trials},
         "phases": [
             {
                 "name": phase.name,
@@ -38,7 +38,8 @@ def summary(calibration: Calibration) -> dict[str, Json]:
     }
 
 
-def _trial(trial: TrialResult, bwh: float) -> dict[str, Json]:
+def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
+    """One trial's entry: markers, segments, residuals, torque changes."""
     errors = trial.calibrated.errors
     out: dict[str, Json] = {
         "role": trial.role,

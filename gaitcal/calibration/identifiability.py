@@ -1,0 +1,99 @@
+"""Which joint parameters the trials cannot see.
+
+A parameter whose standard error is larger than what anybody would believe about a joint (20 mm, 20 degrees) is not
+determined. It is frozen at its nominal value, the worst first: given it, the covariance of the others becomes
+cov - cov_k cov_k^T / cov_kk, and the search goes on until every remaining parameter is determined. Directions along
+which S, the reduced Gauss-Newton matrix, vanishes count with an unbounded variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.calibration.reduced_problem import NULL
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+LARGEST_POSITION = 0.020
+"""m, standard error above which a joint position counts as not determined."""
+LARGEST_ORIENTATION = np.deg2rad(20.0)
+"""rad, the same for an axis' direction."""
+NEEDED_TURN = np.deg2rad(25.0)
+"""Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007)."""
+
+_COORDINATES = {"hip": ("hip_flexion", "hip_adduction"), "knee": ("knee_angle",)}
+_WORDS = {
+    "hip_flexion": "flexion",
+    "hip_adduction": "abduction",
+    "knee_angle": "flexion",
+    "ankle_angle": "dorsiflexion",
+    "subtalar_angle": "inversion",
+}
+
+
+def largest_errors(names: Sequence[str]) -> Array:
+    """(n,) m, rad."""
+    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
+    return np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
+
+
+def unseen_parameters(fit: JointFit, influence: Influence) -> tuple[str, ...]:
+    """Names of the free parameters that the trials of a fit do not determine, worst first."""
+    allowed = largest_errors(fit.free)
+    covariance = influence.covariance / np.outer(allowed, allowed)
+    values, vectors = np.linalg.eigh(fit.state.hessian * np.outer(allowed, allowed) + np.diag((fit.prior * allowed) ** 2))
+    null = vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
+    covariance = covariance + 1e6 * null @ null.T
+    kept = list(range(len(fit.free)))
+    unseen: list[str] = []
+    while kept:
+        variances = covariance[kept, kept]
+        worst = int(np.argmax(variances))
+        if variances[worst] <= 1.0:
+            break
+        k = kept.pop(worst)
+        unseen.append(fit.free[k])
+        covariance = covariance - np.outer(covariance[:, k], covariance[k]) / covariance[k, k]
+    return tuple(unseen)
+
+
+def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, ...]:
+    """Warnings, in a lab's words, about movements of an isolated trial that are too small to show their axis."""
+    kind, side = joint.split("_")
+    names = _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle"))
+    q = problem.basis.evaluate(nodes)
+    out = []
+    for name in names:
+        column = problem.chain.coordinates.index(f"{name}_{side}")
+        turned = float(np.ptp(q[:, column]))
+        if turned < NEEDED_TURN:
+            out.append(
+                f"{problem.name}: {joint} moved only {np.rad2deg(turned):.0f} deg in {_WORDS[name]}; at least "
+                f"{np.rad2deg(NEEDED_TURN):.0f} deg are needed to determine that axis: record the trial again with a "
+                "larger movement"
+            )
+    return tuple(out)
+
+
+def in_words(unseen: Sequence[str], names: Sequence[str], trials: Sequence[str]) -> tuple[str, ...]:
+    """One warning a joint: what is not determined, what was done, what to record."""
+    joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
+    out = []
+    for joint in joints:
+        own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
+        side = joint[-1]
+        kind = "ankle" if joint.startswith(("talocrural", "subtalar")) else joint.split("_")[0]
+        advice = f"an isolated {kind} trial of the {'right' if side == 'r' else 'left'} leg"
+        have = f" by {', '.join(trials)}" if trials else ""
+        out.append(
+            f"{joint}: {', '.join(own)} not determined{have}; kept at nominal values. Add {advice} with at least "
+            f"{np.rad2deg(NEEDED_TURN):.0f} deg of movement"
+        )
+    return tuple(out)

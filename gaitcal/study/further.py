@@ -1,0 +1,48 @@
+"""Further trials of a calibrated person: tracked, and taken to torques with their standard errors."""
+
+from __future__ import annotations
+
+from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import rigid_floor
+from gaitcal.settings import CalibrationSettings
+from gaitcal.study.ground import measured_reactions
+from gaitcal.study.person import StudyTrial
+from gaitcal.study.pipeline import forces_of, track_problem
+from gaitcal.study.prepare import prepare_trial
+from gaitcal.study.result import LoadedTrial, TorqueErrors, TrialResult
+from gaitcal.study.uncertainty import Uncertainty
+
+
+def analyse(
+    model: SubjectModel, trial: StudyTrial, settings: CalibrationSettings, spread: Uncertainty
+) -> TrialResult:
+    """Track one further gait trial with a calibrated model and compute its torques.
+
+    Parameters
+    ----------
+    model : calibrated, as `gaitcal.load_model` returns it.
+    trial : markers named as in the model; with force plates if torques are wanted.
+    settings : of the calibration (splines and force filter).
+    spread : uncertainty of the calibration, for standard errors.
+    """
+    prepared = prepare_trial(trial, model, settings)
+    nominal = track_problem(prepared.body, model.nominal)
+    motion = track_problem(prepared.body, model.parameters)
+    loads = None
+    if prepared.recording.plates:
+        r = measured_reactions(prepared, model, model.parameters, motion, settings)
+        errors = torque_standard_errors(
+            prepared.body, motion.nodes, model.parameters, r.wrench, spread.joint, spread.inertial
+        )
+        loads = LoadedTrial(
+            r,
+            forces_of(model.nominal, nominal, r),
+            None,
+            forces_of(model.parameters, motion, r),
+            None,
+            TorqueErrors(errors[:, :27], errors[:, 27:]),
+        )
+    return TrialResult(
+        trial.name, trial.role, None, prepared.recording, nominal, motion, rigid_floor(prepared.body), motion, loads
+    )

@@ -1,0 +1,143 @@
+"""What a Monte Carlo study varies, and how far (Reinbolt et al. 2007, section on Monte Carlo analyses).
+
+Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up to 10 degrees,
+inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of up to 10 mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.joint_parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    SIDES,
+    Kind,
+    gait_parameters,
+    leg_parameters,
+)
+
+Array = NDArray[np.float64]
+
+PUBLISHED_LEVELS = (25, 50, 75, 100)
+PUBLISHED_DRAWS = 5000
+MOST_LEVEL = 1000
+"""Per cent: ten times the published bounds are no perturbation of a model any more."""
+
+
+class Varied(Enum):
+    """One of the four sets of the study."""
+
+    JP = "jp"
+    IP = "ip"
+    BOTH = "both"
+    NOISE = "noise"
+
+    @property
+    def key(self) -> int:
+        """Place of the set in the random stream; never to be changed."""
+        return list(Varied).index(self)
+
+    @property
+    def title(self) -> str:
+        """As figures and tables call it."""
+        return {"jp": "JP", "ip": "IP", "both": "JP + IP", "noise": "NP"}[self.value]
+
+    @property
+    def joint(self) -> bool:
+        """Whether joint parameters vary."""
+        return self in (Varied.JP, Varied.BOTH)
+
+    @property
+    def inertial(self) -> bool:
+        """Whether inertial parameters vary."""
+        return self in (Varied.IP, Varied.BOTH)
+
+
+class ReactionFrame(Enum):
+    """Where the ground reactions stay when the model changes: the paper does not say (method, section 8)."""
+
+    LAB = "lab"
+    """Fixed in the laboratory, as force plates measure them."""
+    FOOT = "foot"
+    """Carried along with the foot frame."""
+
+
+class ParameterChoice(Enum):
+    """Which joint parameters vary; the two legs independently."""
+
+    LEG = 27
+    """All 27 of each leg."""
+    GAIT = 17
+    """The 17 of each leg that a gait trial determines."""
+    ALL = 98
+    """All 98, back and arms too."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joint parameters, in the order of the random stream."""
+        if self is ParameterChoice.ALL:
+            return JP_NAMES
+        of_leg = leg_parameters if self is ParameterChoice.LEG else gait_parameters
+        return tuple(name for side in SIDES for name in of_leg(side))
+
+
+@dataclass(frozen=True)
+class RefitSettings:
+    """When the re-fit of a motion ends."""
+
+    tolerance: float = 1e-6
+    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of convergence."""
+    most_evaluations: int = 80
+    """Evaluations of the gradient after which a draw counts as failed."""
+
+
+@dataclass(frozen=True)
+class MonteCarloSettings:
+    """Everything that a draw depends on besides the model, its set, its level and its number."""
+
+    seed: int = 0
+    parameters: ParameterChoice = ParameterChoice.LEG
+    position_mm: float = 10.0
+    orientation_deg: float = 10.0
+    inertial_percent: float = 10.0
+    noise_mm: float = 10.0
+    refit: RefitSettings = field(default_factory=RefitSettings)
+
+    @property
+    def joint_bounds(self) -> Array:
+        """(np,) m, rad: bounds at 100 % of the joint parameters that vary."""
+        by_kind = {Kind.POSITION: self.position_mm, Kind.ORIENTATION: self.orientation_deg}
+        kinds = [JOINT_PARAMETERS[JP_INDEX[name]].kind for name in self.parameters.names]
+        return np.array([by_kind[kind] * kind.to_si for kind in kinds])
+
+    def as_json(self) -> Mapping[str, float]:
+        """Flat and plain, for the store and for comparison with it."""
+        flat = {**asdict(self), "parameters": self.parameters.value}
+        return {**{k: v for k, v in flat.items() if k != "refit"}, **{f"refit_{k}": v for k, v in flat["refit"].items()}}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much to do: each set at each level, `draws` times."""
+
+    sets: tuple[Varied, ...] = tuple(Varied)
+    levels: tuple[int, ...] = PUBLISHED_LEVELS
+    """Per cent of the bounds."""
+    draws: int = PUBLISHED_DRAWS
+
+    @property
+    def cells(self) -> tuple[tuple[Varied, int], ...]:
+        """Every set with every level, in the order of tables."""
+        return tuple((varied, level) for varied in Varied if varied in self.sets for level in sorted(set(self.levels)))
+
+    @property
+    def total(self) -> int:
+        """Number of draws of the whole study."""
+        return self.draws * len(self.cells)
