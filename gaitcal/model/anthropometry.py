@@ -1,0 +1,157 @@
+"""Nominal inertial parameters from de Leva 1996 (`models/de_leva_1996.json`), with this person's mass and lengths.
+
+Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their sum (99.99 % for
+women), so that the total is the person's mass. Lengths: thigh, shank, upper arm and forearm as measured between the
+person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by height, because no marker set
+measures them well (vertex, suprasternale, third metacarpal, toe in a shoe). Axes: sagittal = x, longitudinal = y,
+transverse = z; in the foot longitudinal = x, transverse = y, sagittal = z.
+
+    pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre straight above them
+    head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale up (parallel axes)
+    forearm, hand    the hand in line with the forearm
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.data_files import models_path
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
+from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.subject_model import Subject
+
+Array = NDArray[np.float64]
+
+FOOT_CENTRE_UP = 0.0004 / 1.70
+"""Height of the foot's mass centre above the heel-toe line over body height: not zero, as costs divide by it."""
+_DIAGONAL = {"sagittal": 0, "longitudinal": 1, "transverse": 2}
+_FOOT_DIAGONAL = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
+
+
+@dataclass(frozen=True)
+class BodyLengths:
+    """What of a person's lengths inertia depends on, m."""
+
+    limbs: Mapping[str, float]
+    """`thigh_r`, `shank_r`, `upper_arm_r`, `forearm_hand_r` (elbow to wrist) and `_l`: between joint centres."""
+    hip_centre: Array
+    """(2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame."""
+    lumbar_above_hips: float
+    """From there up to the lumbar joint, along the pelvis's y."""
+    trunk_direction: Array
+    """(3,) unit vector in the trunk frame along which the trunk is stacked; (0, 1, 0) unless it has no markers."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A segment of de Leva's in this person."""
+
+    mass: float
+    length: float
+    centre: float
+    """m from the first endpoint."""
+    gyration: dict[str, float]
+    """Axis name -> radius of gyration, m."""
+
+
+@functools.cache
+def _table() -> dict[str, object]:
+    data: dict[str, object] = json.loads((models_path() / "de_leva_1996.json").read_text(encoding="utf-8"))
+    return data
+
+
+_WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk") + 2 * (
+    "UpperArm",
+    "Forearm",
+    "Hand",
+    "Thigh",
+    "Shank",
+    "Foot",
+)
+
+
+def _row(name: str, sex: str) -> dict[str, float]:
+    row: dict[str, float] = _table()["table"][name][sex]  # type: ignore[index]
+    return row
+
+
+def default_length(name: str, subject: Subject) -> float:
+    """Length (m) of a segment of de Leva's table, scaled by height."""
+    population: float = _table()["population"][subject.sex]["height_mm"]  # type: ignore[index]
+    return _row(name, subject.sex)["length_mm"] / population * subject.height
+
+
+def default_limbs(subject: Subject) -> dict[str, float]:
+    """Lengths of the limbs where nothing is measured, m."""
+    of = {"thigh": "Thigh", "shank": "Shank", "upper_arm": "UpperArm", "forearm_hand": "Forearm"}
+    return {f"{segment}_{side}": default_length(name, subject) for segment, name in of.items() for side in SIDES}
+
+
+def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
+    row = _row(name, subject.sex)
+    total = sum(_row(n, subject.sex)["mass_pct"] for n in _WHOLE)
+    own = default_length(name, subject) if length is None else length
+    gyration = {axis: own * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
+    return _Part(subject.mass * row["mass_pct"] / total, own, own * row["cm_pct_from_first_endpoint"] / 100, gyration)
+
+
+def _moments(part: _Part, axes: Mapping[str, int] = _DIAGONAL) -> Array:
+    out = np.empty(3)
+    for name, axis in axes.items():
+        out[axis] = part.mass * part.gyration[name] ** 2
+    return out
+
+
+def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
+    """(84,) nominal inertial parameters, SI."""
+    rows: dict[str, Array] = {}
+    lower = _part("LowerTrunk", subject)
+    ant, sup = lengths.hip_centre
+    rows["pelvis"] = _one(lower, np.array([ant, sup + lower.length - lower.centre, 0.0]))
+    rows["head_trunk"] = _head_trunk(subject, lower.length - lengths.lumbar_above_hips, lengths.trunk_direction)
+    foot = _part("Foot", subject)
+    foot_centre = np.array([foot.centre, FOOT_CENTRE_UP * subject.height, 0.0])
+    for side in SIDES:
+        for segment, name in (("thigh", "Thigh"), ("shank", "Shank"), ("upper_arm", "UpperArm")):
+            part = _part(name, subject, lengths.limbs[f"{segment}_{side}"])
+            rows[f"{segment}_{side}"] = _one(part, np.array([0.0, -part.centre, 0.0]))
+        rows[f"foot_{side}"] = np.concatenate([[foot.mass], foot_centre, _moments(foot, _FOOT_DIAGONAL)])
+        forearm, hand = _part("Forearm", subject, lengths.limbs[f"forearm_hand_{side}"]), _part("Hand", subject)
+        rows[f"forearm_hand_{side}"] = _in_line([(forearm, -forearm.centre), (hand, -forearm.length - hand.centre)])
+    return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
+
+
+def _one(part: _Part, centre: Array) -> Array:
+    return np.concatenate([[part.mass], centre, _moments(part)])
+
+
+def _head_trunk(subject: Subject, start: float, direction: Array) -> Array:
+    """Stacked from `start` (m along the trunk above its origin)."""
+    middle, upper, head = (_part(n, subject) for n in ("MiddleTrunk", "UpperTrunk", "Head2"))
+    xiphoid = start + middle.length
+    vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
+    row = _in_line(
+        [
+            (middle, xiphoid - middle.centre),
+            (upper, xiphoid + upper.length - upper.centre),
+            (head, vertex - head.centre),
+        ]
+    )
+    row[1:4] = row[2] * direction
+    return row
+
+
+def _in_line(parts: list[tuple[_Part, float]]) -> Array:
+    """One body of parts whose mass centres lie on the y axis at these places (m)."""
+    mass = sum(part.mass for part, _ in parts)
+    centre = sum(part.mass * y for part, y in parts) / mass
+    moments = np.zeros(3)
+    for part, y in parts:
+        moments += _moments(part) + part.mass * (y - centre) ** 2 * np.array([1.0, 0.0, 1.0])
+    return np.concatenate([[mass], [0.0, centre, 0.0], moments])

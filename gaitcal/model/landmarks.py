@@ -1,0 +1,141 @@
+"""The static posture: where markers and landmarks are while the person stands still, and whether that can be a person.
+
+Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its input: landmarks
+missing or never seen, sides or medial and lateral exchanged, lengths that belong to no body of that height.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.marker_set import REQUIRED, MarkerSet, instead_of
+from gaitcal.recording import Recording
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
+"""Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""
+
+
+@dataclass(frozen=True)
+class StaticPosture:
+    """Mean positions in the still window, in the laboratory."""
+
+    source: str
+    markers: Mapping[str, Array]
+    """Label -> (3,) m, for every marker of the set that was seen."""
+    landmarks: Mapping[str, Array]
+    """Landmark -> (3,) m, for every landmark whose markers were all seen."""
+    absent: Mapping[str, tuple[str, ...]]
+    """Landmark of the set -> its markers that were not seen."""
+
+    def has(self, *names: str) -> bool:
+        """Whether all these landmarks are there."""
+        return all(name in self.landmarks for name in names)
+
+    def why_not(self, name: str) -> str:
+        """Why a landmark is not there, to be put in brackets."""
+        if name in self.absent:
+            return f"marker {', '.join(self.absent[name])} was not seen"
+        return f"the marker set names no {name}"
+
+
+def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -> StaticPosture:
+    """Mean positions over the frames `window` of a static trial whose labels are those of the set.
+
+    Raises
+    ------
+    InputError
+        A required landmark is missing; the message names its marker and what would do instead.
+    """
+    at = {label: i for i, label in enumerate(recording.labels)}
+    markers: dict[str, Array] = {}
+    for label in marker_set.labels:
+        if label in at:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which is told below
+                mean = np.nanmean(recording.markers[window, at[label]], axis=0)
+            if np.isfinite(mean).all():
+                markers[label] = mean
+    landmarks: dict[str, Array] = {}
+    absent: dict[str, tuple[str, ...]] = {}
+    for name, labels in marker_set.landmarks.items():
+        missing = tuple(label for label in labels if label not in markers)
+        if missing:
+            absent[name] = missing
+        else:
+            landmarks[name] = np.mean([markers[label] for label in labels], axis=0)
+    for name in REQUIRED:
+        if name not in landmarks:
+            raise InputError(
+                _missing(name, absent.get(name, ()), recording),
+                source=recording.source,
+                field=f"marker set '{marker_set.name}', landmark {name}",
+            )
+    return StaticPosture(recording.source, markers, landmarks, absent)
+
+
+def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:
+    if not labels:
+        return f"the marker set does not name it; it needs {instead_of(name)}"
+    label = labels[0]
+    if label in recording.labels:
+        return f"marker '{label}' was not seen while the subject stood still; it needs {instead_of(name)}"
+    known = nearest(label, recording.labels)
+    return f"the file has no marker '{label}'{known}; instead it could be {instead_of(name)}, put in place by 'rename'"
+
+
+def check_plausible(posture: StaticPosture, height: float) -> None:
+    """InputError where the landmarks cannot be those of a person of this height (m) standing upright."""
+    p = posture.landmarks
+    asis = p["asis_r"] - p["asis_l"]
+    _check_length(posture, "distance between the ASIS", float(np.linalg.norm(asis)), height)
+    right = asis / np.linalg.norm(asis)
+    for s, side in zip((1.0, -1.0), SIDES, strict=True):
+        shank = float(np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"]))
+        _check_length(posture, "knee to ankle", shank, height, f"_{side}")
+        foot = float(np.linalg.norm(p[f"toe_{side}"] - p[f"heel_{side}"]))
+        _check_length(posture, "heel to toe", foot, height, f"_{side}")
+        for joint in ("knee", "ankle"):
+            medial = p.get(f"{joint}_med_{side}")
+            if medial is not None and s * right @ (p[f"{joint}_lat_{side}"] - medial) < 0:
+                raise InputError(
+                    f"the lateral marker lies on the medial side of {joint}_med_{side}: are the two exchanged?",
+                    source=posture.source,
+                    field=f"landmark {joint}_lat_{side}",
+                )
+    for joint in ("knee", "ankle"):
+        if right @ (p[f"{joint}_lat_r"] - p[f"{joint}_lat_l"]) < 0:
+            raise InputError(
+                f"the right {joint} lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
+                source=posture.source,
+                field=f"landmarks asis_r, asis_l, {joint}_lat_r, {joint}_lat_l",
+            )
+    middle = 0.5 * (p["asis_r"] + p["asis_l"])
+    up = np.cross(asis, middle - p["sacrum"])
+    if up @ (middle - 0.5 * (p["ankle_lat_r"] + p["ankle_lat_l"])) < 0:
+        raise InputError(
+            "the pelvis is upside down: are right and left, or front and back, exchanged?",
+            source=posture.source,
+            field="landmarks asis_r, asis_l, sacrum",
+        )
+
+
+def _check_length(posture: StaticPosture, what: str, found: float, height: float, side: str = "") -> None:
+    low, high = PLAUSIBLE[what]
+    if low * height <= found <= high * height:
+        return
+    hint = "; is the file's unit of length right?" if found > 50 * height or found < height / 100 else ""
+    raise InputError(
+        f"found {1e3 * found:.4g} mm; allowed: {1e3 * low * height:.0f} to {1e3 * high * height:.0f} mm "
+        f"for a height of {height:.2f} m{hint}",
+        source=posture.source,
+        field=what + {"": "", "_r": ", right", "_l": ", left"}[side],
+    )

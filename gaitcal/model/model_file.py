@@ -1,0 +1,263 @@
+"""A person's model as a TOML file: in mm, deg, kg and kg*mm^2 for people, and back to the very same numbers.
+
+A number x in SI units is written as a decimal d in file units for which float(d * factor) == x, the product taken in
+decimal arithmetic of PRECISION digits: with 15 digits where they serve, else with as many more as it takes (a double
+is told apart from its neighbours by 17). Reading keeps the text as a decimal, so that nothing is lost on either way.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping
+from decimal import Context, Decimal, InvalidOperation
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError
+
+from gaitcal.atomic import atomic_file
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.inertial_parameters import IP_NAMES, IP_UNITS
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.toml_files import read_toml, toml_value
+from gaitcal.validation import Table, input_error, shown
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+PRECISION = 60
+MOST_DIGITS = 21
+LARGEST = 400
+"""Of decimal exponents; what a double can hold stays below."""
+_EXACT = Context(prec=PRECISION, Emin=-(10**6), Emax=10**6)
+_PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
+_TO_SI = {
+    "mm": Decimal("1e-3"),
+    "deg": _EXACT.divide(_PI, Decimal(180)),
+    "kg": Decimal(1),
+    "kg*mm^2": Decimal("1e-6"),
+    "m": Decimal(1),
+}
+_JP_UNITS = tuple(p.kind.unit for p in JOINT_PARAMETERS)
+_ZERO_UNITS = ("deg",) * len(ZERO_ANGLES)
+
+_HEADER = """\
+# A person's linkage model. Frames: x anterior, y superior, z to the right, on both sides; ant sup lat = x y z,
+# front trans sag = turns about x y z. `value` is in use, `nominal` what calibration started from. All digits count.
+"""
+
+
+def _decimal(value: object) -> object:
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = Decimal(value)
+    if isinstance(value, Decimal) and value.is_finite() and value and abs(value.adjusted()) > LARGEST:
+        raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
+    return value
+
+
+_Number = Annotated[Decimal, BeforeValidator(_decimal)]
+_Point = Annotated[list[_Number], Field(min_length=3, max_length=3)]
+
+
+class _Subject(Table):
+    name: str
+    mass_kg: Annotated[_Number, Field(gt=0)]
+    height_m: Annotated[_Number, Field(gt=0)]
+    sex: str
+
+
+class _Value(Table):
+    value: _Number
+    nominal: _Number
+
+
+class _Marker(Table):
+    label: str
+    segment: str
+    position_mm: _Point
+    weight: Annotated[_Number, Field(ge=0)]
+
+
+class _Landmark(Table):
+    segment: str
+    position_mm: _Point
+
+
+class _File(Table):
+    format: int
+    notes: list[str] = Field(default=[])
+    frozen: list[str] = Field(default=[])
+    subject: _Subject
+    joint_parameters: dict[str, _Value]
+    inertial_parameters: dict[str, _Value]
+    zero_angles: dict[str, _Value]
+    marker: list[_Marker]
+    landmarks: dict[str, _Landmark]
+
+
+def save_model(model: SubjectModel, path: Path | str) -> None:
+    """Write a model; `load_model` gives back the same numbers, bit for bit."""
+    with atomic_file(path) as sibling:
+        sibling.write_text(model_text(model), encoding="utf-8")
+
+
+def model_text(model: SubjectModel) -> str:
+    """The text of a model file."""
+    s, now, nominal = model.subject, model.parameters, model.nominal
+    lines = [
+        _HEADER,
+        f"format = {FORMAT}",
+        f"frozen = {toml_value(model.frozen)} # coordinates held at zero",
+        "notes = [",
+        *(f"  {toml_value(note)}," for note in model.notes),
+        "]",
+        "",
+        "[subject]",
+        f"name = {toml_value(s.name)}",
+        f"mass_kg = {_text(s.mass, 'kg')}",
+        f"height_m = {_text(s.height, 'm')}",
+        f"sex = {toml_value(s.sex)}",
+        "",
+        "[joint_parameters] # mm, deg",
+        *_values(JP_NAMES, _JP_UNITS, now.joint, nominal.joint),
+        "",
+        "[zero_angles] # deg; constants that make zero ankle coordinates the foot at right angles to the shank",
+        *_values(ZERO_ANGLES, _ZERO_UNITS, now.zero_angles, nominal.zero_angles),
+        "",
+        "[inertial_parameters] # kg, mm, kg*mm^2; moments about the mass centre",
+        *_values(IP_NAMES, IP_UNITS, now.inertial, nominal.inertial),
+        "",
+        "[landmarks]",
+    ]
+    for name, (segment, position) in model.landmarks.items():
+        place = f"segment = {toml_value(segment)}, position_mm = {_point(position)}"
+        lines.append(f"{toml_value(name)} = {{ {place} }}")
+    m = model.markers
+    for label, segment, local, weight in zip(m.labels, m.segments, m.local, m.weight, strict=True):
+        lines += [
+            "",
+            "[[marker]]",
+            f"label = {toml_value(label)}",
+            f"segment = {toml_value(segment)}",
+            f"position_mm = {_point(local)}",
+            f"weight = {_text(float(weight), 'kg')}",
+        ]
+    if not m.labels:
+        lines.insert(1, "marker = []")
+    return "\n".join(lines) + "\n"
+
+
+def _values(names: tuple[str, ...], units: tuple[str, ...], value: Array, nominal: Array) -> list[str]:
+    width = max(map(len, names)) + 2
+    return [
+        f'{toml_value(name):{width}} = {{ value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)} }}'
+        for name, unit, v, n in zip(names, units, value, nominal, strict=True)
+    ]
+
+
+def _point(position: Array) -> str:
+    return "[" + ", ".join(_text(float(x), "mm") for x in position) + "]"
+
+
+def _text(x: float, unit: str) -> str:
+    if not np.isfinite(x):
+        raise ValueError(f"found {x}; a model file holds finite numbers only")
+    if x == 0.0:
+        return repr(x)
+    wanted = _EXACT.divide(Decimal(x), _TO_SI[unit])
+    for digits in range(15, MOST_DIGITS):
+        rounded = Context(prec=digits).plus(wanted)
+        if _si(rounded, unit) == x:
+            break
+    plain = -8 <= rounded.adjusted() < 16
+    text = format(rounded.normalize(_EXACT), "f" if plain else "e")
+    return text if "." in text or "e" in text else f"{text}.0"
+
+
+def _si(value: Decimal, unit: str) -> float:
+    return float(_EXACT.multiply(value, _TO_SI[unit]))
+
+
+def load_model(path: Path | str) -> SubjectModel:
+    """Read a model that `save_model` wrote, or that was edited by hand.
+
+    Raises
+    ------
+    InputError
+        One line: file, entry, what was found, what is allowed.
+    """
+    source = Path(path)
+    read_toml(source)  # all that can be wrong with the file as such
+    try:
+        content = tomllib.loads(source.read_text(encoding="utf-8-sig"), parse_float=Decimal)
+        file = _File.model_validate(content)
+    except ValidationError as error:
+        raise input_error(error, _File, source) from None
+    except InvalidOperation:
+        raise InputError("a number has more digits than can be read", source=source) from None
+    if file.format != FORMAT:
+        raise InputError(f"found {file.format}; allowed: {FORMAT}", source=source, field="format")
+    joint = _arrays(file.joint_parameters, JP_NAMES, _JP_UNITS, source, "joint_parameters")
+    inertial = _arrays(file.inertial_parameters, IP_NAMES, IP_UNITS, source, "inertial_parameters")
+    zero = _arrays(file.zero_angles, ZERO_ANGLES, _ZERO_UNITS, source, "zero_angles")
+    if file.subject.sex not in ("male", "female"):
+        found = shown(file.subject.sex)
+        raise InputError(f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex")
+    _known(file.frozen, COORDINATES, "coordinate", source, "frozen")
+    _known((m.segment for m in file.marker), SEGMENTS, "segment", source, "marker")
+    _known((at.segment for at in file.landmarks.values()), SEGMENTS, "segment", source, "landmarks")
+    labels = tuple(m.label for m in file.marker)
+    for label in labels:
+        if labels.count(label) > 1:
+            raise InputError(f"marker '{label}' is there {labels.count(label)} times", source=source, field="marker")
+    s = file.subject
+    return SubjectModel(
+        Subject(s.name, _si(s.mass_kg, "kg"), _si(s.height_m, "m"), s.sex),
+        Parameters(joint[0], inertial[0], zero[0]),
+        Parameters(joint[1], inertial[1], zero[1]),
+        MarkerPlacement(
+            labels,
+            tuple(m.segment for m in file.marker),
+            np.array([_position(m.position_mm) for m in file.marker]).reshape(-1, 3),
+            np.array([_si(m.weight, "kg") for m in file.marker]),
+        ),
+        tuple(file.frozen),
+        {name: (at.segment, np.array(_position(at.position_mm))) for name, at in file.landmarks.items()},
+        tuple(file.notes),
+    )
+
+
+def _position(values: list[Decimal]) -> list[float]:
+    return [_si(v, "mm") for v in values]
+
+
+def _arrays(
+    found: Mapping[str, _Value], names: tuple[str, ...], units: tuple[str, ...], source: Path, where: str
+) -> tuple[Array, Array]:
+    _known(found, names, "parameter", source, where)
+    missing = [name for name in names if name not in found]
+    if missing:
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise InputError(f"'{missing[0]}'{more} missing", source=source, field=where)
+    value = [_si(found[name].value, unit) for name, unit in zip(names, units, strict=True)]
+    nominal = [_si(found[name].nominal, unit) for name, unit in zip(names, units, strict=True)]
+    if not np.isfinite(value + nominal).all():
+        raise InputError("a number is too large", source=source, field=where)
+    return np.array(value), np.array(nominal)
+
+
+def _known(found: Iterable[str], allowed: tuple[str, ...], kind: str, source: Path, where: str) -> None:
+    for name in found:
+        if name not in allowed:
+            told = f"found {shown(name)}, which is no {kind}{nearest(name, allowed)}"
+            raise InputError(told, source=source, field=where)

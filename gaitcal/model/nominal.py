@@ -1,0 +1,251 @@
+"""A person's nominal model from the static trial, and the published nominal subject.
+
+still window -> static posture -> segment frames -> joint parameters, marker positions, lengths -> inertial parameters
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.data_files import models_path
+from gaitcal.errors import InputError
+from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
+from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
+from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.nominal_joints import nominal_joint_parameters
+from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.model.upper_body import upper_body
+from gaitcal.recording import Recording, still_window
+
+__all__ = ["HipCentre", "nominal_model", "published_model"]
+
+Array = NDArray[np.float64]
+
+FULL_SUPPORT = 3
+"""Markers that pelvis, thighs, shanks and feet need; a set that gives fewer needs them all."""
+
+RAISED = 0.1
+"""Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static trial: the acromion
+is then some 40 mm higher and nearer to the neck than in walking."""
+
+_SEGMENT_OF = {
+    "asis": "pelvis",
+    "sacrum": "pelvis",
+    "lumbar": "pelvis",
+    "hjc": "pelvis",
+    "knee": "thigh",
+    "kjc": "thigh",
+    "ankle": "shank",
+    "ajc": "shank",
+    "heel": "foot",
+    "toe": "foot",
+    "acromion": "head_trunk",
+    "sjc": "head_trunk",
+    "elbow": "upper_arm",
+    "ejc": "upper_arm",
+    "wrist": "forearm_hand",
+}
+
+
+def nominal_model(
+    static: Recording,
+    marker_set: MarkerSet,
+    subject: Subject,
+    *,
+    hip_centre: HipCentre = HipCentre.BELL,
+    weights: Mapping[str, float] | None = None,
+    window: slice | None = None,
+) -> SubjectModel:
+    """The nominal linkage model of a person.
+
+    Parameters
+    ----------
+    static : the static trial; y up, m, any heading.
+    marker_set : what its markers mean.
+    subject : whose mass, height and sex give joint widths and inertia.
+    hip_centre : regression for the hip centres.
+    weights : marker -> weight, instead of the set's own.
+    window : frames to use; the stillest half second if not given.
+
+    Raises
+    ------
+    InputError
+        No still window; a landmark that is needed is missing; a leg segment has too few markers; no human proportions.
+    """
+    own = weights or {}
+    marker_set = marker_set.with_weights(own)
+    static = marker_set.renamed(static)
+    still = still_window(static, marker_set.labels).frames if window is None else window
+    frames_used = range(*still.indices(len(static.time)))
+    posture = static_posture(static, marker_set, still)
+    check_plausible(posture, subject.height)
+    legs = lower_body(posture, subject.height, hip_centre)
+    body = upper_body(posture, marker_set, legs, subject)
+    frames, centres = legs.frames | body.frames, legs.centres | body.centres
+    joint, zero = nominal_joint_parameters(frames, centres, body.arms)
+    inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres, body.trunk_direction))
+    parameters = Parameters(joint, inertial, zero)
+    carried = [label for label in _carried(marker_set, body.raised) if label not in own]
+    raised = {label: marker_set.weight(label) * RAISED for label in carried}
+    markers, notes = _placement(posture, marker_set.with_weights(raised), frames, body.frozen_segments)
+    if raised:
+        told = ", ".join(raised)
+        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {told}")
+    return SubjectModel(
+        subject,
+        parameters,
+        parameters,
+        markers,
+        body.frozen,
+        _landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
+        (
+            *(f"static trial: {note}" for note in static.notes),
+            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s",
+            *legs.notes,
+            *body.notes,
+            *notes,
+            f"inertia: de Leva 1996, {subject.sex}",
+        ),
+    )
+
+
+def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
+    """Markers of the set on the shoulders and arms of these sides that have weight."""
+    labels: list[str] = []
+    for side in sides:
+        labels += marker_set.landmarks.get(f"acromion_{side}", ())
+        labels += [m for part in ("upper_arm", "forearm_hand") for m in marker_set.tracking.get(f"{part}_{side}", ())]
+    return [label for label in labels if marker_set.weight(label) > 0]
+
+
+def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array) -> BodyLengths:
+    legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
+    ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
+    limbs = {
+        f"{segment}_{side}": float(np.linalg.norm(centres[f"{a}_{side}"] - centres[f"{b}_{side}"]))
+        for segment, (a, b) in ends.items()
+        for side in SIDES
+    }
+    hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
+    return BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]), trunk_direction)
+
+
+def _placement(
+    posture: StaticPosture,
+    marker_set: MarkerSet,
+    frames: Mapping[str, Frame],
+    frozen: tuple[str, ...],
+) -> tuple[MarkerPlacement, tuple[str, ...]]:
+    """Local positions of all markers that were seen, in segments that move."""
+    weight = marker_set.weight
+    labels: list[str] = []
+    segments: list[str] = []
+    dropped: list[str] = []
+    for segment in SEGMENTS:
+        if segment in frozen:
+            continue
+        tracking = marker_set.tracking.get(segment, ())
+        present = [label for label in tracking if label in posture.markers]
+        missing = [label for label in tracking if label not in posture.markers]
+        pulling = sum(weight(label) > 0 for label in tracking)
+        kept = sum(weight(label) > 0 for label in present)
+        needed = FULL_SUPPORT if segment == "pelvis" else max(1, min(FULL_SUPPORT, pulling))
+        if kept < needed and (segment == "pelvis" or segment.startswith(("thigh", "shank", "foot"))):
+            lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
+            why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
+            raise InputError(
+                f"found {kept} markers with weight, {why}; allowed: at least {needed}",
+                source=posture.source,
+                field=f"segment {segment}",
+            )
+        dropped += missing
+        own = [*present, *(label for label in marker_set.static_only.get(segment, ()) if label in posture.markers)]
+        labels += own
+        segments += [segment] * len(own)
+    local = np.array([frames[s].local(posture.markers[m]) for m, s in zip(labels, segments, strict=True)])
+    notes = (f"markers of the set that the static trial lacks, left out: {', '.join(dropped)}",) if dropped else ()
+    return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
+
+
+def _landmarks(
+    points: Mapping[str, Array], frames: Mapping[str, Frame], frozen: tuple[str, ...]
+) -> dict[str, tuple[str, Array]]:
+    out = {}
+    for name, point in points.items():
+        kind = name.split("_")[0]
+        if kind not in _SEGMENT_OF:
+            continue
+        of = _SEGMENT_OF[kind]
+        segment = of if of in frames else f"{of}_{name[-1]}"
+        if segment not in frozen:
+            out[name] = (segment, frames[segment].local(point))
+    return dict(sorted(out.items()))
+
+
+PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
+
+
+def published_model(*, static_only: bool = False) -> SubjectModel:
+    """The published nominal subject with the published markers (`models/nominal_subject.json`).
+
+    With `static_only`, the medial and lateral knee and ankle markers of the static trial are there too.
+    """
+    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    placed: dict[str, tuple[str, Array]] = {}
+    bodies = {"headtrunk": "head_trunk", "upperarm": "upper_arm", "forearmhand": "forearm_hand"}
+    for body, listed in data["markers_local_mm_right_side"].items():
+        segment = bodies.get(body, body)
+        for label, position in listed.items():
+            local = 1e-3 * np.array(position, dtype=float)
+            if segment in SEGMENTS:
+                placed[label] = (segment, local)
+            else:
+                placed[f"R.{label}"] = (f"{segment}_r", local)
+                placed[f"L.{label}"] = (f"{segment}_l", local * [1.0, 1.0, -1.0])
+    marker_set = load_marker_set("published")
+    taken_off = {label for group in marker_set.static_only.values() for label in group}
+    kept = {label: at for label, at in placed.items() if static_only or label not in taken_off}
+    ordered = sorted(kept, key=lambda label: SEGMENTS.index(kept[label][0]))
+    markers = MarkerPlacement(
+        tuple(ordered),
+        tuple(kept[label][0] for label in ordered),
+        np.array([kept[label][1] for label in ordered]),
+        np.array([marker_set.weight(label) for label in ordered]),
+    )
+    parameters = published_subject()
+    landmarks = {
+        name: (placed[labels[0]][0], np.mean([placed[label][1] for label in labels], axis=0))
+        for name, labels in marker_set.landmarks.items()
+    }
+    for name, (segment, prefix) in _published_centres().items():
+        at = [JP_INDEX.get(f"{prefix}.{direction}") for direction in ("ant", "sup", "lat")]
+        landmarks[name] = (segment, np.array([0.0 if i is None else parameters.joint[i] for i in at]))
+    return SubjectModel(
+        PUBLISHED,
+        parameters,
+        parameters,
+        markers,
+        landmarks=dict(sorted(landmarks.items())),
+        notes=("the published nominal subject; markers and inertia as in models/nominal_subject.json",),
+    )
+
+
+def _published_centres() -> dict[str, tuple[str, str]]:
+    """Joint centre -> segment and joint parameters that are its coordinates there."""
+    out = {"lumbar": ("pelvis", "back.pelvis")}
+    for side in SIDES:
+        out[f"hjc_{side}"] = ("pelvis", f"hip_{side}.pelvis")
+        out[f"kjc_{side}"] = (f"thigh_{side}", f"knee_{side}.thigh")
+        out[f"ajc_{side}"] = (f"shank_{side}", f"talocrural_{side}.shank")
+        out[f"sjc_{side}"] = ("head_trunk", f"shoulder_{side}.trunk")
+        out[f"ejc_{side}"] = (f"upper_arm_{side}", f"elbow_{side}.upperarm")
+    return out

@@ -1,0 +1,120 @@
+"""The nominal joint parameters of one person from segment frames in the static posture.
+
+A hinge (knee, elbow) lies along the proximal segment's z axis through the joint centre: A_proximal = 1, and with its
+direction a in the distal frame, A_distal = Rx(front) Ry(trans) has trans = asin(a_x), front = atan2(-a_y, a_z).
+
+Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag) the subtalar one in the foot and R
+the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t) Rx(beta) B^-1 = R gives
+
+    M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
+
+The zero angles are alpha - delta and beta, delta the dorsiflexion seen in the static posture (foot x above the plane
+across the shank): zero ankle angle is the foot at right angles to the shank. The subtalar point of the foot closes
+the chain. So the static foot pose is met exactly, whatever the person's feet are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.linkage import ZERO_ANGLES
+from gaitcal.model.segment_frames import Frame, sign
+
+Array = NDArray[np.float64]
+
+TALOCRURAL_FRONT = np.deg2rad(7.3)
+"""90 - 82.7 deg, Inman 1976."""
+SUBTALAR_TRANS, SUBTALAR_SAG = np.deg2rad(23.0), np.deg2rad(42.0)
+"""Inman 1976."""
+SUBTALAR_BELOW = 0.010
+"""m below the talocrural axis, along the talus's y."""
+
+
+@dataclass(frozen=True)
+class ArmJoints:
+    """What the arms' frames alone do not tell of their joints."""
+
+    shoulder_turn: dict[str, float]
+    """Side -> `shoulder.upperarm.trans`, rad."""
+    elbow_axis: dict[str, Array]
+    """Side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it."""
+
+
+def nominal_joint_parameters(
+    frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints
+) -> tuple[Array, Array]:
+    """Joint parameters (98,) and zero angles (4,), m and rad.
+
+    Parameters
+    ----------
+    frames : all segments but the tali.
+    centres : `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
+    arms : turn of the shoulders, axes of the elbows.
+    """
+    joint, zero = np.zeros(len(JP_INDEX)), np.zeros(len(ZERO_ANGLES))
+
+    def point(prefix: str, segment: str, centre: Array, directions: str = "ant sup lat") -> None:
+        local = frames[segment].local(centre)
+        for direction in directions.split():
+            joint[JP_INDEX[f"{prefix}.{direction}"]] = local[("ant", "sup", "lat").index(direction)]
+
+    def hinge(prefix: str, segment: str, axis: Array) -> None:
+        a = frames[segment].rotation.T @ axis
+        joint[JP_INDEX[f"{prefix}.front"]] = np.arctan2(-a[1], a[2])
+        joint[JP_INDEX[f"{prefix}.trans"]] = np.arcsin(np.clip(a[0], -1.0, 1.0))
+
+    point("back.pelvis", "pelvis", centres["lumbar"])
+    point("back.trunk", "head_trunk", centres["lumbar"])
+    for side in SIDES:
+        thigh, shank, upper_arm, forearm = (f"{n}_{side}" for n in ("thigh", "shank", "upper_arm", "forearm_hand"))
+        point(f"hip_{side}.pelvis", "pelvis", centres[f"hjc_{side}"])
+        point(f"hip_{side}.thigh", thigh, centres[f"hjc_{side}"])
+        point(f"knee_{side}.thigh", thigh, centres[f"kjc_{side}"], "ant sup")
+        point(f"knee_{side}.shank", shank, centres[f"kjc_{side}"])
+        hinge(f"knee_{side}.shank", shank, frames[thigh].rotation[:, 2])
+        point(f"talocrural_{side}.shank", shank, centres[f"ajc_{side}"])
+        point(f"shoulder_{side}.trunk", "head_trunk", centres[f"sjc_{side}"])
+        point(f"shoulder_{side}.upperarm", upper_arm, centres[f"sjc_{side}"])
+        joint[JP_INDEX[f"shoulder_{side}.upperarm.trans"]] = arms.shoulder_turn[side]
+        point(f"elbow_{side}.upperarm", upper_arm, centres[f"ejc_{side}"], "ant sup")
+        point(f"elbow_{side}.forearm", forearm, centres[f"ejc_{side}"])
+        hinge(f"elbow_{side}.forearm", forearm, arms.elbow_axis[side])
+        _ankle(joint, zero, side, frames[shank], frames[f"foot_{side}"], centres[f"ajc_{side}"])
+    joint[np.abs(joint) < _ROUNDING] = 0.0
+    return joint, zero
+
+
+_ROUNDING = 1e-13
+"""m or rad: below it a coordinate is zero by construction, and is told as zero."""
+
+
+def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, centre: Array) -> None:
+    s = sign(side)
+    a = axis_rotation(0, s * TALOCRURAL_FRONT)
+    b = axis_rotation(1, s * SUBTALAR_TRANS) @ axis_rotation(2, SUBTALAR_SAG)
+    static = shank.rotation.T @ foot.rotation
+    m = a.T @ static @ b
+    talus_trans = -float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0)))
+    alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
+    dorsiflexion = np.arcsin(np.clip(static[1, 0], -1.0, 1.0))
+    talus = shank.rotation @ a @ axis_rotation(2, float(alpha))
+    subtalar = foot.local(centre - SUBTALAR_BELOW * talus[:, 1])
+    values = {
+        f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,
+        f"subtalar_{side}.talus.trans": talus_trans,
+        f"subtalar_{side}.talus.sup": -SUBTALAR_BELOW,
+        f"subtalar_{side}.foot.trans": s * SUBTALAR_TRANS,
+        f"subtalar_{side}.foot.sag": SUBTALAR_SAG,
+        f"subtalar_{side}.foot.ant": subtalar[0],
+        f"subtalar_{side}.foot.sup": subtalar[1],
+        f"subtalar_{side}.foot.lat": subtalar[2],
+    }
+    for name, value in values.items():
+        joint[JP_INDEX[name]] = value
+    zero[ZERO_ANGLES.index(f"talocrural_{side}.zero")] = alpha - dorsiflexion
+    zero[ZERO_ANGLES.index(f"subtalar_{side}.zero")] = beta
