@@ -13,12 +13,19 @@ class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
     mode: Literal["sequential", "simultaneous"] = Field(
-        default="simultaneous",
-        description="all joints over all trials at once, or each joint from its isolated trials and then gait",
+        default="sequential",
+        description="each joint from its isolated trials and then gait, or all joints over all trials at once",
     )
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
-        default="none", description="pull of joint parameters towards their nominal values"
+        default="weak",
+        description="pull of joint parameters towards what is known before a phase (nominal, then isolated trials): "
+        "20 mm or 10 deg weigh as much as four independent marker samples of 5 mm",
+    )
+    gait_parameters: Literal["auto", "published", "leg"] = Field(
+        default="auto",
+        description="what gait trials may move in each leg: the published 17 joint parameters, all 27, or 'auto': the 17 "
+        "and the other parameters of joints that an isolated trial has determined",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"
@@ -52,7 +59,7 @@ class CalibrationSettings(Table):
         "and of body weight times height (torque); smaller trusts the force plates more",
     )
     nodes_per_second: float = Field(
-        default=15.0,
+        default=20.0,
         gt=0,
         le=1000,
         description="spline nodes per second and coordinate: how fast the motion may change",

@@ -34,8 +34,9 @@ class JointSettings:
     """m, standard deviation of a position about its nominal value; infinite: no prior."""
     prior_orientation: float = np.inf
     """rad."""
-    prior_marker: float = 0.005
-    """m, the marker error that a prior of one standard deviation is weighed against, once per independent sample."""
+    prior_marker: float = 0.010
+    """m: a prior one standard deviation off costs as much as this marker residual, squared and summed (four
+    independent samples of 5 mm)."""
     tolerance: float = 1e-10
     """Relative tolerance on cost and parameters."""
     most_evaluations: int = 100
@@ -71,17 +72,17 @@ def calibrate_joints(
     settings: JointSettings | None = None,
     *,
     start_values: Array | None = None,
-    centre: Parameters | None = None,
+    nominal: Parameters | None = None,
 ) -> JointFit:
     """Fit the joint parameters `free` to the markers of all `problems` together.
 
     Parameters
     ----------
     problems : the trials; each has its own motion, all share the joint parameters.
-    parameters : values of all that is not free.
+    parameters : values of all that is not free, and where priors are centred.
     starts : per trial, nodes (nn, nq) to start from.
     start_values : (np,) where the free parameters start, m and rad; their present values unless given.
-    centre : where bounds and priors are centred; `parameters` unless given.
+    nominal : where bounds are centred; `parameters` unless given.
     """
     began = time.perf_counter()
     settings = settings or JointSettings()
@@ -89,14 +90,14 @@ def calibrate_joints(
     free = tuple(name for name in free if name in passed)
     index = [JP_INDEX[name] for name in free]
     position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
-    middle = (centre or parameters).joint[index]
+    middle = (nominal or parameters).joint[index]
     reach = np.where(position, settings.position_bound, settings.orientation_bound)
     lower, upper = middle - reach, middle + reach
     sigma = np.where(position, settings.prior_position, settings.prior_orientation)
     first = parameters.joint[index] if start_values is None else start_values
     inside = np.clip(first, lower + 1e-9 * (upper - lower) if np.isfinite(reach).all() else lower, upper)
     problem = ReducedProblem(
-        problems, parameters, free, starts, settings.tracking, prior=settings.prior_marker / sigma, centre=middle
+        problems, parameters, free, starts, settings.tracking, prior=settings.prior_marker / sigma, centre=parameters.joint[index]
     )
     scale = np.where(position, POSITION_SCALE, 1.0)
     result = least_squares(

@@ -8,7 +8,7 @@ nominal joint is left to pull. With noise and wrong nominal values the errors ar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gaitcal.calibration.identifiability import in_words, small_turns, unseen_parameters
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
-from gaitcal.model.joint_parameters import gait_parameters, isolated_parameters
+from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
@@ -111,7 +111,7 @@ class _Run:
     def _solve(self, problems: Sequence[TrialProblem], free: tuple[str, ...]) -> JointFit:
         p = self.parameters
         starts = [starting_nodes(t.chain, t.constants(p), t.data, t.basis) for t in problems]
-        return calibrate_joints(problems, p, free, starts, self.settings, centre=self.nominal)
+        return calibrate_joints(problems, p, free, starts, self.settings, nominal=self.nominal)
 
     def done(self) -> JointCalibration:
         """All phases together."""
@@ -128,33 +128,45 @@ class _Run:
 
 
 def calibrate_sequentially(
-    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, sides: tuple[str, ...] = ("r", "l")
+    trials: Sequence[JointTrial],
+    nominal: Parameters,
+    settings: JointSettings,
+    gait: Mapping[str, tuple[str, ...]],
 ) -> JointCalibration:
-    """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials with 17 a leg."""
+    """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
+
+    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
+    """
     run = _Run(nominal, settings)
     for joint in ISOLATED_JOINTS:
         own = [trial.alone for trial in trials if trial.joint == joint]
-        if own and joint[-1] in sides:
+        if own and joint[-1] in gait:
             fit = run.fit(f"joint:{joint}", own, isolated_parameters(joint))
             for problem, nodes in zip(own, fit.nodes, strict=True):
                 run.warnings += small_turns(problem, nodes, joint)
-    gait = [trial.alone for trial in trials if trial.joint is None]
-    if gait:
-        run.fit("gait", gait, tuple(name for side in sides for name in gait_parameters(side)))
+    walks = [trial.alone for trial in trials if trial.joint is None]
+    if walks:
+        run.fit("gait", walks, tuple(name for names in gait.values() for name in names))
     return run.done()
 
 
 def calibrate_simultaneously(
-    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, sides: tuple[str, ...] = ("r", "l")
+    trials: Sequence[JointTrial],
+    nominal: Parameters,
+    settings: JointSettings,
+    gait: Mapping[str, tuple[str, ...]],
 ) -> JointCalibration:
-    """All trials at once: every parameter that an isolated trial determines, and 17 a leg where there is gait."""
+    """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait.
+
+    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
+    """
     wanted: set[str] = set()
-    used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in sides]
+    used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     for trial in used:
         if trial.joint is not None:
             wanted.update(isolated_parameters(trial.joint))
         else:
-            wanted.update(name for side in sides for name in gait_parameters(side))
+            wanted.update(name for names in gait.values() for name in names)
     order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
     run = _Run(nominal, settings)
     if used:

@@ -29,6 +29,8 @@ EDGE = 0.08
 """s by which resting and loading may differ at the beginning and end of a contact."""
 UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
+SPLINE_ENDS = 2
+"""Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
 SHORTEST = 0.05
 """s: a shorter loading is a knock, not a step."""
 
@@ -68,6 +70,7 @@ def ground_reactions_on_feet(
     feet: FootPoints,
     *,
     cutoff: float | None,
+    ends: float = 0.0,
     assigned: Mapping[str, str] | None = None,
 ) -> GroundReactions:
     """Assign plates to feet, filter their wrenches and bring them to the marker frames.
@@ -76,6 +79,7 @@ def ground_reactions_on_feet(
     ----------
     time : (nf,) s of the marker frames.
     cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
+    ends : s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
     assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
@@ -103,6 +107,7 @@ def ground_reactions_on_feet(
     resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
     unmeasured = resting & ~_near(loaded, time)
     valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
+    valid &= (time >= time[0] + ends) & (time <= time[-1] - ends)
     return GroundReactions(wrench, valid, loaded, resting, tuple(notes))
 
 

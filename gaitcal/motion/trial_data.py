@@ -18,7 +18,7 @@ from gaitcal.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-NODES_PER_SECOND = 15.0
+NODES_PER_SECOND = 20.0
 """Knot spans per second: a quintic spline with spans h passes frequencies up to about 0.48 / h (see `cutoff`)."""
 FRAMES_PER_SPAN = 3.0
 """Least number of frames for one span; slow cameras get longer spans."""

@@ -75,6 +75,18 @@ class TrialProblem:
             cost += part.cost
         return assembler.finish(sums, cost)
 
+    def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
+        """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
+        pairs, nq = self._pairs, len(self.chain.coordinates)
+        out = np.zeros((len(q), nq, nq))
+        first, second = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
+        for group in self._assembler.spans(FRAMES_AT_ONCE):
+            frames = self._assembler.frames(group)
+            part = frame_equations(self.chain, constants, pairs, self.data.frames(frames), q[frames])
+            out[frames, first, second] = part.hessian[:, pairs.coordinates]
+            out[frames, second, first] = part.hessian[:, pairs.coordinates]
+        return out
+
     def gradient(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array]:
         """Cost (m^2) and half gradient by the nodes (nn, nq), without the matrix."""
         q = self.basis.evaluate(nodes)

@@ -44,5 +44,5 @@ def analyse(
             TorqueErrors(errors[:, :27], errors[:, 27:]),
         )
     return TrialResult(
-        trial.name, trial.role, None, prepared.recording, nominal, motion, rigid_floor(prepared.body), motion, loads
+        trial.name, trial.role, None, prepared.recording, nominal, motion, motion, rigid_floor(prepared.body), motion, loads
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.ground_contact import FootPoints, GroundReactions, ground_reactions_on_feet
+from gaitcal.dynamics.ground_contact import SPLINE_ENDS, FootPoints, GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.chain import Chain
@@ -15,6 +15,7 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
+from gaitcal.motion.spline import DEGREE
 from gaitcal.motion.trial_data import cutoff
 from gaitcal.settings import CalibrationSettings
 from gaitcal.study.person import StudyTrial
@@ -31,9 +32,12 @@ def measured_reactions(
     """Ground reactions on the feet at the frames of a whole-body motion."""
     hz = force_cutoff(trial.trial, motion, settings)
     feet = foot_points(model, motion, parameters)
+    knots = motion.basis.knots
+    ends = SPLINE_ENDS * float(np.ptp(knots)) / (motion.basis.nodes - DEGREE)
     found = ground_reactions_on_feet(
-        trial.recording.plates, motion.time, feet, cutoff=hz, assigned=dict(trial.trial.plates)
+        trial.recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=dict(trial.trial.plates)
     )
+    found = replace(found, notes=(*found.notes, f"the first and last {ends:.2f} s are not valid: ends of the splines"))
     found = _drop_implausible(found, parameters, motion)
     how = "forces not filtered" if hz is None else f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order)"
     return replace(found, notes=(*found.notes, how))

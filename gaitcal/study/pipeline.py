@@ -23,6 +23,7 @@ from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces
 from gaitcal.model.inertial_parameters import full_set, symmetric_set
+from gaitcal.model.joint_parameters import gait_parameters, isolated_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, rigid_floor
@@ -82,11 +83,13 @@ def calibrate(study: Study, progress: Progress = silent) -> Calibration:
                 forces_of(final, motions[t.name], r) if third else None,
                 _errors(t.body, motions[t.name], final, r, spread),
             )
-        calibrated = motions[t.name] if t.joint is None else track_problem(t.fitted, final)
+        own = parameters_for(joint, t.name, final)
+        calibrated = motions[t.name] if t.joint is None else track_problem(t.fitted, own)
+        last = calibrated if t.joint is None else track_problem(t.fitted, final)
         floor = rigid_floor(t.fitted)
         results.append(
             TrialResult(
-                t.name, t.role, t.joint, t.recording, before[t.name], calibrated, floor, motions[t.name], loads
+                t.name, t.role, t.joint, t.recording, before[t.name], calibrated, last, floor, motions[t.name], loads
             )
         )
     phases = _phases(joint, inertial, third, reactions)
@@ -104,6 +107,18 @@ def track_problem(problem: TrialProblem, parameters: Parameters) -> Motion:
 def forces_of(parameters: Parameters, motion: Motion, reactions: GroundReactions) -> GeneralisedForces:
     """Generalised forces of a whole-body motion."""
     return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, reactions.wrench)
+
+
+def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
+    """The joint parameters at the end of the last phase that a trial took part in; `final` where it took part in none.
+
+    In a sequence an isolated trial's own phase comes before gait moves the joints once more.
+    """
+    if joint is not None:
+        for phase, fit in zip(reversed(joint.phases), reversed(joint.fits), strict=True):
+            if trial in phase.trials:
+                return fit.parameters
+    return final
 
 
 def _errors(
@@ -124,9 +139,20 @@ def _joint_parameters(
         [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
         nominal.parameters,
         joint_settings(settings),
-        SIDES[settings.legs],
+        {side: parameters_of_gait(side, trials, settings) for side in SIDES[settings.legs]},
     )
     return calibration, calibration.parameters
+
+
+def parameters_of_gait(side: str, trials: list[PreparedTrial], settings: CalibrationSettings) -> tuple[str, ...]:
+    """The joint parameters that gait may move in one leg."""
+    if settings.gait_parameters == "leg":
+        return leg_parameters(side)
+    allowed = set(gait_parameters(side))
+    if settings.gait_parameters == "auto":
+        isolated = {t.joint for t in trials if t.joint is not None and t.joint[-1] == side}
+        allowed |= {name for joint in isolated for name in isolated_parameters(joint)}
+    return tuple(name for name in leg_parameters(side) if name in allowed)
 
 
 def _inertial_parameters(

@@ -65,6 +65,9 @@ class TrialResult:
     nominal: Motion
     """Gait: the whole body. Isolated trial: the segments of its joint alone."""
     calibrated: Motion
+    """With the parameters at the end of the trial's own phase."""
+    final: Motion
+    """With the parameters at the end of the whole calibration: the same, but for isolated trials before gait."""
     floor: MarkerErrors
     """Rigid-segment floor of the same markers."""
     body: Motion

@@ -76,6 +76,8 @@ def _rms(trial: TrialResult, segment: str | None = None) -> dict[str, Json]:
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
     if calibrated is not None and floor:
         out["calibrated_to_floor"] = calibrated / floor
+    if trial.final is not trial.calibrated:
+        out["final_model"] = of(trial.final.errors)
     return out
 
 

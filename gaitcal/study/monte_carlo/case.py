@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.data_files import models_path
-from gaitcal.errors import InputError
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.study.result import Calibration
 from gaitcal.study.synthetic_data import ground_reactions
@@ -24,8 +25,6 @@ from gaitcal.study.synthetic_motion import gait_motion
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-LEG_SEGMENTS = ("thigh", "shank", "talus", "foot")
 
 
 @dataclass(frozen=True)
@@ -67,16 +66,66 @@ def _hash(parts: Iterable[bytes]) -> str:
 
 def nominal_case() -> MonteCarloCase:
     """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions without residual."""
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
-    parameters, motion = published_subject(), gait_motion()
-    time = motion.basis.time
+    gait = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
+    model, motion = published_model(), gait_motion()
     return MonteCarloCase(
         "nominal subject",
-        Subject("nominal subject", data["subject"]["mass_kg"], data["subject"]["height_m"], data["subject"]["sex"]),
-        parameters,
-        _published_markers(data),
-        time,
+        model.subject,
+        model.parameters,
+        model.markers,
+        motion.basis.time,
         motion.nodes,
-        ground_reactions(parameters, motion, data["nominal_gait"]["cycle_s"]),
-        np.ones(len(time), dtype=bool),
+        ground_reactions(model.parameters, motion, gait["cycle_s"]),
+        np.ones(len(motion.basis.time), dtype=bool),
+    )
+
+
+def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
+    """A calibrated person in one gait trial: the first with valid ground reactions, or the one named.
+
+    Raises
+    ------
+    InputError
+        No such trial, or none with a frame in which every foot on the ground is on a force plate.
+    """
+    loaded = {t.name: t for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()}
+    chosen = loaded[chosen_trial(tuple(loaded), trial, calibration.study.source)]
+    reactions = chosen.loads.reactions if chosen.loads is not None else None
+    if reactions is None:
+        raise InputError("found no ground reactions", source=calibration.study.source)
+    model, errors = calibration.model, chosen.body.errors
+    return MonteCarloCase(
+        chosen.name,
+        model.subject,
+        model.parameters,
+        tracked_markers(model.markers, tuple(np.array(errors.labels)[errors.kept()].tolist())),
+        chosen.body.time,
+        chosen.body.nodes,
+        reactions.wrench,
+        reactions.valid,
+    )
+
+
+def chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
+    """The trial to study, among those with valid ground reactions."""
+    if not loaded:
+        raise InputError(
+            "found no gait trial with ground reactions under every foot; a Monte Carlo study of torques needs one",
+            source=source,
+        )
+    if wanted is not None and wanted not in loaded:
+        raise InputError(
+            f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}", source=source, field="--trial"
+        )
+    return wanted or loaded[0]
+
+
+def tracked_markers(markers: MarkerPlacement, labels: tuple[str, ...]) -> MarkerPlacement:
+    """Those markers of a model that a trial really had."""
+    kept = [i for i, label in enumerate(markers.labels) if label in labels]
+    return MarkerPlacement(
+        tuple(markers.labels[i] for i in kept),
+        tuple(markers.segments[i] for i in kept),
+        markers.local[kept],
+        markers.weight[kept],
     )

@@ -1,0 +1,108 @@
+"""Workers of an existing `dask.distributed` cluster (extra `gaitcal[cluster]`).
+
+The scheduler gives a dead worker's chunks to others by itself; a chunk that it gives up because several workers died
+over it (they may have been killed from outside, one after the other) is handed in anew a few times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, TypeVar
+
+from gaitcal.errors import GaitcalError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+AHEAD = 3
+"""Chunks handed in for each worker thread: enough to keep it busy, and bounded."""
+HANDED_IN_AGAIN = 5
+WAIT_S = 30
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """The workers of a scheduler."""
+
+    address: str
+    """For example tcp://10.0.0.1:8786."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield the results as they are ready.
+
+        Raises
+        ------
+        InputError
+            No scheduler at the address, or one without workers.
+        GaitcalError
+            The workers cannot do it: another version of gaitcal, or none.
+        """
+        with _connected(self.address) as client:
+            yield from _run(client, function, iter(tasks))
+
+
+def _connected(address: str) -> Client:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'", field="--cluster"
+        ) from None
+    try:
+        client = Client(address, timeout=WAIT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"found '{address}': {error}; allowed: the address of a running dask scheduler, as tcp://host:port",
+            field="--cluster",
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=WAIT_S)
+    except TimeoutError:
+        client.close()
+        raise InputError(f"the scheduler at {address} has no workers", field="--cluster") from None
+    return client
+
+
+def _run(client: Client, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
+    from distributed import as_completed
+
+    again: dict[str, tuple[Task, int]] = {}
+    running = as_completed(raise_errors=False)
+
+    def hand_in(task: Task, left: int) -> None:
+        future = client.submit(function, task, pure=False)
+        again[future.key] = (task, left)
+        running.add(future)
+
+    for task in islice(tasks, _room(client)):
+        hand_in(task, HANDED_IN_AGAIN)
+    for future in running:
+        task, left = again.pop(future.key)
+        if future.status != "finished":
+            _give_up_or_not(future, left)
+            hand_in(task, left - 1)
+            continue
+        result: Result = future.result()
+        future.release()
+        yield result
+        for new in islice(tasks, max(_room(client) - len(again), 0)):
+            hand_in(new, HANDED_IN_AGAIN)
+
+
+def _room(client: Client) -> int:
+    return AHEAD * max(sum(client.nthreads().values()), 1)
+
+
+def _give_up_or_not(future: Future, left: int) -> None:
+    """Return where a chunk may be tried again; raise where it was the chunk's own fault, or too often."""
+    from distributed import KilledWorker
+
+    error = future.exception() if future.status == "error" else None
+    if (error is None or isinstance(error, KilledWorker)) and left > 0:
+        return
+    raise GaitcalError(f"the cluster could not compute a chunk: {future.status}: {type(error).__name__}: {error}")

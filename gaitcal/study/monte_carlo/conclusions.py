@@ -1,0 +1,112 @@
+"""The published conclusions, put to the test with our own numbers, for either frame of the ground reactions.
+
+All compare mean RMS torque errors of one leg at the highest level studied (%BW*H). Limits are ours, chosen before
+the numbers were known, except where the paper names one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gaitcal.study.monte_carlo.leg_torques import TORQUES
+from gaitcal.study.monte_carlo.settings import ReactionFrame, Varied
+from gaitcal.study.monte_carlo.statistics import levels_of
+
+Array = NDArray[np.float64]
+
+IP_LIMIT = 0.25
+"""%BW*H: the paper's own limit for inertial parameters at +-10 %."""
+INTERACTION_LIMIT = 0.15
+"""Relative difference of JP and JP + IP that would be called an interaction."""
+TORQUE_WORDS = {
+    "hip_flexion": "hip flexion",
+    "hip_adduction": "hip adduction",
+    "hip_rotation": "hip rotation",
+    "knee_angle": "knee flexion",
+    "knee_adduction": "knee adduction",
+    "ankle_angle": "ankle dorsiflexion",
+    "subtalar_angle": "subtalar inversion",
+}
+
+
+@dataclass(frozen=True)
+class PublishedFigure:
+    """A figure that the paper gives in prose."""
+
+    varied: Varied
+    torque: str
+    inertial_percent: float
+    value: float
+    """%BW*H, mean RMS at 100 %."""
+
+
+PUBLISHED = (
+    PublishedFigure(Varied.JP, "hip_flexion", 10.0, 4.14),
+    PublishedFigure(Varied.JP, "hip_adduction", 10.0, 1.06),
+    PublishedFigure(Varied.JP, "knee_angle", 10.0, 0.92),
+    PublishedFigure(Varied.IP, "hip_flexion", 50.0, 0.31),
+)
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """One claim, whether it holds here, and why."""
+
+    claim: str
+    frame: ReactionFrame
+    holds: bool
+    numbers: str
+    """A sentence with the figures behind it."""
+
+
+def conclusions(table: pd.DataFrame, side: str = "l") -> tuple[Conclusion, ...]:
+    """The claims that the sets in `table` (from `statistics`) allow to test, both ground-reaction frames."""
+    return tuple(found for frame in ReactionFrame for found in _of_frame(table, frame, side))
+
+
+def top_errors(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: str = "l") -> Array | None:
+    """(7,) mean RMS errors (%BW*H) at the highest level, in the order of `TORQUES`; None where the set is absent."""
+    found = [levels_of(table, varied.value, f"{torque}_{side}", frame.value) for torque in TORQUES]
+    if any(rows.empty for rows in found):
+        return None
+    return np.array([float(rows["average"].iloc[-1]) for rows in found])
+
+
+def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conclusion]:
+    jp, ip, both, noise = (top_errors(table, varied, frame, side) for varied in Varied)
+    out = []
+    if jp is not None and ip is not None:
+        numbers = f"JP / IP, torque by torque: {_range(jp / ip)}; mean over torques {jp.mean():.3f} and {ip.mean():.3f}"
+        out.append(Conclusion("joint parameters dominate", frame, bool((jp > ip).all()), numbers + " %BW*H"))
+    if ip is not None:
+        numbers = f"largest IP error {ip.max():.3f} %BW*H ({_name(ip.argmax())}), limit {IP_LIMIT}{_moved(table, side)}"
+        out.append(Conclusion("inertial parameters matter little", frame, bool(ip.max() < IP_LIMIT), numbers))
+    if jp is not None and both is not None and ip is not None:
+        apart = both / np.hypot(jp, ip) - 1.0
+        numbers = (
+            f"JP + IP against JP: {_range(both / jp)}; against the root of the sum of squares, as without "
+            f"interaction: {_range(1.0 + apart)}"
+        )
+        out.append(Conclusion("no interaction", frame, bool(np.abs(apart).max() < INTERACTION_LIMIT), numbers))
+    if jp is not None and noise is not None:
+        numbers = f"noise / JP: {_range(noise / jp)}; largest noise error {noise.max():.3f} %BW*H"
+        out.append(Conclusion("marker noise matters little", frame, bool((noise < jp).all()), numbers))
+    return out
+
+
+def _moved(table: pd.DataFrame, side: str) -> str:
+    markers = levels_of(table, Varied.IP.value, f"markers_{side}")
+    return f"; markers move {markers['average'].iloc[-1]:.3g} mm" if len(markers) else ""
+
+
+def _range(values: Array) -> str:
+    low, high = int(np.argmin(values)), int(np.argmax(values))
+    return f"{values[low]:.2f} ({_name(low)}) to {values[high]:.2f} ({_name(high)})"
+
+
+def _name(torque: np.intp | int) -> str:
+    return TORQUE_WORDS[TORQUES[int(torque)]]
