@@ -1,0 +1,110 @@
+"use strict";
+// The segments as moving groups, dressed with body meshes.
+Gaitcal.COLOURS = {
+  body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
+  nominal: 0x6e7680, fitted: 0xaa2f7b, background: 0xeef2f5,
+};
+
+Gaitcal.Body = class {
+  constructor(scene, root) {
+    const THREE = MeshCat.THREE;
+    this.groups = scene.segments.map(() => new THREE.Group());
+    this.groups.forEach((group) => root.add(group));
+    this.clothes = [];
+    // Drawn twice: first only into the depth buffer, so that one layer of the translucent body is seen, not three.
+    const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true });
+    const skin = new THREE.MeshPhongMaterial({
+      color: Gaitcal.COLOURS.body, transparent: true, opacity: 0.66, shininess: 12, specular: 0x222222,
+    });
+    const shapes = {};
+    for (const [name, packed] of Object.entries(scene.meshes)) shapes[name] = Gaitcal.shape(packed);
+    for (const garment of scene.garments) {
+      for (const [material, order] of [[depth, 1], [skin, 2]]) {
+        const mesh = new THREE.Mesh(shapes[garment.mesh], material);
+        mesh.matrixAutoUpdate = false;
+        mesh.matrix.set(...garment.place, 0, 0, 0, 1);
+        mesh.renderOrder = order;
+        mesh.castShadow = order === 2;
+        mesh.frustumCulled = false;
+        this.groups[garment.segment].add(mesh);
+        this.clothes.push({ mesh, segment: garment.segment });
+      }
+    }
+  }
+
+  pose(trial, at) {
+    this.groups.forEach((group, s) => {
+      trial.origin(at, s, group.position);
+      trial.turn(at, s, group.quaternion);
+      group.updateMatrix();
+    });
+  }
+
+  show(on, trial) {
+    for (const { mesh, segment } of this.clothes) mesh.visible = on && trial.tracked[segment];
+  }
+};
+
+Gaitcal.shape = function (packed) {
+  const THREE = MeshCat.THREE;
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Gaitcal.Lengths(packed.vertices).all(), 3));
+  geometry.setIndex(new THREE.BufferAttribute(new Uint16Array(Gaitcal.bytes(packed.triangles)), 1));
+  geometry.computeVertexNormals();
+  return geometry;
+};
+
+Gaitcal.FLOOR = 48;
+
+// A texture of floor tiles half a metre wide.
+Gaitcal.lines = function () {
+  const THREE = MeshCat.THREE;
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 256;
+  const pen = canvas.getContext("2d");
+  pen.fillStyle = "#e6ebef";
+  pen.fillRect(0, 0, 256, 256);
+  pen.fillStyle = "#c6d0d8";
+  pen.fillRect(0, 0, 256, 3);
+  pen.fillRect(0, 253, 256, 3);
+  pen.fillRect(0, 0, 3, 256);
+  pen.fillRect(253, 0, 3, 256);
+  const texture = new THREE.CanvasTexture(canvas);
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
+  texture.anisotropy = 8;
+  return texture;
+};
+
+// Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
+Gaitcal.Stage = class {
+  constructor(root) {
+    const THREE = MeshCat.THREE;
+    root.add(new THREE.HemisphereLight(0xffffff, 0xb8b2a8, 0.72));
+    this.sun = new THREE.DirectionalLight(0xffffff, 0.5);
+    this.sun.castShadow = true;
+    this.sun.shadow.mapSize.set(1024, 1024);
+    Object.assign(this.sun.shadow.camera, { left: -1.6, right: 1.6, top: 1.6, bottom: -1.6, near: 0.5, far: 8 });
+    this.sun.shadow.bias = -0.0015;
+    this.sun.shadow.radius = 3;
+    root.add(this.sun, this.sun.target);
+    const plane = (size, y, material, order) => {
+      const mesh = new THREE.Mesh(new THREE.PlaneGeometry(size, size).rotateX(-Math.PI / 2), material);
+      mesh.position.y = y;
+      mesh.renderOrder = order;
+      root.add(mesh);
+      return mesh;
+    };
+    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.lines() }), 0);
+    const shadow = new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false });
+    this.shade = plane(6, -0.002, shadow, 0);
+    this.shade.receiveShadow = true;
+  }
+
+  follow(point) {
+    this.sun.position.set(point.x + 0.8, 4.2, point.z + 1.3);
+    this.sun.target.position.set(point.x, 0.6, point.z);
+    this.floor.position.set(Math.round(point.x), this.floor.position.y, Math.round(point.z));
+    this.shade.position.set(point.x, this.shade.position.y, point.z);
+  }
+};

@@ -1,0 +1,141 @@
+"use strict";
+// Joint centres and axes, nominal and fitted, with what is known of their uncertainty. They are fixed in the segments
+// and drawn after everything else on a fresh depth buffer, so that they are seen inside the body.
+Gaitcal.Joints = class {
+  constructor(scene, body, root) {
+    const THREE = MeshCat.THREE;
+    const colours = Gaitcal.COLOURS;
+    const HALF = 0.1;
+    const CONFIDENCE = 1.96;
+    this.marks = [];
+    this.parts = { nominal: [], fitted: [], uncertainty: [] };
+    const solid = (colour) =>
+      new THREE.MeshPhongMaterial({ color: colour, transparent: true, shininess: 20, specular: 0x222222 });
+    const materials = { nominal: solid(colours.nominal), fitted: solid(colours.fitted) };
+    const cloud = new THREE.MeshBasicMaterial({
+      color: colours.fitted, transparent: true, opacity: 0.28, depthWrite: false, side: THREE.DoubleSide,
+    });
+    const ball = new THREE.SphereGeometry(1, 24, 16);
+    const fresh = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ transparent: true }));
+    fresh.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(9), 3));
+    fresh.renderOrder = 3;
+    fresh.frustumCulled = false;
+    fresh.onBeforeRender = (renderer) => renderer.clearDepth();
+    root.add(fresh);
+
+    const add = (kind, mark, mesh, order) => {
+      mesh.renderOrder = order;
+      mesh.frustumCulled = false;
+      body.groups[mark.segment].add(mesh);
+      this.parts[kind].push({ mesh, segment: mark.segment });
+    };
+    const centre = (kind, mark, place, radius) => {
+      const mesh = new THREE.Mesh(ball, materials[kind]);
+      mesh.position.fromArray(place);
+      mesh.scale.setScalar(radius);
+      add(kind, mark, mesh, 4);
+    };
+    const axis = (kind, mark, place, direction, radius) => {
+      const material = materials[kind];
+      const rod = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 2 * HALF, 12), material);
+      rod.position.fromArray(place);
+      rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3().fromArray(direction));
+      const head = new THREE.Mesh(new THREE.ConeGeometry(3 * radius, 8 * radius, 16), material);
+      head.position.y = HALF;
+      head.renderOrder = 4;
+      rod.add(head);
+      add(kind, mark, rod, 4);
+    };
+
+    const fitted = new Set(scene.joints.filter((mark) => mark.fitted).map((mark) => mark.joint));
+    const done = new Set();
+    for (const mark of scene.joints) {
+      this.marks.push(mark);
+      centre("nominal", mark, mark.nominalCentre, 0.0105);
+      if (mark.nominalAxis) axis("nominal", mark, mark.nominalCentre, mark.nominalAxis, 0.0028);
+      if (!fitted.has(mark.joint)) continue;
+      // Both segments see the fitted joint in one place; a second axis (the shoulder's) is drawn as well.
+      if (!done.has(mark.joint)) centre("fitted", mark, mark.fittedCentre, 0.0125);
+      if (mark.fittedAxis && (!done.has(mark.joint) || mark.joint.startsWith("shoulder"))) {
+        axis("fitted", mark, mark.fittedCentre, mark.fittedAxis, 0.0036);
+      }
+      done.add(mark.joint);
+      if (mark.centreSpread) {
+        const mesh = new THREE.Mesh(ball, cloud);
+        mesh.matrixAutoUpdate = false;
+        const s = mark.centreSpread.map((x) => CONFIDENCE * x);
+        const c = mark.fittedCentre;
+        mesh.matrix.set(s[0], s[1], s[2], c[0], s[3], s[4], s[5], c[1], s[6], s[7], s[8], c[2], 0, 0, 0, 1);
+        add("uncertainty", mark, mesh, 5);
+      }
+      if (mark.axisSpread && mark.fittedAxis) {
+        add("uncertainty", mark, new THREE.Mesh(Gaitcal.cones(mark, 1.25 * HALF, CONFIDENCE), cloud), 5);
+      }
+    }
+    this.places = this.marks.map(() => new THREE.Vector3());
+    this.body = body;
+  }
+
+  get known() {
+    return this.parts.uncertainty.length > 0;
+  }
+
+  show(kind, on, trial) {
+    for (const { mesh, segment } of this.parts[kind]) mesh.visible = on && trial.tracked[segment];
+  }
+
+  targets(trial, on) {
+    if (!on) return [];
+    return this.marks
+      .map((mark, i) => {
+        const group = this.body.groups[mark.segment];
+        this.places[i].fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
+        return [this.places[i], Gaitcal.jointText(mark), mark.segment];
+      })
+      .filter(([, , segment]) => trial.tracked[segment]);
+  }
+};
+
+Gaitcal.SIDES = { r: "right", l: "left" };
+
+Gaitcal.jointText = function (mark) {
+  const [name, side] = mark.joint.split("_");
+  const title = side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
+  if (!mark.fitted) return `${title}\nnot fitted: nominal`;
+  const norm = (v) => Math.hypot(...v);
+  const moved = norm(mark.fittedCentre.map((x, k) => x - mark.nominalCentre[k]));
+  let text = `${title}\ncentre moved ${(1000 * moved).toFixed(1)} mm`;
+  if (mark.nominalAxis && mark.fittedAxis) {
+    const cosine = mark.fittedAxis.reduce((sum, x, k) => sum + x * mark.nominalAxis[k], 0);
+    text += `, axis turned ${((180 / Math.PI) * Math.acos(Math.min(1, cosine))).toFixed(1)}\u00b0`;
+  }
+  if (mark.centreSpread) text += `\nstandard error of the centre ${(1000 * norm(mark.centreSpread)).toFixed(1)} mm`;
+  return text;
+};
+
+// Two cones from the joint centre that the axis stays within: half angles = confidence times standard errors.
+Gaitcal.cones = function (mark, length, confidence) {
+  const THREE = MeshCat.THREE;
+  const s = mark.axisSpread;
+  const columns = [0, 1, 2].map((k) => new THREE.Vector3(s[k], s[3 + k], s[6 + k]));
+  columns.sort((a, b) => b.length() - a.length());
+  const [u, v] = columns.map((c) => c.multiplyScalar(confidence));
+  const centre = new THREE.Vector3().fromArray(mark.fittedCentre);
+  const axis = new THREE.Vector3().fromArray(mark.fittedAxis);
+  const AROUND = 32;
+  const points = [centre.toArray()];
+  const triangles = [];
+  for (const end of [1, -1]) {
+    const first = points.length;
+    for (let k = 0; k < AROUND; k++) {
+      const angle = (2 * Math.PI * k) / AROUND;
+      const tip = axis.clone().addScaledVector(u, Math.cos(angle)).addScaledVector(v, Math.sin(angle));
+      points.push(centre.clone().addScaledVector(tip, end * length).toArray());
+      triangles.push(0, first + k, first + ((k + 1) % AROUND));
+    }
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points.flat()), 3));
+  geometry.setIndex(triangles);
+  return geometry;
+};

@@ -1,0 +1,118 @@
+"use strict";
+// The legend, which is also where each part is shown or hidden.
+Gaitcal.LAYERS = [
+  ["body", "Body", "fitted model, pose of each frame"],
+  ["measured", "Measured markers", "as recorded"],
+  ["model", "Model markers", "where the fitted model has them"],
+  ["errors", "Marker errors", "from model to measured"],
+  ["forces", "Ground reactions", "arrow from the centre of pressure; force plates"],
+  ["fitted", "Fitted joints", "centre and axis in this person"],
+  ["nominal", "Nominal joints", "before calibration"],
+  ["uncertainty", "Uncertainty", "95 %: cloud of the centre, cones of the axis"],
+];
+
+Gaitcal.swatch = function (name) {
+  const canvas = document.createElement("canvas");
+  canvas.width = 60;
+  canvas.height = 44;
+  const pen = canvas.getContext("2d");
+  const colour = (value) => "#" + value.toString(16).padStart(6, "0");
+  const c = Gaitcal.COLOURS;
+  const dot = (x, y, r, fill) => {
+    pen.fillStyle = fill;
+    pen.beginPath();
+    pen.arc(x, y, r, 0, 7);
+    pen.fill();
+  };
+  const line = (x0, y0, x1, y1, width, stroke) => {
+    pen.strokeStyle = stroke;
+    pen.lineWidth = width;
+    pen.beginPath();
+    pen.moveTo(x0, y0);
+    pen.lineTo(x1, y1);
+    pen.stroke();
+  };
+  const joint = (fill) => {
+    line(8, 36, 46, 12, 5, fill);
+    pen.fillStyle = fill;
+    pen.beginPath();
+    [[56, 6], [50, 20], [42, 7]].forEach(([x, y]) => pen.lineTo(x, y));
+    pen.fill();
+    dot(27, 24, 10, fill);
+  };
+  const draw = {
+    body: () => {
+      pen.fillStyle = colour(c.body);
+      pen.beginPath();
+      pen.ellipse(30, 22, 12, 20, 0, 0, 7);
+      pen.fill();
+    },
+    measured: () => dot(30, 22, 11, colour(c.measured)),
+    model: () => dot(30, 22, 10, colour(c.model)),
+    errors: () => {
+      line(16, 30, 44, 14, 6, colour(c.error));
+      dot(14, 31, 8, colour(c.model));
+      dot(46, 13, 9, colour(c.measured));
+    },
+    forces: () => {
+      pen.fillStyle = colour(c.plate) + "60";
+      pen.fillRect(6, 34, 48, 8);
+      line(30, 38, 30, 14, 7, colour(c.force));
+      pen.fillStyle = colour(c.force);
+      pen.beginPath();
+      [[30, 0], [42, 18], [18, 18]].forEach(([x, y]) => pen.lineTo(x, y));
+      pen.fill();
+    },
+    fitted: () => joint(colour(c.fitted)),
+    nominal: () => joint(colour(c.nominal)),
+    uncertainty: () => {
+      pen.fillStyle = colour(c.fitted) + "55";
+      pen.beginPath();
+      [[2, 8], [30, 22], [2, 36]].forEach(([x, y]) => pen.lineTo(x, y));
+      pen.fill();
+      pen.beginPath();
+      [[58, 8], [30, 22], [58, 36]].forEach(([x, y]) => pen.lineTo(x, y));
+      pen.fill();
+      pen.beginPath();
+      pen.ellipse(30, 22, 14, 10, 0, 0, 7);
+      pen.fill();
+    },
+  };
+  draw[name]();
+  return canvas;
+};
+
+Gaitcal.Legend = class {
+  // changed() is called after every click.
+  constructor(host, changed) {
+    this.boxes = {};
+    for (const [name, title, about] of Gaitcal.LAYERS) {
+      const label = document.createElement("label");
+      const box = document.createElement("input");
+      box.type = "checkbox";
+      box.checked = true;
+      box.id = `show-${name}`;
+      box.addEventListener("change", changed);
+      const text = document.createElement("span");
+      text.textContent = title;
+      const small = document.createElement("small");
+      small.textContent = about;
+      text.append(small);
+      label.append(box, Gaitcal.swatch(name), text);
+      host.append(label);
+      this.boxes[name] = { box, label, small, about };
+    }
+  }
+
+  on(name) {
+    return this.boxes[name].box.checked && !this.boxes[name].box.disabled;
+  }
+
+  // Says why a layer is empty in this trial; null: it is not.
+  reason(name, why) {
+    const { box, label, small, about } = this.boxes[name];
+    box.disabled = why !== null;
+    label.classList.toggle("absent", why !== null);
+    small.textContent = why ?? about;
+  }
+};

@@ -1,0 +1,156 @@
+"""A headless Chromium, driven through its DevTools protocol over two pipes: no driver, no extra package."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FLAGS = (
+    "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox", "--disable-dev-shm-usage",
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-extensions",
+    "--disable-background-networking", "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
+)  # fmt: skip
+TIMEOUT = 90.0
+"""s: software rendering on a busy machine is slow, and a hung browser must not hang the tests."""
+
+# The browser reads commands from descriptor 3 and answers on descriptor 4.
+_LAUNCH = "import os,sys; r,w=map(int,sys.argv[1:3]); a=os.dup(r); b=os.dup(w); os.dup2(a,3); os.dup2(b,4); " \
+    "os.execv(sys.argv[3],sys.argv[3:])"  # fmt: skip
+
+
+def chromium() -> str | None:
+    """The browser on this machine, if there is one."""
+    return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class Page:
+    """One tab. Console messages, exceptions and requests are kept."""
+
+    def __init__(self, to: int, answers: int) -> None:
+        self._to, self._answers = to, answers
+        self._buffer = b""
+        self._count = 0
+        self.session: str | None = None
+        self.console: list[str] = []
+        self.requests: list[str] = []
+        self.loaded = False
+
+    def send(self, method: str, **params: Any) -> dict[str, Any]:
+        self._count += 1
+        message: dict[str, Any] = {"id": self._count, "method": method, "params": params}
+        if self.session:
+            message["sessionId"] = self.session
+        os.write(self._to, json.dumps(message).encode() + b"\0")
+        deadline = time.monotonic() + TIMEOUT
+        while True:
+            answer = self._next(deadline)
+            if answer.get("id") == self._count:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return dict(answer["result"])
+
+    def _next(self, deadline: float) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline - time.monotonic()))
+            if not ready:
+                raise TimeoutError("the browser does not answer")
+            chunk = os.read(self._answers, 1 << 20)
+            if not chunk:
+                raise RuntimeError("the browser has ended")
+            self._buffer += chunk
+        text, self._buffer = self._buffer.split(b"\0", 1)
+        message: dict[str, Any] = json.loads(text)
+        self._note(message.get("method"), message.get("params", {}))
+        return message
+
+    def _note(self, method: str | None, params: dict[str, Any]) -> None:
+        if method == "Runtime.consoleAPICalled":
+            values = [str(a.get("value", a.get("description"))) for a in params["args"]]
+            self.console.append(f"{params['type']}: {' '.join(values)}")
+        elif method == "Runtime.exceptionThrown":
+            details = params["exceptionDetails"]
+            self.console.append(f"exception: {details.get('exception', {}).get('description', details['text'])}")
+        elif method == "Log.entryAdded":
+            self.console.append(f"{params['entry']['level']}: {params['entry']['text']}")
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])
+        elif method == "Page.loadEventFired":
+            self.loaded = True
+
+    def open(self, url: str, width: int = 1280, height: int = 800, phone: bool = False) -> None:
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.send(f"{domain}.enable")
+        self.send("Network.emulateNetworkConditions", offline=url.startswith("file:"), latency=0,
+                  downloadThroughput=-1, uploadThroughput=-1)  # fmt: skip
+        self.size(width, height, phone)
+        self.loaded = False
+        self.send("Page.navigate", url=url)
+        deadline = time.monotonic() + TIMEOUT
+        while not self.loaded:
+            self._next(deadline)
+
+    def size(self, width: int, height: int, phone: bool = False) -> None:
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=2 if phone else 1,
+                  mobile=phone)  # fmt: skip
+
+    def run(self, script: str) -> Any:
+        """The value of a JavaScript expression; promises are awaited."""
+        out = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in out:
+            raise RuntimeError(out["exceptionDetails"].get("exception", {}).get("description", out))
+        return out["result"].get("value")
+
+    def picture(self, path: Path | None = None) -> bytes:
+        content = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+        if path is not None:
+            path.write_bytes(content)
+        return content
+
+    def press(self, key: str) -> None:
+        for kind in ("keyDown", "keyUp"):
+            self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key if key != " " else "Space", text="")
+
+    def move(self, x: float, y: float) -> None:
+        self.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+
+@contextlib.contextmanager
+def browser(folder: Path, binary: str) -> Iterator[Page]:
+    """A browser with one empty tab; `folder` holds its profile."""
+    command_read, command_write = os.pipe()
+    answer_read, answer_write = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-c", _LAUNCH, str(command_read), str(answer_write), binary, *FLAGS,
+         f"--user-data-dir={folder}", "about:blank"],
+        pass_fds=(command_read, answer_write),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(command_read)
+    os.close(answer_write)
+    try:
+        page = Page(command_write, answer_read)
+        target = next(t for t in page.send("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        page.session = page.send("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
+        yield page
+    finally:
+        os.close(command_write)
+        os.close(answer_read)
+        process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(15)
+        if process.poll() is None:
+            process.kill()
+            process.wait()
