@@ -1,0 +1,98 @@
+"""gaitcal: fits a full-body linkage model to one person's motion capture and says how far to trust the result.
+
+    import gaitcal as gc
+
+    study = gc.Study.load("study.toml")
+    calibration = gc.calibrate(study)
+    print(calibration.model.parameters.joint)
+
+Names are loaded when they are first used, so that `import gaitcal` is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gaitcal.dynamics.api import Moments, inverse_dynamics
+    from gaitcal.errors import ConvergenceError, GaitcalError, InputError
+    from gaitcal.model.build import build_model
+    from gaitcal.model.linkage import COORDINATES
+    from gaitcal.model.marker_set import MarkerSet, load_marker_set
+    from gaitcal.model.model_file import load_model, save_model
+    from gaitcal.model.nominal import nominal_model, published_model
+    from gaitcal.model.parameters import Parameters
+    from gaitcal.model.subject_model import Subject, SubjectModel
+    from gaitcal.motion.motion import Motion, track
+    from gaitcal.recording import Recording, read_recording
+    from gaitcal.study.person import Study
+    from gaitcal.study.pipeline import calibrate
+    from gaitcal.study.result import Calibration
+    from gaitcal.study.synthetic_subject import synthesize
+
+_HOME = {
+    "COORDINATES": "gaitcal.model.linkage",
+    "Calibration": "gaitcal.study.result",
+    "ConvergenceError": "gaitcal.errors",
+    "GaitcalError": "gaitcal.errors",
+    "InputError": "gaitcal.errors",
+    "MarkerSet": "gaitcal.model.marker_set",
+    "Moments": "gaitcal.dynamics.api",
+    "Motion": "gaitcal.motion.motion",
+    "Parameters": "gaitcal.model.parameters",
+    "Recording": "gaitcal.recording",
+    "Study": "gaitcal.study.person",
+    "Subject": "gaitcal.model.subject_model",
+    "SubjectModel": "gaitcal.model.subject_model",
+    "build_model": "gaitcal.model.build",
+    "calibrate": "gaitcal.study.pipeline",
+    "inverse_dynamics": "gaitcal.dynamics.api",
+    "load_marker_set": "gaitcal.model.marker_set",
+    "load_model": "gaitcal.model.model_file",
+    "nominal_model": "gaitcal.model.nominal",
+    "published_model": "gaitcal.model.nominal",
+    "read_recording": "gaitcal.recording",
+    "save_model": "gaitcal.model.model_file",
+    "synthesize": "gaitcal.study.synthetic_subject",
+    "track": "gaitcal.motion.motion",
+}
+
+__all__ = [
+    "COORDINATES",
+    "Calibration",
+    "ConvergenceError",
+    "GaitcalError",
+    "InputError",
+    "MarkerSet",
+    "Moments",
+    "Motion",
+    "Parameters",
+    "Recording",
+    "Study",
+    "Subject",
+    "SubjectModel",
+    "build_model",
+    "calibrate",
+    "inverse_dynamics",
+    "load_marker_set",
+    "load_model",
+    "nominal_model",
+    "published_model",
+    "read_recording",
+    "save_model",
+    "synthesize",
+    "track",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'gaitcal' has no attribute '{name}'")
+    value: object = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

@@ -252,7 +252,7 @@ def _calibration(
     trials: list[PreparedTrial],
     reactions: dict[str, GroundReactions],
 ) -> Calibration:
-    notes = list(nominal.notes) + [f"static: {note}" for note in study.static.recording.notes]
+    notes = list(nominal.notes)
     notes += [f"{t.name}: {note}" for t in trials for note in t.recording.notes]
     notes += [f"{name}: {note}" for name, r in reactions.items() for note in r.notes]
     warnings = list(joint.warnings) if joint else []
