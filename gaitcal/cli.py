@@ -159,7 +159,7 @@ def main() -> None:
 
 def _say_error(text: str) -> None:
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    print(f"gaitcal: {line}", file=sys.stderr)
+    sys.stderr.write(f"gaitcal: {line}\n")
 
 
 if __name__ == "__main__":

@@ -154,7 +154,7 @@ def save_splines(trials: Sequence[TrialResult], path: Path) -> None:
         arrays |= {f"time_{k}": t.body.time, f"knots_{k}": t.body.basis.knots, f"nodes_{k}": t.body.nodes}
         if t.loads is not None:
             arrays |= {f"wrench_{k}": t.loads.reactions.wrench, f"valid_{k}": t.loads.reactions.valid}
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def save_uncertainty(spread: Uncertainty, path: Path) -> None:
@@ -166,7 +166,7 @@ def save_uncertainty(spread: Uncertainty, path: Path) -> None:
         arrays["joint"] = spread.joint.parameters
     if spread.inertial is not None:
         arrays["inertial"] = spread.inertial
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
@@ -177,6 +177,6 @@ def load_uncertainty(path: Path) -> Uncertainty:
             if "joint" in stored:
                 names = tuple(str(n) for n in stored["joint_free"])
                 joint = Influence(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
-            return Uncertainty(joint, stored["inertial"] if "inertial" in stored else None)
+            return Uncertainty(joint, stored.get("inertial"))
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None

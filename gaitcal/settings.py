@@ -24,8 +24,8 @@ class CalibrationSettings(Table):
     )
     gait_parameters: Literal["auto", "published", "leg"] = Field(
         default="auto",
-        description="what gait trials may move in each leg: the published 17 joint parameters, all 27, or 'auto': the 17 "
-        "and the other parameters of joints that an isolated trial has determined",
+        description="what gait trials may move in each leg: the published 17 joint parameters, all 27, or 'auto': "
+        "the 17 and the other parameters of joints that an isolated trial has determined",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"

@@ -1,0 +1,1 @@
+"""Joint and inertial parameters from motions; how well they are known."""

@@ -85,10 +85,8 @@ def _arrow_step(
         stacked = np.column_stack([e.mixed, e.node_gradient.ravel()])
         x = BandFactor(e.band, damping).solve(stacked)
         solved.append(x)
-        schur[np.ix_(at, at)] += (
-            e.parameters + damping * np.diag(np.diag(e.parameters)) - e.mixed.T @ x[:, :-1]
-        )
+        schur[np.ix_(at, at)] += e.parameters + damping * np.diag(np.diag(e.parameters)) - e.mixed.T @ x[:, :-1]
         right[at] += e.parameter_gradient - e.mixed.T @ x[:, -1]
     schur += 1e-14 * np.trace(schur) * np.eye(size)
-    dp = -np.linalg.solve(schur, right) if size else np.zeros(0)
+    dp = np.asarray(-np.linalg.solve(schur, right), dtype=np.float64)
     return dp, [-(x[:, -1] + x[:, :-1] @ dp[at]) for x, at in zip(solved, columns, strict=True)]

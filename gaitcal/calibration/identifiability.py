@@ -48,7 +48,9 @@ def unseen_parameters(fit: JointFit, influence: Influence) -> tuple[str, ...]:
     """Names of the free parameters that the trials of a fit do not determine, worst first."""
     allowed = largest_errors(fit.free)
     covariance = influence.covariance / np.outer(allowed, allowed)
-    values, vectors = np.linalg.eigh(fit.state.hessian * np.outer(allowed, allowed) + np.diag((fit.prior * allowed) ** 2))
+    values, vectors = np.linalg.eigh(
+        fit.state.hessian * np.outer(allowed, allowed) + np.diag((fit.prior * allowed) ** 2)
+    )
     null = vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
     covariance = covariance + 1e6 * null @ null.T
     kept = list(range(len(fit.free)))

@@ -80,10 +80,15 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
     """
     nf = len(regressor)
     rows = np.concatenate([regressor.reshape(nf, 6, 120), ground[:, :, None]], axis=2)
-    force = np.linalg.qr(rows[:, :3].reshape(3 * nf, 121), mode="r")
-    moment = np.linalg.qr(rows[:, 3:].reshape(3 * nf, 121), mode="r")
-    stacked = np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r")
+    force, moment = _compressed(rows[:, :3].reshape(3 * nf, 121)), _compressed(rows[:, 3:].reshape(3 * nf, 121))
+    stacked = _compressed(np.vstack([force / weight, moment / (weight * length)]))
     return RootEquations(stacked[:, :120], stacked[:, 120], nf, force, moment)
+
+
+def _compressed(rows: Array) -> Array:
+    """Triangular rows with the same norm in every direction."""
+    out: Array = np.linalg.qr(rows, mode="r")  # type: ignore[assignment]
+    return out
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,8 @@ def fit_published(
 def _by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), 12, 10)
-    return np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
+    out: Array = np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
+    return out
 
 
 def fit_consistent(

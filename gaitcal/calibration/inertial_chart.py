@@ -51,7 +51,8 @@ class LogChart:
 
     def spread(self, settings: ConsistentSettings) -> Array:
         """(n,) prior standard deviation of each variable."""
-        return np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
+        out: Array = np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
+        return out
 
     def _parts(self, x: Array) -> tuple[Array, Array, Array]:
         changes = table(self.selection @ x)

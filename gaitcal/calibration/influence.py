@@ -77,7 +77,8 @@ class Influence:
 def influence_of(problems: Sequence[TrialProblem], fit: JointFit) -> Influence:
     """Influence functions at the solution of a joint calibration."""
     place = {name: k for k, name in enumerate(fit.free)}
-    pulls, clusters = [], []
+    pulls: list[Array] = []
+    clusters: list[str] = []
     for problem, nodes in zip(problems, fit.nodes, strict=True):
         opened = problem.with_free(fit.free)
         scores = trial_scores(opened, fit.parameters, nodes)
@@ -163,4 +164,3 @@ def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
     nf = len(basis.time)
     columns = basis.first[:, None] + np.arange(ORDER)
     return csr_array((weights.ravel(), columns.ravel(), np.arange(0, ORDER * nf + 1, ORDER)), shape=(nf, basis.nodes))
-

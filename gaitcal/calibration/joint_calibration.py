@@ -97,7 +97,13 @@ def calibrate_joints(
     first = parameters.joint[index] if start_values is None else start_values
     inside = np.clip(first, lower + 1e-9 * (upper - lower) if np.isfinite(reach).all() else lower, upper)
     problem = ReducedProblem(
-        problems, parameters, free, starts, settings.tracking, prior=settings.prior_marker / sigma, centre=parameters.joint[index]
+        problems,
+        parameters,
+        free,
+        starts,
+        settings.tracking,
+        prior=settings.prior_marker / sigma,
+        centre=parameters.joint[index],
     )
     scale = np.where(position, POSITION_SCALE, 1.0)
     result = least_squares(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class JointStepSettings:
 
     load_share: float = 0.005
     """s: standard deviation of F / BW and of T / (BW H) that measurement alone explains."""
-    spread: ConsistentSettings = ConsistentSettings()
+    spread: ConsistentSettings = field(default_factory=ConsistentSettings)
     tolerance: float = 1e-6
     most_steps: int = 60
 
@@ -145,7 +145,7 @@ class _JointStep:
         self.load_weight = np.repeat([1.0 / scale, 1.0 / (scale * subject.height)], 3)
 
     def _marker_sigma(self) -> float:
-        """m per coordinate: the marker residual at the start, over all trials."""
+        """Marker error in m per coordinate: the marker residual at the start, over all trials."""
         total, count = 0.0, 0.0
         for trial, problem in zip(self.trials, self.open, strict=True):
             total += problem.cost(trial.nodes, problem.constants(self.start))
@@ -183,22 +183,24 @@ class _JointStep:
             corner,
             corner_gradient,
         )
-        return system if trial.wrench is None else self._add_loads(system, problem, trial, parameters, x, nodes)
+        if trial.wrench is None:
+            return system
+        return self._add_loads(system, problem, trial.wrench, trial.valid, parameters, x, nodes)
 
     def _add_loads(
         self,
         system: _System,
         problem: TrialProblem,
-        trial: JointStepTrial,
+        wrench: Array,
+        counts: NDArray[np.bool_] | None,
         parameters: Parameters,
         x: Array,
         nodes: Array,
     ) -> _System:
         basis, nq = problem.basis, nodes.shape[1]
-        valid = np.ones(len(basis.time), bool) if trial.valid is None else trial.valid
+        valid = np.ones(len(basis.time), bool) if counts is None else counts
         q, v, a = (basis.evaluate(nodes, d)[valid] for d in range(3))
-        assert trial.wrench is not None
-        load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
+        load = root_residual(parameters, self.free, q, v, a, wrench[valid])
         weight = self.load_weight[None, :, None]
         value = load.value * self.load_weight
         by_phi = dynamic_jacobian(parameters.inertial)
@@ -251,6 +253,8 @@ class _JointStep:
             matrix += s.corner - s.mixed.T @ both[:, :-1]
             right += s.corner_gradient - s.mixed.T @ both[:, -1]
         matrix += np.diag(damping * np.diag(sum(s.corner for s in systems)) + 1e-14 * np.trace(matrix))
-        d_theta = -np.linalg.solve(matrix, right)
+        d_theta = np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
         shapes = [trial.nodes.shape for trial in self.trials]
-        return d_theta, [-(b[:, -1] + b[:, :-1] @ d_theta).reshape(shape) for b, shape in zip(solved, shapes, strict=True)]
+        return d_theta, [
+            -(b[:, -1] + b[:, :-1] @ d_theta).reshape(shape) for b, shape in zip(solved, shapes, strict=True)
+        ]

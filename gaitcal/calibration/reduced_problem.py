@@ -149,4 +149,3 @@ def _spectrum(hessian: Array) -> tuple[Array, Array]:
     """Eigenvalues (those that count as zero set to zero) and eigenvectors."""
     values, vectors = np.linalg.eigh(hessian)
     return np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0), vectors
-

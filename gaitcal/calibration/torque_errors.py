@@ -61,7 +61,7 @@ def _marker_part(
     """(nf, 29, nc) d tau_c; this trial's own marker coordinates first, then those of other trials."""
     scores = trial_scores(problem.with_free(slopes.free), parameters, nodes)
     own = scores.clusters
-    everything = own if joint is None else (*own, *(c for c in joint.clusters if c not in set(own)))
+    everything = own if joint is None else tuple(dict.fromkeys((*own, *joint.clusters)))
     change = np.zeros((basis_size(problem), len(everything)))
     change[:, : len(own)] = -scores.nodes
     shift = np.zeros((len(slopes.free), len(everything)))
@@ -72,7 +72,7 @@ def _marker_part(
         change -= scores.sensitivity @ shift
     by_node = change.reshape(problem.basis.nodes, -1)
     nf, nq = len(problem.basis.time), len(problem.chain.coordinates)
-    out = np.einsum("frp,pc->frc", slopes.by_parameter, shift)
+    out: Array = np.einsum("frp,pc->frc", slopes.by_parameter, shift)
     for k, slope in enumerate((slopes.by_position, slopes.by_velocity, slopes.by_acceleration)):
         out += slope @ (basis_matrix(problem.basis, k) @ by_node).reshape(nf, nq, -1)
     return out
@@ -110,4 +110,3 @@ def inertial_square_root(fit: InertialFit) -> Array:
     kept = values > 1e-12 * values[-1]
     out: Array = fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))
     return out
-

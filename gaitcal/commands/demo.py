@@ -30,7 +30,9 @@ def run(out: Path, *, quiet: bool, verbose: bool) -> None:
         calibration = calibrate(study, step)
         step("writing the results")
         write_results(calibration, result)
-    talk.line("A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:")
+    talk.line(
+        "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:"
+    )
     print_calibration(talk, calibration)
     table = parameter_table(calibration)
     truth = pd.read_csv(folder / "truth.csv").set_index("name")["value"]
@@ -38,9 +40,7 @@ def run(out: Path, *, quiet: bool, verbose: bool) -> None:
     for kind, unit in (("joint position", "mm"), ("joint orientation", "deg")):
         rows = fitted[fitted["kind"] == kind]
         true = truth.loc[rows["name"]].to_numpy()
-        before, after = (
-            float(np.sqrt(np.mean((rows[c].to_numpy() - true) ** 2))) for c in ("nominal", "fitted")
-        )
+        before, after = (float(np.sqrt(np.mean((rows[c].to_numpy() - true) ** 2))) for c in ("nominal", "fitted"))
         name = f"{kind}s against the truth (RMS over {len(rows)})"
         talk.line(f"{name}: nominal {before:.2f} {unit}, calibrated {after:.2f} {unit}")
     talk.line(f"report: {result / 'report.html'}")

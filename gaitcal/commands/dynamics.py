@@ -20,9 +20,7 @@ from gaitcal.study.further import analyse
 from gaitcal.study.person import StudyTrial
 
 
-def run(
-    result: Path, trials: list[Path], forces: Path | None, out: Path | None, *, quiet: bool, verbose: bool
-) -> None:
+def run(result: Path, trials: list[Path], forces: Path | None, out: Path | None, *, quiet: bool, verbose: bool) -> None:
     """Take further trials through the model of a result folder."""
     talk = Talk(quiet=quiet, verbose=verbose)
     if forces is not None and len(trials) != 1:
@@ -64,7 +62,7 @@ def _check_markers(model: SubjectModel, labels: tuple[str, ...], path: Path) -> 
     shared = np.isin(model.markers.labels, labels).sum()
     if not shared:
         raise InputError(
-            f"found none of the model's {len(model.markers.labels)} markers ({', '.join(model.markers.labels[:4])}, ...)",
+            f"found none of the model's {len(model.markers.labels)} markers, such as {model.markers.labels[0]}",
             source=path,
             field="markers",
         )

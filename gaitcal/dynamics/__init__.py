@@ -1,0 +1,1 @@
+"""Ground reactions on feet, inverse dynamics and its derivatives."""

@@ -92,6 +92,7 @@ def _contact_derivatives(
         product = by_turn @ w.transpose(0, 2, 1) + np.cross(w, force[:, None]) @ v.transpose(0, 2, 1)
         out[np.ix_(np.arange(len(q)), moved, moved)] += product * before
     where = {name: k for k, name in enumerate(names)}
-    rows = [where[name] for name in (*COORDINATES, *REACTIONS)]
-    by = [where[name] for name in (*COORDINATES, *chain.free)]
-    return out[np.ix_(np.arange(len(q)), rows, by)]
+    rows = np.array([where[name] for name in (*COORDINATES, *REACTIONS)])
+    by = np.array([where[name] for name in (*COORDINATES, *chain.free)])
+    chosen: Array = out[np.ix_(np.arange(len(q)), rows, by)]
+    return chosen

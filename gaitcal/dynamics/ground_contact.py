@@ -137,9 +137,7 @@ def _foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
     w = wrench[stretch]
     cop = np.stack([w[:, 5] / w[:, 1], -w[:, 3] / w[:, 1]], axis=1)
     distances = [
-        np.average(
-            _to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1]
-        )
+        np.average(_to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1])
         for k in range(len(FEET))
     ]
     best = int(np.argmin(distances))

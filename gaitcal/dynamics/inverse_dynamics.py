@@ -79,7 +79,7 @@ class Dynamics:
             moved = np.flatnonzero(self.chain.support[:, segment])
             tau[:, moved] -= np.einsum("kif,fi->fk", columns[moved], wrenches[:, foot])
         axes, _, _ = pelvis_axes(q)
-        moment = np.linalg.solve(axes, tau[:, 3:6, None])[:, :, 0]
+        moment = np.asarray(np.linalg.solve(axes, tau[:, 3:6, None])[:, :, 0], dtype=np.float64)
         return GeneralisedForces(tau[:, self._place], tau[:, self._reaction], tau[:, :3].copy(), moment)
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:

@@ -1,0 +1,1 @@
+"""The linkage: segments, joints, parameters, marker sets, nominal models."""

@@ -71,7 +71,7 @@ _WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk") + 2 * (
     "Forearm",
     "Hand",
     "Thigh",
-    "Shank",
+    "Shank2",
     "Foot",
 )
 
@@ -89,7 +89,7 @@ def default_length(name: str, subject: Subject) -> float:
 
 def default_limbs(subject: Subject) -> dict[str, float]:
     """Lengths of the limbs where nothing is measured, m."""
-    of = {"thigh": "Thigh", "shank": "Shank", "upper_arm": "UpperArm", "forearm_hand": "Forearm"}
+    of = {"thigh": "Thigh", "shank": "Shank2", "upper_arm": "UpperArm", "forearm_hand": "Forearm"}
     return {f"{segment}_{side}": default_length(name, subject) for segment, name in of.items() for side in SIDES}
 
 
@@ -118,7 +118,7 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     foot = _part("Foot", subject)
     foot_centre = np.array([foot.centre, FOOT_CENTRE_UP * subject.height, 0.0])
     for side in SIDES:
-        for segment, name in (("thigh", "Thigh"), ("shank", "Shank"), ("upper_arm", "UpperArm")):
+        for segment, name in (("thigh", "Thigh"), ("shank", "Shank2"), ("upper_arm", "UpperArm")):
             part = _part(name, subject, lengths.limbs[f"{segment}_{side}"])
             rows[f"{segment}_{side}"] = _one(part, np.array([0.0, -part.centre, 0.0]))
         rows[f"foot_{side}"] = np.concatenate([[foot.mass], foot_centre, _moments(foot, _FOOT_DIAGONAL)])

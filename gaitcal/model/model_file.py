@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 FORMAT = 1
 PRECISION = 60
 MOST_DIGITS = 21
-LARGEST = 400
-"""Of decimal exponents; what a double can hold stays below."""
+LARGEST = 300
+"""Of decimal exponents: within the range of doubles, whatever the unit."""
 _EXACT = Context(prec=PRECISION, Emin=-(10**6), Emax=10**6)
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 _TO_SI = {
@@ -60,7 +60,7 @@ _HEADER = """\
 def _decimal(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool):
         value = Decimal(value)
-    if isinstance(value, Decimal) and value.is_finite() and value and abs(value.adjusted()) > LARGEST:
+    if isinstance(value, Decimal) and value.is_finite() and value and value.adjusted() > LARGEST:
         raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
     return value
 
@@ -251,8 +251,6 @@ def _arrays(
         raise InputError(f"'{missing[0]}'{more} missing", source=source, field=where)
     value = [_si(found[name].value, unit) for name, unit in zip(names, units, strict=True)]
     nominal = [_si(found[name].nominal, unit) for name, unit in zip(names, units, strict=True)]
-    if not np.isfinite(value + nominal).all():
-        raise InputError("a number is too large", source=source, field=where)
     return np.array(value), np.array(nominal)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.data_files import models_path
-from gaitcal.model.inertial_parameters import IP_NAMES, MASSIVE_SEGMENTS, table
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
-from gaitcal.model.linkage import ZERO_ANGLES
 
 Array = NDArray[np.float64]
 
@@ -65,5 +64,4 @@ def published_subject() -> Parameters:
         inertial[i] = [entry["mass_kg"], *(1e-3 * com), *(1e-6 * np.array(entry["moi_kg_mm2_xyz"]))]
     zero = data["fixed_zero_offsets_deg"]
     angles = [zero["theta_tc0"], zero["theta_st0_right"], zero["theta_tc0"], zero["theta_st0_left"]]
-    assert len(angles) == len(ZERO_ANGLES) and inertial.size == len(IP_NAMES)
     return Parameters(joint * JP_TO_SI, inertial.ravel(), np.deg2rad(angles))

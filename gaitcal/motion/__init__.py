@@ -1,0 +1,1 @@
+"""Marker tracking: splines, residuals, banded Gauss-Newton."""

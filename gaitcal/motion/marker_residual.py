@@ -15,6 +15,7 @@ every frame. Composite inertias are summed from the tips to the root, once per s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,7 @@ class VariablePairs:
 
     def __init__(self, chain: Chain, seen: NDArray[np.bool_]) -> None:
         support = chain.support * seen
-        active = support.any(axis=1)
+        active = np.asarray(support.any(axis=1))
         nq = len(chain.coordinates)
         within = ((support[:, None, :] <= support[None, :, :]).all(axis=2)) & active[:, None] & active[None, :]
         """within[l, k]: what l moves, k moves too."""
@@ -96,7 +97,7 @@ def _place(data: MarkerData, axes: Array, origins: Array) -> Array:
 def _groups(segment: IntArray) -> list[tuple[int, slice]]:
     edges = np.flatnonzero(np.diff(segment)) + 1
     bounds = [0, *edges.tolist(), len(segment)]
-    return [(int(segment[a]), slice(a, b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [(int(segment[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
 
 def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:

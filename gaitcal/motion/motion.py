@@ -43,7 +43,8 @@ class MarkerErrors:
         """(nm,) markers with weight that were seen at all, of one segment or all."""
         seen = np.isfinite(self.distance).any(axis=0)
         here = np.array([segment is None or s == segment for s in self.segments], dtype=bool)
-        return (self.weight > 0) & seen & here
+        kept: NDArray[np.bool_] = (self.weight > 0) & seen & here
+        return kept
 
     def largest(self) -> tuple[float, str] | None:
         """Largest distance (m) over markers with weight, and which marker."""
@@ -92,9 +93,7 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
     """The motion that `nodes` describe, with the errors of every marker."""
     positions = problem.positions(nodes, problem.constants(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
-    return Motion(
-        problem.name, problem.chain.coordinates, problem.basis, nodes, _errors(problem, distance), converged
-    )
+    return Motion(problem.name, problem.chain.coordinates, problem.basis, nodes, _errors(problem, distance), converged)
 
 
 def rigid_floor(problem: TrialProblem) -> MarkerErrors:
@@ -138,5 +137,3 @@ def track(
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
     return motion_of(problem, model.parameters, tracked.nodes, converged=tracked.converged)
-
-

@@ -9,6 +9,7 @@ exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class SplineBasis:
         """(first node, frames) of each knot span that holds frames; frames of a span are consecutive."""
         edges = np.flatnonzero(np.diff(self.first)) + 1
         bounds = [0, *edges.tolist(), len(self.first)]
-        return [(int(self.first[a]), slice(a, b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
     def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
         """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""

@@ -41,7 +41,7 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
     for s in range(len(chain.segments)):
         path = _path(chain, s)
         own = [k for k in path if k >= 6 and not any(chain.support[k, t] for t in range(s))]
-        base = rotations.get(_parent_segment(chain, s, own), None)
+        base = rotations.get(_parent_segment(chain, s, own))
         if s == 0:
             rotations[0] = _chain_rotation(chain, constants, path, q) @ constants.segment_rotation[0]
             continue

@@ -37,7 +37,7 @@ class NodeRule:
         """Number of nodes for frames at `time` (s)."""
         if self.fixed is not None:
             return self.fixed
-        spans = min((time[-1] - time[0]) * self.per_second, len(time) / FRAMES_PER_SPAN)
+        spans = min(float(time[-1] - time[0]) * self.per_second, len(time) / FRAMES_PER_SPAN)
         return max(round(spans), 1) + MINIMUM_NODES - 1
 
 
@@ -65,7 +65,9 @@ def trial_problem(
     where the part's root has no three markers, or the recording is too short for a spline.
     """
     if len(recording.time) < FEWEST_FRAMES:
-        raise InputError(f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}", source=recording.source)
+        raise InputError(
+            f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}", source=recording.source
+        )
     at = {label: i for i, label in enumerate(recording.labels)}
     chosen = [
         i
@@ -78,7 +80,7 @@ def trial_problem(
     chosen = [chosen[k] for k in order]
     labels = tuple(model.markers.labels[i] for i in chosen)
     measured = recording.markers[:, [at[label] for label in labels]].transpose(1, 2, 0)
-    seen = np.isfinite(measured).all(axis=1)
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(seen, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index[order] == 0) & (weight > 0).any(axis=1)
     if on_root.sum() < 3:

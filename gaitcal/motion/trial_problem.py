@@ -35,7 +35,7 @@ class TrialProblem:
     @cached_property
     def _pairs(self) -> VariablePairs:
         seen = np.zeros(len(self.chain.segments), dtype=bool)
-        seen[self.data.segment[self.data.weight.any(axis=1)]] = True
+        seen[self.data.segment[np.asarray(self.data.weight.any(axis=1))]] = True
         return VariablePairs(self.chain, seen)
 
     @cached_property
@@ -118,4 +118,3 @@ class TrialProblem:
             frames = self._assembler.frames(group)
             out[:, :, frames] = marker_positions(self.chain, constants, self.data.frames(frames), q[frames])
         return out
-

@@ -1,0 +1,1 @@
+"""Whole studies: a person from files, synthetic subjects, the published study."""

@@ -36,7 +36,7 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
     lines = _joint_lines(parameters, q)
     out = np.full(len(JP_INDEX), np.nan)
 
-    def put(name: str, value: float) -> None:
+    def put(name: str, value: float | np.floating | Array) -> None:
         out[JP_INDEX[name]] = value
 
     def put_point(prefix: str, segment: str, point: Array, directions: str = "ant sup lat") -> None:

@@ -14,9 +14,7 @@ from gaitcal.study.result import LoadedTrial, TorqueErrors, TrialResult
 from gaitcal.study.uncertainty import Uncertainty
 
 
-def analyse(
-    model: SubjectModel, trial: StudyTrial, settings: CalibrationSettings, spread: Uncertainty
-) -> TrialResult:
+def analyse(model: SubjectModel, trial: StudyTrial, settings: CalibrationSettings, spread: Uncertainty) -> TrialResult:
     """Track one further gait trial with a calibrated model and compute its torques.
 
     Parameters
@@ -44,5 +42,14 @@ def analyse(
             TorqueErrors(errors[:, :27], errors[:, 27:]),
         )
     return TrialResult(
-        trial.name, trial.role, None, prepared.recording, nominal, motion, motion, rigid_floor(prepared.body), motion, loads
+        trial.name,
+        trial.role,
+        None,
+        prepared.recording,
+        nominal,
+        motion,
+        motion,
+        rigid_floor(prepared.body),
+        motion,
+        loads,
     )

@@ -21,7 +21,6 @@ from gaitcal.settings import CalibrationSettings
 from gaitcal.study.person import StudyTrial
 from gaitcal.study.prepare import PreparedTrial
 
-
 IMPLAUSIBLE = 0.25
 """Of body weight: filtering, skin movement and the mass model leave less than half of that in sound trials."""
 
@@ -46,7 +45,7 @@ def measured_reactions(
 def _drop_implausible(found: GroundReactions, parameters: Parameters, motion: Motion) -> GroundReactions:
     """Frames whose vertical force is far from what the body's acceleration asks for are not valid.
 
-    A foot that hangs over its plate's edge loads the plate only in part; no marker shows it, but the sum of forces does.
+    A foot that hangs over its plate's edge loads the plate only in part; no marker shows it, the sum of forces does.
     """
     none = np.zeros_like(found.wrench)
     needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none).residual_force[:, 1]
@@ -56,8 +55,8 @@ def _drop_implausible(found: GroundReactions, parameters: Parameters, motion: Mo
         return found
     spans = ", ".join(f"{motion.time[s.start]:.2f}-{motion.time[s.stop - 1]:.2f}" for s in _runs(bad))
     note = (
-        f"{spans} s: the plates' vertical force differs by more than {100 * IMPLAUSIBLE:.0f} % of body weight from what "
-        "the motion asks for; not valid (a foot partly off its plate, or an unmeasured contact?)"
+        f"{spans} s: the plates' vertical force differs by more than {100 * IMPLAUSIBLE:.0f} % of body weight from "
+        "what the motion asks for; not valid (a foot partly off its plate, or an unmeasured contact?)"
     )
     return replace(found, valid=found.valid & ~bad, notes=(*found.notes, note))
 

@@ -119,9 +119,7 @@ def _read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyT
             )
     recording = _window(recording, trial)
     _check_forces_cover(recording, trial)
-    return StudyTrial(
-        trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz
-    )
+    return StudyTrial(trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz)
 
 
 def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
@@ -136,7 +134,9 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
             field="markers.rename",
         )
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
-    return replace(recording, labels=labels).with_notes(*([f"markers renamed: {', '.join(changed)}"] if changed else []))
+    return replace(recording, labels=labels).with_notes(
+        *([f"markers renamed: {', '.join(changed)}"] if changed else [])
+    )
 
 
 def _window(recording: Recording, trial: Trial) -> Recording:

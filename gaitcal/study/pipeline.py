@@ -198,7 +198,10 @@ def _third_step(
         used = None if r is None or not r.valid.any() else r
         steps.append(
             JointStepTrial(
-                t.body, motions[t.name].nodes, None if used is None else used.wrench, None if used is None else used.valid
+                t.body,
+                motions[t.name].nodes,
+                None if used is None else used.wrench,
+                None if used is None else used.valid,
             )
         )
     which = symmetric_set() if settings.ip_set == "symmetric" else full_set()

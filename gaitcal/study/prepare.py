@@ -105,7 +105,7 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
         if segment == "pelvis" and name in at
     ]
     measured = recording.markers[:, [at[model.markers.labels[i]] for i in own]].transpose(1, 2, 0)
-    seen = np.isfinite(measured).all(axis=1)
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
     if len(own) < 3:
         return None
     fit = rigid_fit(model.markers.local[own], np.where(seen[:, None], measured, 0.0), seen.astype(float))
@@ -124,5 +124,3 @@ def joint_settings(settings: CalibrationSettings) -> JointSettings:
         prior_position=WEAK_POSITION if weak else np.inf,
         prior_orientation=WEAK_ORIENTATION if weak else np.inf,
     )
-
-

@@ -12,7 +12,7 @@ from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 
-Json: TypeAlias = "None | bool | int | float | str | list[Json] | dict[str, Json]"
+Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
 def summary(calibration: Calibration) -> dict[str, Json]:

@@ -190,7 +190,10 @@ def _entry(name: str) -> Trial:
 def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
     return StudyFile(
         subject=SubjectTable(
-            name=subject.name, mass_kg=subject.mass, height_m=subject.height, sex=subject.sex  # type: ignore[arg-type]
+            name=subject.name,
+            mass_kg=subject.mass,
+            height_m=subject.height,
+            sex=subject.sex,  # type: ignore[arg-type]
         ),
         markers=Markers(set="published"),
         trial=trials,

@@ -60,4 +60,3 @@ def joint_influence(joint: JointCalibration) -> Influence | None:
         out[rows] = 0.0
         out[np.ix_(rows, [place[c] for c in part.clusters])] = part.parameters
     return Influence(free, out, clusters)
-

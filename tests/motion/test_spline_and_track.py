@@ -111,7 +111,7 @@ def test_gaps_leave_the_rest_alone() -> None:
 def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=50, nodes=8)
+    problem, _ = random_trial(rng, parameters, frames=50, nodes=8)
     turn = axis_rotation(1, heading)
     turned = np.einsum("ij,mjf->mif", turn, problem.data.measured) + np.array([3.0, 0.0, -2.0])[None, :, None]
     data = type(problem.data)(problem.data.segment, problem.data.local, turned, problem.data.weight)
