@@ -142,7 +142,7 @@ def _leg(jp: dict[str, float], side: str, girth: float) -> list[Garment]:
 
 
 def _foot(model: SubjectModel, side: str) -> Garment:
-    """The foot mesh at the fitted ankle centre, upright as the nominal model stands at zero coordinates, x to the toe."""
+    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the toe."""
     _, upright = _ankle_and_up(model.nominal, side)
     ankle, _ = _ankle_and_up(model.parameters, side)
     z = np.cross([1.0, 0.0, 0.0], upright)

@@ -6,8 +6,12 @@ field, `trial0/origins`, `joints/fitted_axis`, ...
 
 from __future__ import annotations
 
+import io
 import json
+import struct
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +25,12 @@ from gaitcal.view.joint_marks import JointMark
 from gaitcal.view.scene import Scene, TrialScene
 
 VERSION = 1
+
+_DAMAGE = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
+    MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
 
 _TRIAL_ARRAYS = (
     "time", "origins", "turns", "tracked", "measured", "forces", "pressure_centres", "valid", "plates",
@@ -71,11 +81,11 @@ def load_scene(path: Path | str) -> Scene:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
             return _scene(arrays)
     except FileNotFoundError:
         raise InputError("no such file; `gaitcal calibrate` writes it", source=path) from None
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise InputError(f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path) from error
 
 

@@ -6,7 +6,9 @@ this machine (a page elsewhere that points its own name at 127.0.0.1 gets nothin
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -97,13 +99,18 @@ def serve(
     InputError
         The port cannot be listened on.
     """
-    with ViewServer(view_html(scene), port) as server:
-        if ready is not None:
-            ready(server.url)
-        if open_browser:
-            # From a thread: some browsers keep this call until they are closed.
-            threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
-        try:
+    try:
+        with ViewServer(view_html(scene), port) as server:
+            if ready is not None:
+                ready(server.url)
+            if open_browser and _has_display():
+                # From a thread: some browsers keep this call until they are closed.
+                threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
             server.serve_forever(poll_interval=0.2)
-        except KeyboardInterrupt:
-            pass
+    except KeyboardInterrupt:
+        pass
+
+
+def _has_display() -> bool:
+    """Without one, a browser for text terminals would be opened, in this very terminal."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -25,8 +25,13 @@ TIMEOUT = 90.0
 """s: software rendering on a busy machine is slow, and a hung browser must not hang the tests."""
 
 # The browser reads commands from descriptor 3 and answers on descriptor 4.
-_LAUNCH = "import os,sys; r,w=map(int,sys.argv[1:3]); a=os.dup(r); b=os.dup(w); os.dup2(a,3); os.dup2(b,4); " \
-    "os.execv(sys.argv[3],sys.argv[3:])"  # fmt: skip
+_LAUNCH = """
+import fcntl, os, sys
+ends = [fcntl.fcntl(int(fd), fcntl.F_DUPFD, 10) for fd in sys.argv[1:3]]
+for fd, end in zip((3, 4), ends):
+    os.dup2(end, fd)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 def chromium() -> str | None:
