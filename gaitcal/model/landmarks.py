@@ -98,6 +98,12 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
     asis = p["asis_r"] - p["asis_l"]
     _check_length(posture, "distance between the ASIS", float(np.linalg.norm(asis)), height)
     right = asis / np.linalg.norm(asis)
+    if right @ (p["knee_lat_r"] - p["knee_lat_l"]) < 0:
+        raise InputError(
+            "the right knee lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
+            source=posture.source,
+            field="landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
+        )
     for s, side in zip((1.0, -1.0), SIDES, strict=True):
         shank = float(np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"]))
         _check_length(posture, "knee to ankle", shank, height, f"_{side}")
@@ -111,13 +117,6 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
                     source=posture.source,
                     field=f"landmark {joint}_lat_{side}",
                 )
-    for joint in ("knee", "ankle"):
-        if right @ (p[f"{joint}_lat_r"] - p[f"{joint}_lat_l"]) < 0:
-            raise InputError(
-                f"the right {joint} lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
-                source=posture.source,
-                field=f"landmarks asis_r, asis_l, {joint}_lat_r, {joint}_lat_l",
-            )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])
     up = np.cross(asis, middle - p["sacrum"])
     if up @ (middle - 0.5 * (p["ankle_lat_r"] + p["ankle_lat_l"])) < 0:

@@ -160,7 +160,7 @@ def model_text(model: SubjectModel) -> str:
 def _values(names: tuple[str, ...], units: tuple[str, ...], value: Array, nominal: Array) -> list[str]:
     width = max(map(len, names)) + 2
     return [
-        f'{toml_value(name):{width}} = {{ value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)} }}'
+        f"{toml_value(name):{width}} = {{ value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)} }}"
         for name, unit, v, n in zip(names, units, value, nominal, strict=True)
     ]
 

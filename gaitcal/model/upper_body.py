@@ -101,9 +101,7 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
             notes.append(f"{forearm} straight and fixed to the upper arm, as {why_not_forearm}")
             frames[forearm], axis[side] = Frame(seen.upper.rotation, seen.elbow), seen.upper.rotation[:, 2]
             centres[f"wjc_{side}"] = seen.elbow - default_length("Forearm", subject) * seen.upper.rotation[:, 1]
-    return UpperBody(
-        frames, centres, direction, ArmJoints(turn, axis), tuple(raised), tuple(frozen), tuple(notes)
-    )
+    return UpperBody(frames, centres, direction, ArmJoints(turn, axis), tuple(raised), tuple(frozen), tuple(notes))
 
 
 def _why_no_trunk(posture: StaticPosture, marker_set: MarkerSet) -> str | None:

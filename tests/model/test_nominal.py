@@ -1,0 +1,360 @@
+"""The nominal model: the published subject from its own markers, real people, and what a laboratory may do wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.errors import InputError
+from gaitcal.model.inertial_parameters import IP_NAMES, MASSIVE_SEGMENTS, QUANTITIES, is_physical, table
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, ZERO_ANGLES
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.nominal import PUBLISHED, RAISED, HipCentre, nominal_model, published_model
+from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.motion.motion import MarkerErrors, track
+from gaitcal.motion.trial_data import NodeRule
+from gaitcal.recording import Recording, still_window
+from tests.model.people import ARMS_HANG, PEOPLE, mirrored, moved, published_static, standing, without
+
+SAME = 1e-9
+"""m, rad, kg: what rounding leaves of coordinates of several metres."""
+PRINTED_MM, PRINTED_DEG = 0.05, 0.0006
+"""Half of the last digit of printed positions, and of the printed angles 26.256 and 43.5524."""
+ROUNDED_HIP_DEG = 0.008
+"""The hip centre is printed to 0.1 mm (88.0 for 87.955): so much the thigh turns by that over its length."""
+LEGS = ("hip", "knee", "talocrural", "subtalar")
+
+
+def of_published(**changes: object) -> SubjectModel:
+    return nominal_model(published_static(), load_marker_set("published"), PUBLISHED, **changes)  # type: ignore[arg-type]
+
+
+def static_errors(model: SubjectModel, recording: Recording, window: slice) -> MarkerErrors:
+    part = replace(recording, time=recording.time[window], markers=recording.markers[window])
+    return track(model, part, rule=NodeRule(fixed=6)).errors
+
+
+def value(model: SubjectModel, name: str) -> float:
+    """A joint parameter in mm or deg."""
+    return float((model.parameters.joint / JP_TO_SI)[JP_INDEX[name]])
+
+
+def test_published_joint_parameters_come_back_from_its_markers() -> None:
+    made = of_published().parameters
+    printed = published_subject()
+    for parameter, got, wanted in zip(JOINT_PARAMETERS, made.joint / JP_TO_SI, printed.joint / JP_TO_SI, strict=True):
+        if parameter.joint.startswith(("shoulder", "elbow")):
+            continue  # below
+        tolerance = PRINTED_MM if parameter.kind.unit == "mm" else PRINTED_DEG
+        if parameter.joint.startswith("knee") and parameter.kind.unit == "deg":
+            tolerance = ROUNDED_HIP_DEG
+        assert abs(got - wanted) <= tolerance, (parameter.name, got, wanted)
+    np.testing.assert_allclose(np.rad2deg(made.zero_angles), [43.5524, 14.6847, 43.5524, -14.6847], atol=PRINTED_DEG)
+
+
+def test_published_arms_differ_by_the_shoulder_rule_alone() -> None:
+    """The printed shoulder is de Leva's trunk length up; ours is 17 % of the acromial distance below the acromia."""
+    model = of_published()
+    for parameter in JOINT_PARAMETERS:
+        if parameter.joint.startswith(("shoulder", "elbow")) and parameter.kind.unit == "deg":
+            assert abs(value(model, parameter.name)) < 1.0, parameter.name  # 4 mm to the side over an arm's length
+    assert value(model, "shoulder_r.trunk.sup") == pytest.approx(397 - 0.17 * 322)
+    assert value(model, "shoulder_r.trunk.lat") == pytest.approx(161)
+    centre = np.array([0.0, value(model, "shoulder_r.trunk.sup"), value(model, "shoulder_r.trunk.lat")])
+    elbow = np.array([0.0, 351.9 - 275.0, 165.0])  # of the printed marker, 40 mm inwards
+    assert -value(model, "elbow_r.upperarm.sup") == pytest.approx(np.linalg.norm(centre - elbow), abs=1.0)
+
+
+def test_published_inertia_follows_but_for_the_limbs_that_the_shoulder_changes() -> None:
+    made, printed = table(of_published().parameters.inertial), table(published_subject().inertial)
+    for segment, got, wanted in zip(MASSIVE_SEGMENTS, made, printed, strict=True):
+        if not segment.startswith(("upper_arm", "forearm")):
+            np.testing.assert_allclose(got, wanted, rtol=2e-4, atol=6e-5, err_msg=segment)
+
+
+def test_published_markers_and_landmarks_come_back() -> None:
+    made, printed = of_published(), published_model(static_only=True)
+    legs_and_trunk = [i for i, s in enumerate(made.markers.segments) if not s.startswith(("upper_arm", "forearm"))]
+    for i in legs_and_trunk:
+        label = made.markers.labels[i]
+        j = printed.markers.labels.index(label)
+        assert made.markers.segments[i] == printed.markers.segments[j]
+        np.testing.assert_allclose(made.markers.local[i], printed.markers.local[j], atol=5e-5, err_msg=label)
+    for name in ("asis_r", "sacrum", "hjc_l", "kjc_r", "ajc_r", "heel_r", "toe_l", "acromion_r", "lumbar"):
+        segment, position = made.landmarks[name]
+        assert segment == printed.landmarks[name][0]
+        np.testing.assert_allclose(position, printed.landmarks[name][1], atol=2e-4, err_msg=name)
+
+
+def test_the_published_model_is_met_by_its_own_markers() -> None:
+    recording = published_static()
+    errors = static_errors(published_model(static_only=True), recording, slice(0, 60))
+    assert (errors.rms() or 0.0) < SAME
+    assert len(published_model().markers.labels) == 41
+    assert len(published_model(static_only=True).markers.labels) == 49
+
+
+POSTURE = {name: st.floats(-0.25, 0.25) for name in COORDINATES if not name.endswith(("_tx", "_ty", "_tz"))}
+
+
+@settings(max_examples=15, deadline=None)
+@given(angles=st.fixed_dictionaries(POSTURE))
+def test_any_static_posture_is_met_exactly(angles: dict[str, float]) -> None:
+    """Bent knees, turned-out feet, a leaning trunk: axes come from landmarks, so that zero need not be upright."""
+    q = np.zeros(len(COORDINATES))
+    for name, angle in angles.items():
+        q[COORDINATE_INDEX[name]] = angle
+    recording = standing(published_model(static_only=True), q)
+    model = nominal_model(recording, load_marker_set("published"), PUBLISHED)
+    assert (static_errors(model, recording, slice(0, 60)).rms() or 0.0) < 1e-6
+
+
+def test_zero_ankle_angle_is_the_foot_at_right_angles_to_the_shank() -> None:
+    q = np.zeros(len(COORDINATES))
+    q[COORDINATE_INDEX["ankle_angle_r"]] = 0.2
+    recording = standing(published_model(static_only=True), q)
+    model = nominal_model(recording, load_marker_set("published"), PUBLISHED)
+    motion = track(model, recording, rule=NodeRule(fixed=6))
+    at = motion.coordinates.index("ankle_angle_r")
+    foot_x = np.sin(0.2)  # the talocrural axis is inclined by 7.3 deg: the foot's own angle is a little smaller
+    assert motion.q[0, at] == pytest.approx(np.arcsin(foot_x), rel=0.02)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    heading=st.floats(-np.pi, np.pi),
+    shift=st.tuples(st.floats(-5, 5), st.floats(-0.5, 0.5), st.floats(-5, 5)),
+    name=st.sampled_from(list(PEOPLE)),
+)
+def test_heading_and_place_change_nothing(
+    data_dir: Path, heading: float, shift: tuple[float, float, float], name: str
+) -> None:
+    person = PEOPLE[name]
+    static = person.static(data_dir)
+    window = still_window(person.markers.renamed(static), person.markers.labels).frames
+    a = nominal_model(static, person.markers, person.subject, window=window)
+    b = nominal_model(moved(static, heading, np.array(shift)), person.markers, person.subject, window=window)
+    assert_close(a.parameters, b.parameters)
+    np.testing.assert_allclose(a.markers.local, b.markers.local, atol=SAME)
+    assert a.notes == b.notes
+
+
+def assert_close(a: Parameters, b: Parameters) -> None:
+    np.testing.assert_allclose(a.joint, b.joint, atol=SAME)
+    np.testing.assert_allclose(a.zero_angles, b.zero_angles, atol=SAME)
+    np.testing.assert_allclose(a.inertial, b.inertial, atol=SAME)
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_a_mirrored_recording_gives_the_mirrored_person(name: str, data_dir: Path) -> None:
+    person = PEOPLE[name]
+    static = person.markers.renamed(person.static(data_dir))
+    window = still_window(static, person.markers.labels).frames
+    one = nominal_model(static, person.markers, person.subject, window=window).parameters
+    other = nominal_model(mirrored(static), person.markers, person.subject, window=window).parameters
+    mirror = {"_r": "_l", "_l": "_r"}
+    for parameter in JOINT_PARAMETERS:
+        joint, rest = parameter.name.split(".", 1)
+        counterpart = f"{joint[:-2]}{mirror.get(joint[-2:], joint[-2:])}.{rest}" if joint != "back" else parameter.name
+        sign = -1.0 if parameter.mirrored else 1.0
+        wanted = sign * one.joint[JP_INDEX[parameter.name]]
+        assert other.joint[JP_INDEX[counterpart]] == pytest.approx(wanted, abs=SAME), parameter.name
+    for i, zero in enumerate(ZERO_ANGLES):
+        sign = -1.0 if zero.startswith("subtalar") else 1.0
+        assert other.zero_angles[(i + 2) % 4] == pytest.approx(sign * one.zero_angles[i], abs=SAME)
+    for i, ip in enumerate(IP_NAMES):
+        segment, quantity = ip.split(".", 1)
+        counterpart = f"{segment[:-2]}{mirror.get(segment[-2:], segment[-2:])}.{quantity}"
+        assert other.inertial[IP_NAMES.index(counterpart)] == pytest.approx(one.inertial[i], abs=SAME)
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_real_people(name: str, data_dir: Path) -> None:
+    person = PEOPLE[name]
+    static = person.static(data_dir)
+    model = nominal_model(static, person.markers, person.subject)
+    height = 1e3 * person.subject.height
+    assert is_physical(model.parameters.inertial).all()
+    assert model.parameters.mass == pytest.approx(person.subject.mass, rel=1e-14)
+    lengths = {
+        "thigh": {s: -value(model, f"knee_{s}.thigh.sup") for s in "rl"},
+        "shank": {s: -value(model, f"talocrural_{s}.shank.sup") for s in "rl"},
+        "upper arm": {s: -value(model, f"elbow_{s}.upperarm.sup") for s in "rl"},
+    }
+    for segment, (low, high) in {"thigh": (0.22, 0.28), "shank": (0.21, 0.26), "upper arm": (0.14, 0.20)}.items():
+        for found in lengths[segment].values():
+            assert low * height < found < high * height, segment
+        assert abs(lengths[segment]["r"] / lengths[segment]["l"] - 1) < 0.06, segment
+    for side, sign in (("r", 1.0), ("l", -1.0)):
+        assert 70 < sign * value(model, f"hip_{side}.pelvis.lat") < 105
+        assert -95 < value(model, f"hip_{side}.pelvis.sup") < -60
+        assert abs(value(model, f"knee_{side}.shank.front")) < 8
+        assert -5 < sign * value(model, f"knee_{side}.shank.trans") < 25
+        assert 10 < sign * value(model, f"subtalar_{side}.talus.trans") < 40
+        assert 20 < value(model, f"subtalar_{side}.foot.ant") < 110
+    assert model.frozen == ()
+    assert set(model.landmarks) >= {"asis_r", "sacrum", "hjc_l", "kjc_r", "ajc_l", "heel_r", "toe_l", "acromion_r"}
+    fixed = [n for n in JP_INDEX if n.endswith(("thigh.front", "thigh.trans")) and n.startswith("knee")]
+    assert not model.parameters.joint[[JP_INDEX[n] for n in fixed]].any()
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_the_static_posture_of_real_people_is_met(
+    name: str, data_dir: Path, record_property: pytest.RecordProperty
+) -> None:
+    """What remains is sway and noise in half a second; a raised arm is met less closely, and says so."""
+    person = PEOPLE[name]
+    static = person.markers.renamed(person.static(data_dir))
+    window = still_window(static, person.markers.labels).frames
+    model = nominal_model(static, person.markers, person.subject, window=window)
+    errors = static_errors(model, static, window)
+    of_legs = [i for i, s in enumerate(errors.segments) if s.startswith(("pelvis", "thigh", "shank", "foot"))]
+    kept = [i for i in of_legs if errors.kept()[i]]
+    legs = float(np.sqrt(np.nanmean(errors.distance[:, kept] ** 2)))
+    record_property("static_rms_mm", f"legs {1e3 * legs:.2f}, all {1e3 * (errors.rms() or 0):.2f}")
+    assert legs < 0.5e-3
+    if name in ARMS_HANG:
+        assert (errors.rms() or 1.0) < 0.5e-3
+    else:
+        assert any("raised sideways" in note for note in model.notes)
+
+
+def test_orthotrak_hip_centres() -> None:
+    model = of_published(hip_centre=HipCentre.ORTHOTRAK)
+    found = [value(model, f"hip_l.pelvis.{d}") for d in ("ant", "sup", "lat")]
+    np.testing.assert_allclose(found, [-0.22 * 245, -0.34 * 245, -0.32 * 245])
+
+
+def test_no_medial_markers_use_defaults_and_say_so() -> None:
+    static = without(published_static(), "R.Knee.Med", "R.Ankle.Med", "L.Knee.Med", "L.Ankle.Med")
+    model = nominal_model(static, load_marker_set("published"), PUBLISHED)
+    printed = published_subject().joint / JP_TO_SI
+    for parameter in JOINT_PARAMETERS:
+        if parameter.joint.startswith(LEGS):
+            got = value(model, parameter.name)
+            assert got == pytest.approx(printed[JP_INDEX[parameter.name]], abs=PRINTED_MM), parameter.name
+    assert any("knee, both sides: no medial marker" in note for note in model.notes)
+    assert any("ankle, both sides: no medial marker" in note for note in model.notes)
+
+
+@pytest.mark.parametrize("lost", ["R.Knee.Med", "L.Ankle.Med"])
+def test_one_medial_marker_missing_is_assumed_on_its_side_only(lost: str) -> None:
+    model = nominal_model(without(published_static(), lost), load_marker_set("published"), PUBLISHED)
+    told = [note for note in model.notes if "no medial marker" in note]
+    assert len(told) == 1
+    assert ("right" if lost[0] == "R" else "left") in told[0]
+
+
+def test_without_arms_they_are_frozen() -> None:
+    arms = [f"{s}.{m}" for s in "RL" for m in ("Bicep", "Elbow", "Wrist.Lat", "Wrist.Med")]
+    model = nominal_model(without(published_static(), *arms), load_marker_set("published"), PUBLISHED)
+    assert set(model.frozen) == {f"{c}_{s}" for c in ("arm_flex", "arm_add", "elbow_flex") for s in "rl"}
+    assert not any(s.startswith(("upper_arm", "forearm")) for s in model.markers.segments)
+    assert value(model, "elbow_r.upperarm.sup") == pytest.approx(-281.7 * 1.70 / 1.741)
+    assert is_physical(model.parameters.inertial).all()
+    assert any("upper_arm_r and forearm_hand_r hang along the trunk" in note for note in model.notes)
+
+
+def test_legs_alone_stand_under_an_upright_trunk() -> None:
+    lean = np.zeros(len(COORDINATES))
+    lean[COORDINATE_INDEX["pelvis_tilt"]] = -0.2
+    lean[COORDINATE_INDEX["hip_flexion_r"]] = lean[COORDINATE_INDEX["hip_flexion_l"]] = 0.2
+    whole = published_model(static_only=True)
+    static = standing(whole, lean)
+    upper = [m for m, s in zip(whole.markers.labels, whole.markers.segments, strict=True) if "arm" in s or "trunk" in s]
+    model = nominal_model(without(static, *upper), load_marker_set("published"), PUBLISHED)
+    assert {"lumbar_extension", "lumbar_bending", "lumbar_rotation", "arm_flex_r", "elbow_flex_l"} <= set(model.frozen)
+    row = table(model.parameters.inertial)[MASSIVE_SEGMENTS.index("head_trunk")]
+    com = dict(zip(QUANTITIES, row, strict=True))
+    assert np.arctan2(com["com.ant"], com["com.sup"]) == pytest.approx(-0.2, abs=1e-9)
+    assert any(note.startswith("head and trunk upright") for note in model.notes)
+
+
+def test_a_wrist_that_is_not_there_freezes_the_elbow() -> None:
+    model = nominal_model(without(published_static(), "L.Wrist.Med"), load_marker_set("published"), PUBLISHED)
+    assert model.frozen == ("elbow_flex_l",)
+    assert any("forearm_hand_l straight" in note and "L.Wrist.Med" in note for note in model.notes)
+
+
+def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> None:
+    person = PEOPLE["subject01"]
+    static, markers = person.static(data_dir), person.markers
+    model = nominal_model(static, markers, person.subject, weights={"R.Elbow": 0.7, "R.Heel": 0.5})
+    weight = dict(zip(model.markers.labels, model.markers.weight, strict=True))
+    assert weight["L.Acromium"] == pytest.approx(RAISED * markers.weight("L.Acromium"))
+    assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (0.7, 0.5, 1.0, 0.0)
+
+
+def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
+    person = PEOPLE["functional"]
+    model = nominal_model(person.static(data_dir), person.markers, person.subject)
+    assert sum("the two markers were exchanged" in note for note in model.notes) == 2
+
+
+def test_a_tracking_marker_less_is_told() -> None:
+    model = nominal_model(without(published_static(), "R.Midfoot.Sup"), load_marker_set("published"), PUBLISHED)
+    assert any("left out: R.Midfoot.Sup" in note for note in model.notes)
+    assert "R.Midfoot.Sup" not in model.markers.labels
+
+
+def spoiled(change: str) -> tuple[Recording, Subject]:
+    static, subject = published_static(), PUBLISHED
+    if change == "millimetres":
+        static = replace(static, markers=1e3 * static.markers)
+    elif change == "sides":
+        pairs = {"R.ASIS": "L.ASIS", "L.ASIS": "R.ASIS"}
+        static = replace(static, labels=tuple(pairs.get(m, m) for m in static.labels))
+    elif change == "medial":
+        pairs = {"R.Knee.Lat": "R.Knee.Med", "R.Knee.Med": "R.Knee.Lat"}
+        static = replace(static, labels=tuple(pairs.get(m, m) for m in static.labels))
+    elif change == "sacrum in front":
+        markers = static.markers.copy()
+        at = static.labels.index("V.Sacral")
+        markers[:, at] = 2 * markers[:, static.labels.index("R.ASIS")] - markers[:, at]
+        static = replace(static, markers=markers)
+    elif change == "child":
+        subject = replace(subject, height=0.7)
+    elif change.startswith("unseen "):
+        markers = static.markers.copy()
+        markers[:, static.labels.index(change.split(" ")[1])] = np.nan
+        static = replace(static, markers=markers)
+    else:
+        static = without(static, change)
+    return static, subject
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("R.Heel", "landmark heel_r: the file has no marker 'R.Heel'; did you mean 'L.Heel'?; instead it could be"),
+        ("V.Sacral", "landmark sacrum: the file has no marker 'V.Sacral'"),
+        ("unseen L.ASIS", "landmark asis_l: marker 'L.ASIS' was not seen while the subject stood still"),
+        ("R.Thigh.Front", "segment thigh_r: found 2 markers with weight, 'R.Thigh.Front' not seen"),
+        ("unseen L.Shank.Rear", "segment shank_l: found 2 markers with weight, 'L.Shank.Rear' not seen"),
+        ("millimetres", "found 2.45e+05 mm; allowed: 136 to 425 mm for a height of 1.70 m; is the file's unit"),
+        ("child", "distance between the ASIS: found 245 mm; allowed: 56 to 175 mm"),
+        ("sides", "are the sides exchanged?"),
+        ("medial", "landmark knee_lat_r: the lateral marker lies on the medial side of knee_med_r"),
+        ("sacrum in front", "the pelvis is upside down"),
+    ],
+)
+def test_faults_are_told_in_one_line(change: str, message: str) -> None:
+    static, subject = spoiled(change)
+    with pytest.raises(InputError) as caught:
+        nominal_model(static, load_marker_set("published"), subject)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("made up: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_plug_in_gait_needs_both_markers_of_a_thigh(data_dir: Path) -> None:
+    person = PEOPLE["plug-in-gait"]
+    with pytest.raises(InputError, match="segment thigh_l: found 1 markers with weight, 'LTHI' not seen"):
+        nominal_model(without(person.static(data_dir), "LTHI"), person.markers, person.subject)
