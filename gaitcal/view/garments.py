@@ -48,6 +48,8 @@ REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787
 _HIP_DROP, _HIP_FORWARD = 0.100, 0.023
 """m: lumbar joint to mid-hip."""
 _FOOT_LENGTH = 0.271
+_HEAD_FORWARD = 0.05
+"""m that the head is carried before the line from lumbar joint to shoulders."""
 _FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
 """Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
 Contini 1966; forearm: de Leva 1996)."""
@@ -105,12 +107,13 @@ def _trunk(jp: dict[str, float], height: float, girth: float) -> list[Garment]:
     head = _HEAD_OF_HEIGHT * height / 42.0
     top = max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
     neck = top - 46.2 * head
+    thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
         _straight("abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)),
         _straight("torso", "head_trunk", lumbar + [0.0, 0.05 - 22.9 * high, 0.0], (0.00578 * girth, high, half / 22.0)),
-        _straight("neck", "head_trunk", lumbar + [0.0, neck, 0.0], (0.0056 * girth, 0.0075, 0.0056 * girth)),
-        _straight("head", "head_trunk", lumbar + [0.0, neck, 0.0], (head, head, head)),
+        _straight("neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)),
+        _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
     ]
 
 

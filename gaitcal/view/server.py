@@ -21,6 +21,7 @@ from gaitcal.view.page import view_html
 from gaitcal.view.scene import Scene
 
 HOST = "127.0.0.1"
+_OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
 _POLICY = re.compile(r'http-equiv="Content-Security-Policy" content="([^"]*)"')
 
 
@@ -37,7 +38,6 @@ class ViewServer(ThreadingHTTPServer):
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
             raise InputError(f"found {port}, which cannot be listened on ({error})", field="port") from error
-        self.names = {f"{name}:{self.server_port}" for name in (HOST, "localhost")}
 
     @property
     def url(self) -> str:
@@ -58,7 +58,8 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(with_body=False)
 
     def _answer(self, *, with_body: bool) -> None:
-        if self.headers.get("Host") not in self.server.names:
+        # Any port: the far end of a tunnel may have another one than we listen on.
+        if not _OWN_NAME.fullmatch(self.headers.get("Host", "")):
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
             return
         if self.path == "/favicon.ico":

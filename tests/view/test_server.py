@@ -73,10 +73,18 @@ def test_there_is_nothing_else(path: str, server: ViewServer) -> None:
     assert answer.status == 404 and b"root:" not in body
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1", "127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example:80", "127.0.0.1:x"]
+)
 def test_other_names_of_this_machine_get_nothing(host: str, server: ViewServer) -> None:
     answer, body = ask(server, "GET", "/", host)
     assert answer.status == 421 and len(body) < 1000
+
+
+@pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1", "[::1]:8080"])
+def test_a_tunnel_may_end_at_another_port(host: str, server: ViewServer) -> None:
+    answer, _ = ask(server, "GET", "/", host)
+    assert answer.status == 200
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])

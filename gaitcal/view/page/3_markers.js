@@ -21,8 +21,8 @@ Gaitcal.Markers = class {
       root.add(mesh);
       return mesh;
     };
-    this.measured = many(new THREE.SphereGeometry(0.0088, 14, 10), colours.measured);
-    this.model = many(new THREE.SphereGeometry(0.0072, 14, 10), colours.model);
+    this.measured = many(new THREE.SphereGeometry(0.0105, 14, 10), colours.measured);
+    this.model = many(new THREE.SphereGeometry(0.0086, 14, 10), colours.model);
     this.bars = many(new THREE.CylinderGeometry(0.0026, 0.0026, 1, 8), colours.error);
     this.bars.material.emissive.setHex(0x500010);
     // Drawn over body and markers, as joints are: most are shorter than a marker is wide.
