@@ -26,7 +26,7 @@ LOADED = 20.0
 RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
 EDGE = 0.08
-"""s by which resting and loading may differ at the beginning and end of a contact."""
+"""s by which resting, loading and true contact may differ at the beginning and end of a contact."""
 UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
 SPLINE_ENDS = 2
@@ -105,7 +105,7 @@ def ground_reactions_on_feet(
             how = "as the study says" if told else "by its centre of pressure"
             notes.append(f"plate {plate.name}, {span}: {('right', 'left')[foot]} foot, {how}")
     resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
-    unmeasured = resting & ~_near(loaded, time)
+    unmeasured = _near(resting & ~_near(loaded, time), time)
     valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
     valid &= (time >= time[0] + ends) & (time <= time[-1] - ends)
     return GroundReactions(wrench, valid, loaded, resting, tuple(notes))
@@ -151,11 +151,11 @@ def _to_line(point: Array, a: Array, b: Array) -> Array:
     return out
 
 
-def _near(loaded: BoolArray, time: Array) -> BoolArray:
-    """Frames within `EDGE` of a loaded one, foot by foot."""
-    out = loaded.copy()
-    for foot in range(loaded.shape[1]):
-        at = time[loaded[:, foot]]
+def _near(marked: BoolArray, time: Array) -> BoolArray:
+    """Frames within `EDGE` of a marked one, foot by foot."""
+    out = marked.copy()
+    for foot in range(marked.shape[1]):
+        at = time[marked[:, foot]]
         if len(at):
             place = np.clip(np.searchsorted(at, time), 1, len(at) - 1) if len(at) > 1 else np.zeros(len(time), int)
             gap = np.minimum(np.abs(time - at[place]), np.abs(time - at[np.maximum(place - 1, 0)]))

@@ -21,7 +21,7 @@ from gaitcal.settings import CalibrationSettings
 from gaitcal.study.person import StudyTrial
 from gaitcal.study.prepare import PreparedTrial
 
-IMPLAUSIBLE = 0.25
+IMPLAUSIBLE = 0.20
 """Of body weight: filtering, skin movement and the mass model leave less than half of that in sound trials."""
 
 

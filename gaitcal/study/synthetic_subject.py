@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.atomic import MANIFEST, atomic_directory
-from gaitcal.export.motion_files import point_and_torque
+from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
