@@ -95,6 +95,41 @@ def synthesize(
 
 
 @app.command()
+def montecarlo(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate', or a study folder.")
+    ],
+    vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
+    levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
+    draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
+    jobs: Annotated[int, typer.Option(help="Processes; -1: one for every core.")] = -1,
+    cluster: Annotated[str | None, typer.Option(help="A running dask scheduler, tcp://host:port, instead.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
+    grf: Annotated[str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")] = "lab",
+    parameters: Annotated[str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")] = "27",
+    position_bound: Annotated[float, typer.Option(min=0, help="Bound of joint positions, mm.")] = 10.0,
+    orientation_bound: Annotated[float, typer.Option(min=0, max=45, help="Bound of joint orientations, deg.")] = 10.0,
+    ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
+    noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
+    trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
+    until_converged: Annotated[
+        bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
+    ] = False,
+    expect: Annotated[
+        float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
+    ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
+    from gaitcal.commands.montecarlo import Options, run
+
+    bounds = (position_bound, orientation_bound, ip_bound, noise_bound)
+    options = Options(vary, levels, draws, jobs, cluster, seed, grf, parameters, bounds, trial, until_converged)
+    run(folder, options, expected_mm=expect, quiet=quiet, verbose=verbose)
+
+
+@app.command()
 def export(
     result: Result,
     formats: Annotated[str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf.")] = "osim,urdf,mjcf",

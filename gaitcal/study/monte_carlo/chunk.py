@@ -9,10 +9,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gaitcal.study.monte_carlo.case import MonteCarloCase
 from gaitcal.study.monte_carlo.context import MonteCarloContext
@@ -92,4 +93,4 @@ def _context(case: MonteCarloCase, settings: MonteCarloSettings) -> MonteCarloCo
 def cut(first: int, stop: int, size: int = CHUNK_DRAWS) -> list[tuple[int, int]]:
     """Runs [first, stop) cut at multiples of `size`."""
     edges = [first, *range((first // size + 1) * size, stop, size), stop]
-    return [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if a < b]
+    return [(a, b) for a, b in pairwise(edges) if a < b]

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 from gaitcal.errors import GaitcalError, InputError
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -46,15 +44,19 @@ class Cluster:
             yield from _run(client, function, iter(tasks))
 
 
-def _connected(address: str) -> Client:
+def _library() -> Any:
+    """The package `distributed`."""
     try:
-        from distributed import Client
+        return import_module("distributed")
     except ImportError:
         raise InputError(
             "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'", field="--cluster"
         ) from None
+
+
+def _connected(address: str) -> Any:
     try:
-        client = Client(address, timeout=WAIT_S, set_as_default=False)
+        client = _library().Client(address, timeout=WAIT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f"found '{address}': {error}; allowed: the address of a running dask scheduler, as tcp://host:port",
@@ -68,11 +70,9 @@ def _connected(address: str) -> Client:
     return client
 
 
-def _run(client: Client, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
-    from distributed import as_completed
-
+def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
     again: dict[str, tuple[Task, int]] = {}
-    running = as_completed(raise_errors=False)
+    running = _library().as_completed(raise_errors=False)
 
     def hand_in(task: Task, left: int) -> None:
         future = client.submit(function, task, pure=False)
@@ -94,15 +94,14 @@ def _run(client: Client, function: Callable[[Task], Result], tasks: Iterator[Tas
             hand_in(new, HANDED_IN_AGAIN)
 
 
-def _room(client: Client) -> int:
-    return AHEAD * max(sum(client.nthreads().values()), 1)
+def _room(client: Any) -> int:
+    threads: int = sum(client.nthreads().values())
+    return AHEAD * max(threads, 1)
 
 
-def _give_up_or_not(future: Future, left: int) -> None:
+def _give_up_or_not(future: Any, left: int) -> None:
     """Return where a chunk may be tried again; raise where it was the chunk's own fault, or too often."""
-    from distributed import KilledWorker
-
     error = future.exception() if future.status == "error" else None
-    if (error is None or isinstance(error, KilledWorker)) and left > 0:
+    if (error is None or isinstance(error, _library().KilledWorker)) and left > 0:
         return
     raise GaitcalError(f"the cluster could not compute a chunk: {future.status}: {type(error).__name__}: {error}")

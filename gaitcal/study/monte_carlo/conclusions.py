@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gaitcal.study.monte_carlo.leg_torques import TORQUES
-from gaitcal.study.monte_carlo.settings import ReactionFrame, Varied
+from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.study.monte_carlo.statistics import levels_of
 
 Array = NDArray[np.float64]
@@ -61,6 +61,17 @@ class Conclusion:
     holds: bool
     numbers: str
     """A sentence with the figures behind it."""
+
+
+def beside(
+    table: pd.DataFrame, figure: PublishedFigure, settings: MonteCarloSettings, side: str = "l"
+) -> dict[ReactionFrame, float]:
+    """Our mean RMS (%BW*H) for a published figure, in either frame; empty where the study did not look at it."""
+    if figure.varied is Varied.IP and settings.inertial_percent != figure.inertial_percent:
+        return {}
+    found = {f: levels_of(table, figure.varied.value, f"{figure.torque}_{side}", f.value) for f in ReactionFrame}
+    at_full = {frame: rows.loc[rows["level"] == 100, "average"] for frame, rows in found.items()}
+    return {frame: float(rows.iloc[0]) for frame, rows in at_full.items() if len(rows)}
 
 
 def conclusions(table: pd.DataFrame, side: str = "l") -> tuple[Conclusion, ...]:

@@ -54,7 +54,12 @@ class DrawResult:
 def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
     """What draw `number` of a set at a level (per cent) changes."""
     return disturbance(
-        context.settings, len(context.inertial_set.names), len(context.labels), context.case.time, (varied, level), number
+        context.settings,
+        len(context.inertial_set.names),
+        len(context.labels),
+        context.case.time,
+        (varied, level),
+        number,
     )
 
 
@@ -88,7 +93,7 @@ def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
     case, chain = context.case, context.problem.chain
     parameters, start, data = case.parameters, case.nodes, context.data
     if change.joint is not None:
-        parameters = parameters.with_joint(context.names, context.joint_values() + change.joint)
+        parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
         parameters = parameters.with_inertial(_inertial(context, change))

@@ -9,7 +9,8 @@ turns and moves as the foot frame did, by (R, o) from the undisturbed (R0, o0) a
     force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
 
 The Pinocchio model is built once. A disturbance changes joint placements and inertias in place: the chain's constant
-C_k, told between the joint frames of the model, which are turned by half where a coordinate turns about a negative axis.
+C_k, told between the joint frames of the model, which make a half turn where a coordinate turns about a negative
+axis.
 """
 
 from __future__ import annotations
@@ -73,9 +74,7 @@ class LegTorques:
         """Places of the 14 torques among the coordinates of the linkage."""
         self._moved = np.array([names.index(name) for name in LEG_TORQUES])
         self._foot = [self._chain.segments.index(foot) for foot in FEET]
-        self._own = [
-            [i for i, name in enumerate(LEG_TORQUES) if name.endswith(f"_{side}")] for side in SIDES
-        ]
+        self._own = [[i for i, name in enumerate(LEG_TORQUES) if name.endswith(f"_{side}")] for side in SIDES]
         self._place_all = np.array([self.linkage.index(name) for name in COORDINATES])
         self._here = [(k, COORDINATES.index(name)) for k, name in enumerate(names) if name in COORDINATES]
         self._massive = [s for s in MASSIVE_SEGMENTS if s in LEG_SEGMENTS]

@@ -29,14 +29,15 @@ def table_of(result: ChunkResult) -> pa.Table:
     return pa.table(columns | {name: pa.array(result.values[:, k]) for k, name in enumerate(COLUMNS)})
 
 
-def together(tables: Iterable[pa.Table], plan: Plan) -> pd.DataFrame:
-    """All draws of a plan among `tables`, ordered by set, level and number, each once."""
+def together(tables: Iterable[pa.Table], plan: Plan | None = None) -> pd.DataFrame:
+    """All draws among `tables`, or those of a plan, ordered by set, level and number, each once."""
     kept = list(tables)
     if not kept:
         return pd.DataFrame(columns=list(FIELDS))
     draws = pa.concat_tables(kept).to_pandas()
     order = {varied.value: varied.key for varied in Varied}
-    wanted = {(varied.value, level) for varied, level in plan.cells}
-    cells = pd.Series(list(zip(draws["set"], draws["level"], strict=True)), index=draws.index)
-    draws = draws[(draws["draw"] < plan.draws) & cells.isin(wanted)].drop_duplicates(list(KEYS))
+    if plan is not None:
+        sets, levels = [varied.value for varied in plan.sets], list(plan.levels)
+        draws = draws[(draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)]
+    draws = draws.drop_duplicates(list(KEYS))
     return draws.sort_values(list(KEYS), key=lambda c: c.map(order) if c.name == "set" else c, ignore_index=True)

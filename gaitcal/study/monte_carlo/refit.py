@@ -2,10 +2,10 @@
 
     N <- N - M^-1 g(N),        M ~ half the Hessian of the cost by the nodes, g its half gradient.
 
-g costs a third of M, so M is formed at the start (Gauss-Newton, always positive) and again only where the steps
-do not shrink fast enough; then with the curvature of the markers (`curvature.py`), as soon as the minimum is near. A step
-that would raise the cost is not taken: M is formed afresh and its diagonal raised (Levenberg), as also where the
-curvature makes M indefinite. The end is told by the size of the step.
+g costs a third of M, so M is formed at the start (Gauss-Newton, always positive) and again only where the steps do not
+shrink fast enough; then with the curvature of the markers (`curvature.py`), as soon as the minimum is near. A step that
+would raise the cost is not taken: M is formed afresh and its diagonal raised (Levenberg), as also where the curvature
+makes M indefinite. The end is told by the size of the step.
 """
 
 from __future__ import annotations
@@ -90,7 +90,13 @@ def refit(
 
 
 def _factor(
-    equations: RefitEquations, data: MarkerData, nodes: Array, constants: ChainConstants, damping: float, *, curved: bool
+    equations: RefitEquations,
+    data: MarkerData,
+    nodes: Array,
+    constants: ChainConstants,
+    damping: float,
+    *,
+    curved: bool,
 ) -> tuple[BandFactor, float] | None:
     """A factor at `nodes` and the damping that made it positive definite; None where none does."""
     band = equations.band(data, nodes, constants, curved=curved)

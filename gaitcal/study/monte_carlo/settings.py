@@ -47,7 +47,7 @@ class Varied(Enum):
     @property
     def title(self) -> str:
         """As figures and tables call it."""
-        return {"jp": "JP", "ip": "IP", "both": "JP + IP", "noise": "NP"}[self.value]
+        return {"jp": "JP", "ip": "IP", "both": "JP+IP", "noise": "NP"}[self.value]
 
     @property
     def joint(self) -> bool:
@@ -119,8 +119,9 @@ class MonteCarloSettings:
 
     def as_json(self) -> Mapping[str, float]:
         """Flat and plain, for the store and for comparison with it."""
-        flat = {**asdict(self), "parameters": self.parameters.value}
-        return {**{k: v for k, v in flat.items() if k != "refit"}, **{f"refit_{k}": v for k, v in flat["refit"].items()}}
+        own = {name: value for name, value in asdict(self).items() if name != "refit"}
+        refit = {f"refit_{name}": value for name, value in asdict(self.refit).items()}
+        return {**own, "parameters": self.parameters.value, **refit}
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,7 @@ def _cell(cell: pd.DataFrame) -> list[dict[str, object]]:
     return rows
 
 
-def _row(
-    quantity: str, frame: str, measure: str, unit: str, values: Array, failed: int
-) -> dict[str, object]:
+def _row(quantity: str, frame: str, measure: str, unit: str, values: Array, failed: int) -> dict[str, object]:
     shown = np.abs(values) if measure == "abs_mean" else values
     row: dict[str, object] = {
         "quantity": quantity,

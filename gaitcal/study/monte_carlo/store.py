@@ -1,8 +1,8 @@
 """Where results are kept: `DIR/montecarlo/`, one Parquet file per chunk, each written whole.
 
 What is missing is told by the names of the files alone, so that a run killed at any moment goes on where it was, and
-a larger number of draws runs only the new ones. The folder `draws` can be read as one Parquet data set. `settings.json` says
-what the draws depend on; a store made with other settings or another model is refused.
+a larger number of draws runs only the new ones. The folder `draws` can be read as one Parquet data set.
+`settings.json` says what the draws depend on; a store made with other settings or another model is refused.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ class Store:
             _refuse_other(_read_json(path), wanted, path)
             return
         if any(self.draws.glob("*.parquet")):
-            raise InputError("found draws without the settings they were made with; remove the folder", source=self.folder)
+            raise InputError(
+                "found draws without the settings they were made with; remove the folder", source=self.folder
+            )
         content = {**wanted, "case": case.name, "versions": {name: _version(name) for name in _VERSIONED}}
         atomic_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -66,8 +68,8 @@ class Store:
         """Chunks of a plan that are not there yet."""
         return missing_chunks(list(self._files().values()), plan, size)
 
-    def read(self, plan: Plan) -> pd.DataFrame:
-        """All draws of a plan that are there; columns `records.FIELDS`."""
+    def read(self, plan: Plan | None = None) -> pd.DataFrame:
+        """All draws that are there, or those of a plan; columns `records.FIELDS`."""
         return together((pq.read_table(self.draws / name) for name in sorted(self._files())), plan)
 
     def _files(self) -> dict[str, Chunk]:

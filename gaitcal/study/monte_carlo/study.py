@@ -43,7 +43,7 @@ class MonteCarloStudy:
     @property
     def converged(self) -> bool:
         """Whether every torque of every set and level meets the published criterion."""
-        return unconverged(self.statistics).empty
+        return bool(unconverged(self.statistics).empty)
 
     @property
     def failed(self) -> int:

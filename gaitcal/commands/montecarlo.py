@@ -1,0 +1,235 @@
+"""`gaitcal montecarlo`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from gaitcal.atomic import atomic_file
+from gaitcal.commands.console import Talk
+from gaitcal.errors import ConvergenceError, InputError, nearest
+from gaitcal.report.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
+from gaitcal.study.monte_carlo.cluster import Cluster
+from gaitcal.study.monte_carlo.conclusions import PUBLISHED, TORQUE_WORDS, beside, conclusions
+from gaitcal.study.monte_carlo.context import MonteCarloContext
+from gaitcal.study.monte_carlo.expectation import expect
+from gaitcal.study.monte_carlo.leg_torques import TORQUES
+from gaitcal.study.monte_carlo.result_folder import case_from
+from gaitcal.study.monte_carlo.settings import (
+    MOST_LEVEL,
+    MonteCarloSettings,
+    ParameterChoice,
+    Plan,
+    ReactionFrame,
+    Varied,
+)
+from gaitcal.study.monte_carlo.statistics import levels_of, statistics, unconverged
+from gaitcal.study.monte_carlo.store import Store
+from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
+from gaitcal.study.monte_carlo.study import Progress as DrawProgress
+from gaitcal.study.monte_carlo.variance import variance_contributions
+from gaitcal.study.monte_carlo.workers import LocalProcesses, Workers
+
+FOLDER = "montecarlo"
+HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
+SHOWN_SIDE = "l"
+"""The left leg is shown, as published; both are in the tables."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of the command line, as they were written."""
+
+    vary: str
+    levels: str
+    draws: int
+    jobs: int
+    cluster: str | None
+    seed: int
+    grf: str
+    parameters: str
+    bounds: tuple[float, float, float, float]
+    """Positions (mm), orientations (deg), inertial parameters (%), noise amplitude (mm)."""
+    trial: str | None
+    until_converged: bool
+
+    @property
+    def plan(self) -> Plan:
+        """Sets, levels and draws."""
+        sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(self.vary)]
+        for level in _split(self.levels):
+            if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
+                raise InputError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
+        levels = tuple(int(level) for level in _split(self.levels))
+        if not sets or not levels:
+            raise InputError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
+        return Plan(tuple(Varied(name) for name in sets), levels, self.draws)
+
+    @property
+    def settings(self) -> MonteCarloSettings:
+        """What a draw depends on."""
+        choice = _one_of(self.parameters, [str(c.value) for c in ParameterChoice], "--parameters")
+        return MonteCarloSettings(self.seed, ParameterChoice(int(choice)), *self.bounds)
+
+    @property
+    def frame(self) -> ReactionFrame:
+        """The ground-reaction frame to be shown."""
+        return ReactionFrame(_one_of(self.grf, [frame.value for frame in ReactionFrame], "--grf"))
+
+    @property
+    def workers(self) -> Workers:
+        """Who computes."""
+        if self.cluster is not None:
+            return Cluster(self.cluster)
+        if self.jobs == 0 or self.jobs < -1:
+            raise InputError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+        return LocalProcesses(self.jobs)
+
+
+def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: bool, verbose: bool) -> None:
+    """Run what is missing of a study, write its tables and figures, and print what they say."""
+    talk = Talk(quiet=quiet, verbose=verbose)
+    store = Store(folder / FOLDER)
+    plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
+    if expected_mm is not None and not (there := store.read()).empty:
+        _print_expectation(talk, statistics(there), expected_mm)
+        return
+    with talk.working() as step:
+        step("reading the model and its motion")
+        case = case_from(folder, options.trial, step)
+    try:
+        with _progress(talk) as progress:
+            study = monte_carlo(
+                case,
+                store.folder,
+                settings=settings,
+                plan=plan,
+                workers=workers,
+                progress=progress,
+                until_converged=options.until_converged,
+            )
+    except KeyboardInterrupt:
+        talk.err.print(Text("gaitcal: interrupted; finished draws are kept, the same command goes on with the others"))
+        sys.exit(130)
+    with talk.working() as step:
+        step("tables and figures")
+        contributions = variance_contributions(MonteCarloContext(case, settings))
+        with atomic_file(store.folder / "contributions.csv") as path:
+            contributions.to_csv(path, index=False, lineterminator="\n")
+        write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
+    _print_study(talk, study, frame)
+    if expected_mm is not None:
+        _print_expectation(talk, study.statistics, expected_mm)
+    talk.line(f"tables and figures: {store.folder}")
+    if options.until_converged and not study.converged:
+        raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
+
+
+def _split(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _one_of(name: str, allowed: list[str], option: str) -> str:
+    if name not in allowed:
+        raise InputError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option)
+    return name
+
+
+@contextmanager
+def _progress(talk: Talk) -> Iterator[DrawProgress]:
+    """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every tenth."""
+    started = time.monotonic()
+    if talk.err.is_terminal and not talk.quiet:
+        columns = (
+            TextColumn("draws"),
+            BarColumn(),
+            TaskProgressColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(elapsed_when_finished=True),
+        )
+        with Progress(*columns, console=talk.err) as bar:
+            task = bar.add_task("draws", total=None, rate="")
+
+            def show(done: int, todo: int) -> None:
+                bar.update(task, total=todo, completed=done, rate=f"{_rate(done, started):.0f} draws/s")
+
+            yield show
+        return
+    told = [0]
+
+    def tell(done: int, todo: int) -> None:
+        tenth = 10 * done // max(todo, 1)
+        if talk.verbose and tenth > told[0]:
+            told[0] = tenth
+            rate = _rate(done, started)
+            left = (todo - done) / rate
+            talk.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
+
+    yield tell
+
+
+def _rate(done: int, started: float) -> float:
+    return done / max(time.monotonic() - started, 1e-9)
+
+
+def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> None:
+    table = study.statistics
+    talk.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
+    _print_errors(talk, table, frame)
+    for found in conclusions(table, SHOWN_SIDE):
+        verdict = "holds" if found.holds else "does not hold"
+        talk.line(f"{found.claim} ({found.frame.value}): {verdict}. {found.numbers}")
+    for figure in PUBLISHED:
+        if ours := beside(table, figure, study.settings, SHOWN_SIDE):
+            name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
+            here = ", ".join(f"{value:.2f} ({of.value})" for of, value in ours.items())
+            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {here} %BW*H")
+    open_rows = unconverged(table)
+    if open_rows.empty:
+        talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
+    else:
+        worst = open_rows[["mean_settles", "cv_settles"]].max(axis=1).max()
+        rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
+        talk.line(
+            f"convergence: not met by {len(open_rows)} of {rows} distributions, worst {worst:.1f} %; more --draws"
+        )
+    talk.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
+
+
+def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:
+    shown = Table(show_edge=False, pad_edge=False)
+    for head in ("set", "level %", *HEADS, "markers mm"):
+        shown.add_column(head.replace(" ", "\n"), justify="left" if head == "set" else "right")
+    for varied in Varied:
+        columns = [levels_of(table, varied.value, f"{t}_{SHOWN_SIDE}", frame.value) for t in TORQUES]
+        columns.append(levels_of(table, varied.value, f"markers_{SHOWN_SIDE}"))
+        for k in range(len(columns[0])):
+            level = str(columns[0]["level"].iloc[k])
+            shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))
+    talk.out.print(shown)
+
+
+def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
+    causes = expect(table, rms_mm, SHOWN_SIDE)
+    if not causes:
+        raise InputError("the study has neither of the sets jp and noise, which move markers", field="--expect")
+    for cause in causes:
+        more = "more than " if cause.beyond else ""
+        talk.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
+        shown = Table(show_edge=False, pad_edge=False)
+        for head in ("RMS error, %BW*H", "ground reactions", "average", "10 %", "50 %", "90 %"):
+            shown.add_column(head, justify="left" if head[0] in "Rg" else "right")
+        for row in cause.torques.itertuples():
+            numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
+            shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
+        talk.out.print(shown)
