@@ -1,0 +1,110 @@
+"""How near model markers come to measured ones: before, after, and the floor of rigid segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from gaitcal.model.linkage import SEGMENTS
+from gaitcal.motion.motion import MarkerErrors
+from gaitcal.report.figures.chart import Chart, Panel, Size
+from gaitcal.report.figures.style import INK, NOMINAL, NORMAL, WHOLE, Key, dress, plain
+from gaitcal.report.words import segment_words, split_side
+from gaitcal.study.result import Calibration, TrialResult
+
+KEYS = (
+    Key("nominal model", NOMINAL, kind="ring"),
+    Key("calibrated model", WHOLE, kind="dot"),
+    Key("rigid-segment floor", INK, kind="tick"),
+)
+ROW, LEFT = 0.19, 1.42
+LOWER_BODY = tuple(s for s in SEGMENTS if split_side(s)[0] in ("pelvis", "thigh", "shank", "talus", "foot"))
+WIDTH = 3.6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """RMS distance (mm) between measured and model markers; None where there are no markers."""
+
+    label: str
+    nominal: float | None
+    calibrated: float | None
+    floor: float | None
+
+    @property
+    def ratio(self) -> float | None:
+        """Calibrated over floor."""
+        return self.calibrated / self.floor if self.calibrated is not None and self.floor else None
+
+
+def trial_fit(trial: TrialResult, *segments: str) -> Fit:
+    """Fit of one trial, over all its markers or those of some segments."""
+
+    def mm(errors: MarkerErrors) -> float | None:
+        value = errors.rms(*segments)
+        return None if value is None else 1e3 * value
+
+    name = segment_words(segments[0]) if len(segments) == 1 else trial.name
+    return Fit(name, mm(trial.nominal.errors), mm(trial.calibrated.errors), mm(trial.floor))
+
+
+def leg_fit(trial: TrialResult) -> Fit:
+    """Fit over the markers of pelvis and legs, whose joints the calibration moves."""
+    return trial_fit(trial, *LOWER_BODY)
+
+
+def segment_fits(trial: TrialResult) -> list[Fit]:
+    """Fit of each segment that has markers in this trial."""
+    return [trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.kept(s).any()]
+
+
+def fit_chart(calibration: Calibration) -> Chart | None:
+    """All trials, then the segments of each whole-body trial; None without any trial."""
+    if not calibration.trials:
+        return None
+    overall = [trial_fit(trial) for trial in calibration.trials]
+    panels = []
+    if len(overall) > 1 or calibration.trials[0].joint is not None:
+        panels.append(_panel(overall, "RMS marker error of each trial", "All trials"))
+    for trial in calibration.trials:
+        if trial.joint is None:
+            title = f"Segments, trial {plain(trial.name, 20)}"
+            panels.append(_panel(segment_fits(trial), "RMS marker error of each segment", title))
+    return Chart(
+        "marker_errors",
+        "Marker errors before and after calibration",
+        "RMS distance between measured and model markers. The closer a filled dot is to its tick, the better the "
+        "joints explain the measured motion. A segment far above its floor is held back by a joint; a high floor "
+        "tells of moving skin or a loose marker.",
+        tuple(panels),
+        KEYS,
+        columns=2,
+    )
+
+
+def _panel(fits: list[Fit], label: str, title: str) -> Panel:
+    shown = [plain(fit.label, 24) for fit in fits]
+    size = Size(WIDTH, 0.66 + ROW * max(len(fits), 2), left=LEFT, right=0.12, bottom=0.38, top=0.26)
+
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel="RMS marker error (mm)", title=title)
+        rows = np.arange(len(fits))
+        for row, fit in zip(rows, fits, strict=True):
+            if fit.nominal is not None and fit.calibrated is not None:
+                axes.plot([fit.nominal, fit.calibrated], [row, row], color="#c8c8c8", linewidth=2.2, zorder=1)
+            if fit.floor is not None:
+                axes.plot([fit.floor], [row], "|", color=INK, markersize=9, markeredgewidth=1.4, zorder=2)
+            if fit.nominal is not None:
+                axes.plot([fit.nominal], [row], "o", color=NOMINAL, markerfacecolor="white", markersize=5, zorder=3)
+            if fit.calibrated is not None:
+                axes.plot([fit.calibrated], [row], "o", color=WHOLE, markersize=5.4, zorder=4)
+        axes.set_yticks(rows, labels=shown)
+        axes.tick_params(axis="y", length=0, labelsize=NORMAL)
+        axes.set_ylim(max(len(fits), 2) - 0.4, -0.6)
+        axes.set_xlim(left=0.0)
+        axes.grid(visible=False, axis="y")
+        axes.spines["left"].set_visible(False)
+
+    return Panel(label, draw, size)
