@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.study.summary import residual_rms
 
@@ -62,20 +63,25 @@ def print_calibration(talk: Talk, calibration: Calibration) -> None:
 def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
     """Fit of every trial beside its rigid-segment floor, and pelvis residuals."""
     table = Table(title=None, show_edge=False, pad_edge=False)
-    table.add_column("trial")
+    table.add_column("trial", no_wrap=True)
     for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
         table.add_column(name, justify="right")
     for trial in trials:
-        errors = trial.calibrated.errors
-        values = [m.rms() for m in (trial.nominal.errors, errors, trial.floor)]
-        shown = ["-" if v is None else f"{1e3 * v:.2f}" for v in values]
-        ratio = f"{values[1] / values[2]:.2f}" if values[1] is not None and values[2] else "-"
-        count = str(int(errors.kept().sum()))
-        table.add_row(Text(trial.name), str(len(trial.calibrated.time)), count, *shown, ratio)
+        rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
+        for name, segments in rows.items():
+            table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
     talk.out.print(table)
     for trial in trials:
         if trial.loads is not None and trial.loads.reactions.valid.any():
             talk.line(_residuals(trial.name, trial.loads))
+
+
+def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
+    errors = trial.calibrated.errors
+    values = [m.rms(*segments) for m in (trial.nominal.errors, errors, trial.floor)]
+    shown = ["-" if v is None else f"{1e3 * v:.2f}" for v in values]
+    ratio = f"{values[1] / values[2]:.2f}" if values[1] is not None and values[2] else "-"
+    return [str(int(errors.kept(*segments).sum())), *shown, ratio]
 
 
 def _residuals(name: str, loads: LoadedTrial) -> str:

@@ -28,6 +28,9 @@ SEGMENTS: tuple[str, ...] = (
 )
 """The 14 segments, each after its parent."""
 
+LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
+"""Pelvis and legs."""
+
 ZERO_ANGLES: tuple[str, ...] = tuple(f"{j}_{side}.zero" for side in SIDES for j in ("talocrural", "subtalar"))
 """Four constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
 

@@ -32,17 +32,17 @@ class MarkerErrors:
     distance: Array
     """(nf, nm) m; NaN where a marker was not seen."""
 
-    def rms(self, segment: str | None = None) -> float | None:
-        """RMS distance (m) over markers with weight, of one segment or all; None where there are none."""
-        kept = self.kept(segment)
+    def rms(self, *segments: str) -> float | None:
+        """RMS distance (m) over markers with weight, of some segments or all; None where there are none."""
+        kept = self.kept(*segments)
         if not kept.any():
             return None
         return float(np.sqrt(np.nanmean(self.distance[:, kept] ** 2)))
 
-    def kept(self, segment: str | None = None) -> NDArray[np.bool_]:
-        """(nm,) markers with weight that were seen at all, of one segment or all."""
+    def kept(self, *segments: str) -> NDArray[np.bool_]:
+        """(nm,) markers with weight that were seen at all, of some segments or all."""
         seen = np.isfinite(self.distance).any(axis=0)
-        here = np.array([segment is None or s == segment for s in self.segments], dtype=bool)
+        here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
         kept: NDArray[np.bool_] = (self.weight > 0) & seen & here
         return kept
 

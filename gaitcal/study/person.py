@@ -33,6 +33,8 @@ class StudyTrial:
     """Plate name -> "r", "l" or "none", where the study says so."""
     filter_hz: float | str | None = None
     """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
+    own_labels: tuple[str, ...] = ()
+    """Labels as in the file."""
 
 
 @dataclass(frozen=True)
@@ -59,20 +61,25 @@ class Study:
             One line: file, field, what was found, what is allowed.
         """
         path = Path(path)
-        study = load_study_file(path)
-        marker_set = load_marker_set(study.markers.set)
-        trials = tuple(_read_trial(trial, study, marker_set) for trial in study.trials)
-        files = [path, *(t.file for t in study.trials), *(t.forces for t in study.trials if t.forces)]
-        if study.markers.set_path:
-            files.append(study.markers.set_path)
-        s = study.subject
-        _check_weights(study, marker_set, path)
+        file = load_study_file(path)
+        marker_set = load_marker_set(file.markers.set)
+        return cls.assemble(file, marker_set, tuple(read_trial(t, file, marker_set) for t in file.trials), path)
+
+    @classmethod
+    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
+        """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
+        files = [path, *(t.file for t in file.trials), *(t.forces for t in file.trials if t.forces)]
+        if file.markers.set_path:
+            files.append(file.markers.set_path)
+        s = file.subject
+        _check_weights(file, marker_set, path)
+        _check_renamed(file, trials, path)
         return cls(
             Subject(s.name, s.mass_kg, s.height_m, s.sex),
             marker_set,
             trials,
-            study.calibration,
-            dict(study.markers.weights),
+            file.calibration,
+            dict(file.markers.weights),
             {_shown(f, path.parent): hashlib.sha256(f.read_bytes()).hexdigest() for f in dict.fromkeys(files)},
             str(path),
         )
@@ -106,8 +113,28 @@ def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
             )
 
 
-def _read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTrial:
+def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path) -> None:
+    """A label to be renamed may be worn in some trials only, but not in none."""
+    found = {label for trial in trials for label in trial.own_labels}
+    for old, new in study.markers.rename.items():
+        if old not in found:
+            raise InputError(
+                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, found)}",
+                source=path,
+                field="markers.rename",
+            )
+
+
+def read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTrial:
+    """Read one trial of a study file, its labels put into those of the marker set.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
+    """
     recording = read_recording(trial.file, forces=trial.forces)
+    own = recording.labels
     recording = marker_set.renamed(_rename(recording, study.markers.rename))
     for name in trial.plates:
         known = [plate.name for plate in recording.plates]

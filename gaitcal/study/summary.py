@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import GeneralisedForces
-from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SEGMENTS, is_translation
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 
@@ -51,6 +51,8 @@ def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
     }
     if trial.joint:
         out["joint"] = trial.joint
+    else:
+        out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
     nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
     if nominal and calibrated:
         out["max_mm"] = {"nominal": 1e3 * nominal[0], "calibrated": 1e3 * calibrated[0], "marker": calibrated[1]}
@@ -67,9 +69,9 @@ def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
     return out
 
 
-def _rms(trial: TrialResult, segment: str | None = None) -> dict[str, Json]:
+def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     def of(errors: MarkerErrors) -> float | None:
-        value = errors.rms(segment)
+        value = errors.rms(*segments)
         return None if value is None else 1e3 * value
 
     nominal, calibrated, floor = of(trial.nominal.errors), of(trial.calibrated.errors), of(trial.floor)
