@@ -1,8 +1,13 @@
 """Each segment alone: the rigid motion that fits its markers best, frame by frame.
 
-With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation is
-R = U diag(1, 1, det(U V^T)) V^T from the singular value decomposition  sum_m w_m x_m l_m^T = U D V^T
-(Kabsch 1976). What then remains is the rigid-segment floor: no linkage of these segments can fit better.
+With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation maximises
+trace(R^T B),  B = sum_m w_m x_m l_m^T  (Wahba 1965). Markley's closed form (FOAM, J. Astronautical Sciences 41, 1993)
+needs no singular value decomposition and works for markers in a plane, as three always are:
+
+    R = [ (k + |B|^2) B + s adj(B)^T - B B^T B ] / (k s - det B),   k = (s^2 - |B|^2) / 2,
+
+s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from above. What then remains is the
+rigid-segment floor: no linkage of these segments can fit better. Arrays have the frame index last.
 """
 
 from __future__ import annotations
@@ -15,7 +20,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 COLLINEAR = 1e-3
-"""Ratio of the second to the first singular value of a marker cluster below which its turn is undetermined."""
+"""Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
+MOST_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -36,24 +42,65 @@ def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
     """Fit local positions (nm, 3) to measured ones (nm, 3, nf) with weights (nm, nf)."""
     total = weight.sum(axis=0)
     safe = np.where(total > 0, total, 1.0)
-    x_mean = np.einsum("mf,mif->fi", weight, measured) / safe[:, None]
-    l_mean = np.einsum("mf,mi->fi", weight, local) / safe[:, None]
-    spread = np.einsum("mf,mif,mj->fij", weight, measured, local)
-    spread -= total[:, None, None] * x_mean[:, :, None] * l_mean[:, None, :]
-    u, d, vt = np.linalg.svd(spread)
-    sign = np.sign(np.linalg.det(u @ vt))
-    u[:, :, 2] *= sign[:, None]
-    rotation = u @ vt
-    origin = x_mean - np.einsum("fij,fj->fi", rotation, l_mean)
+    x_mean = np.einsum("mf,mif->if", weight, measured) / safe
+    l_mean = (local.T @ weight) / safe
+    spread = np.einsum("mif,mj->ijf", weight[:, None] * (measured - x_mean), local)
     seen = (weight > 0).sum(axis=0)
-    determined = (seen >= 3) & (d[:, 1] > COLLINEAR * d[:, 0])
-    model = np.einsum("fij,mj->mif", rotation, local) + origin.T[None]
+    rotation, two_dimensional = best_rotation(spread)
+    determined = (seen >= 3) & two_dimensional
+    origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
+    model = np.einsum("ijf,mj->mif", rotation, local) + origin
     residual = np.linalg.norm(model - measured, axis=1)
     few = (seen > 0) & ~determined
     if few.any():
         residual[:, few] = _undetermined_residual(local, measured[:, :, few], weight[:, few])
     residual[weight <= 0] = np.nan
-    return RigidFit(rotation, origin, determined, residual)
+    return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined, residual)
+
+
+def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """(3, 3, nf) rotations nearest to matrices (3, 3, nf), and (nf,) whether each is determined.
+
+    Undetermined rotations are identities.
+    """
+    scale = np.sqrt((b * b).sum(axis=(0, 1)))
+    safe = np.where(scale > 0, scale, 1.0)
+    b = b / safe
+    adjugate = np.stack([np.cross(b[1], b[2], axis=0), np.cross(b[2], b[0], axis=0), np.cross(b[0], b[1], axis=0)])
+    """Rows are cross products of rows: adj(B)^T."""
+    determinant = (b[0] * adjugate[0]).sum(axis=0)
+    square = (adjugate * adjugate).sum(axis=(0, 1))
+    determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
+    s = _largest_root(determinant, square)
+    k = 0.5 * (s * s - 1.0)
+    bbb = np.einsum("ijf,kjf,klf->ilf", b, b, b, optimize=True)
+    numerator = (k + 1.0) * b + s * adjugate - bbb
+    denominator = k * s - determinant
+    determined &= denominator > 1e-12
+    rotation = numerator / np.where(determined, denominator, 1.0)
+    rotation = _orthonormal(rotation, determined)
+    return rotation, determined
+
+
+def _largest_root(determinant: Array, square: Array) -> Array:
+    """Largest s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2 = 0, for |B| = 1: at most sqrt(3), Newton falls onto it."""
+    s = np.full_like(determinant, np.sqrt(3.0))
+    for _ in range(MOST_STEPS):
+        gap = s * s - 1.0
+        slope = 4.0 * s * gap - 8.0 * determinant
+        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
+        s = s - step
+        if np.abs(step).max(initial=0.0) < 1e-15:
+            break
+    return s
+
+
+def _orthonormal(rotation: Array, determined: NDArray[np.bool_]) -> Array:
+    """One step towards the nearest rotation, R (3 - R^T R) / 2, which squares the rounding error; identity elsewhere."""
+    rotation = np.where(determined, rotation, np.eye(3)[:, :, None])
+    gram = np.einsum("kif,kjf->ijf", rotation, rotation)
+    out: Array = 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram)
+    return out
 
 
 def _undetermined_residual(local: Array, measured: Array, weight: Array) -> Array:

@@ -1,9 +1,9 @@
 """Where tracking starts: rigid fits of the segments turned into coordinates, frame by frame.
 
 The root follows its own markers; every joint then takes the angles that bring the child's orientation nearest to its
-rigid fit. For one turn q about axis e between constant rotations P and Q, the q that maximises
-trace(R^T P Re(q) Q) is  atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T R Q^T, (b, c) the axes after e; several turns are
-visited one after the other until they settle. Frames in which a segment is not determined are interpolated.
+rigid fit. For one turn q about axis e between rotations P and Q, the q that maximises trace(R^T P Re(q) Q) is
+atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T R Q^T, (b, c) the axes after e; several turns of one joint are visited one
+after the other until they settle. Frames in which a segment is not determined are interpolated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from gaitcal.motion.spline import SplineBasis
 
 Array = NDArray[np.float64]
 
-SWEEPS = 6
+SWEEPS = 4
+ROOT_COORDINATES = 6
 
 
 def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, basis: SplineBasis) -> Array:
@@ -30,34 +31,37 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
     """(nf, nq) coordinates from rigid fits, continuous in time."""
     nf = data.measured.shape[-1]
     q = np.zeros((nf, len(chain.coordinates)))
-    fits = {
-        s: rigid_fit(data.local[data.segment == s], data.measured[data.segment == s], data.weight[data.segment == s])
-        for s in np.unique(data.segment).tolist()
-    }
+    fits = {s: _fit_of(data, s) for s in np.unique(data.segment).tolist()}
     root = fits.get(0)
     if root is not None and root.determined.any():
-        q[:, :6] = _root_coordinates(root)
-    rotations: dict[int, Array] = {}
-    for s in range(len(chain.segments)):
+        q[:, :ROOT_COORDINATES] = _root_coordinates(root)
+    frames: dict[int, Array] = {-1: np.broadcast_to(np.eye(3), (nf, 3, 3))}
+    for k in range(ROOT_COORDINATES):
+        frames[k] = _next_frame(chain, constants, frames, k, q)
+    done = set(range(ROOT_COORDINATES))
+    for s in range(1, len(chain.segments)):
         path = _path(chain, s)
-        own = [k for k in path if k >= 6 and not any(chain.support[k, t] for t in range(s))]
-        base = rotations.get(_parent_segment(chain, s, own))
-        if s == 0:
-            rotations[0] = _chain_rotation(chain, constants, path, q) @ constants.segment_rotation[0]
-            continue
-        pending = own if base is not None else []
+        own = [k for k in path if k not in done]
         fit = fits.get(s)
-        if fit is not None and fit.determined.any() and pending:
-            above = path[: path.index(pending[0])]
-            _fit_turns(chain, constants, above, pending, s, fit, q)
-        rotations[s] = _chain_rotation(chain, constants, path, q)
+        if own and fit is not None and fit.determined.any():
+            target = frames[chain.parents[own[0]]].transpose(0, 2, 1) @ fit.rotation
+            q[:, own] = _turns(chain, constants, own, target @ constants.segment_rotation[s].T, fit)
+        if own and (fit is not None or not _carries_more(chain, s)):
+            for k in own:
+                frames[k] = _next_frame(chain, constants, frames, k, q)
+            done.update(own)
     return q
 
 
-def _parent_segment(chain: Chain, segment: int, own: list[int]) -> int:
-    moved = chain.support[own[0]] if own else chain.support[_path(chain, segment)[-1]]
-    above = [t for t in range(segment) if not moved[t] and set(_path(chain, t)) <= set(_path(chain, segment))]
-    return above[-1] if above else 0
+def _fit_of(data: MarkerData, segment: int) -> RigidFit:
+    own = data.segment == segment
+    return rigid_fit(data.local[own], data.measured[own], data.weight[own])
+
+
+def _carries_more(chain: Chain, segment: int) -> bool:
+    """Whether other segments hang on this one: then a segment without markers leaves its turns to them."""
+    frame = chain.segment_frame[segment]
+    return bool((chain.support[frame] > 0).sum() > 1)
 
 
 def _path(chain: Chain, segment: int) -> list[int]:
@@ -93,45 +97,39 @@ def _fill(values: Array, known: NDArray[np.bool_]) -> Array:
     return np.stack([np.interp(frames, frames[known], column[known]) for column in values.T], axis=1)
 
 
-def _turn(axis: int, angle: Array) -> Array:
-    """(nf, 3, 3) rotations about one axis."""
-    out = np.zeros((len(angle), 3, 3))
+def _turned(rotation: Array, axis: int, angle: Array) -> Array:
+    """(nf, 3, 3) rotation @ R_axis(angle)."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
-    out[:, axis, axis] = 1.0
-    out[:, a, a] = out[:, b, b] = np.cos(angle)
-    out[:, b, a] = np.sin(angle)
-    out[:, a, b] = -out[:, b, a]
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    out = rotation.copy()
+    out[:, :, a] = c * rotation[:, :, a] + s * rotation[:, :, b]
+    out[:, :, b] = c * rotation[:, :, b] - s * rotation[:, :, a]
     return out
 
 
-def _chain_rotation(chain: Chain, constants: ChainConstants, path: list[int], q: Array) -> Array:
-    rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    for k in path:
-        rotation = rotation @ constants.offset_rotation[k]
-        e = chain.elements[k]
-        if e.rotates:
-            rotation = rotation @ _turn(e.axis, e.sign * q[:, k])
-    return rotation
+def _next_frame(chain: Chain, constants: ChainConstants, frames: dict[int, Array], k: int, q: Array) -> Array:
+    rotation = frames[chain.parents[k]] @ constants.offset_rotation[k]
+    e = chain.elements[k]
+    return _turned(rotation, e.axis, e.sign * q[:, k]) if e.rotates else rotation
 
 
-def _fit_turns(
-    chain: Chain, constants: ChainConstants, above: list[int], own: list[int], segment: int, fit: RigidFit, q: Array
-) -> None:
-    """Angles of the turns `own` that bring the segment nearest to its rigid fit, written into `q`."""
-    base = _chain_rotation(chain, constants, above, q)
-    target = base.transpose(0, 2, 1) @ fit.rotation @ constants.segment_rotation[segment].T
-    angles = np.zeros((len(q), len(own)))
+def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Array, fit: RigidFit) -> Array:
+    """(nf, n) coordinates whose turns, one after the other, come nearest to the rotations `target`."""
+    axes = [chain.elements[k].axis for k in own]
+    angles = np.zeros((len(target), len(own)))
     for _ in range(SWEEPS if len(own) > 1 else 1):
+        # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
+        after = [np.broadcast_to(np.eye(3), target.shape)]
+        for i in range(len(own) - 1, 0, -1):
+            inner = _turned(np.broadcast_to(constants.offset_rotation[own[i]], target.shape), axes[i], angles[:, i])
+            after.append(inner @ after[-1])
+        remaining = target
         for i, k in enumerate(own):
-            before = np.broadcast_to(np.eye(3), target.shape)
-            for j, m in enumerate(own[:i]):
-                before = before @ constants.offset_rotation[m] @ _turn(chain.elements[m].axis, angles[:, j])
-            before = before @ constants.offset_rotation[k]
-            after = np.broadcast_to(np.eye(3), target.shape)
-            for j, m in enumerate(own[i + 1 :], start=i + 1):
-                after = after @ constants.offset_rotation[m] @ _turn(chain.elements[m].axis, angles[:, j])
-            g = before.transpose(0, 2, 1) @ target @ after.transpose(0, 2, 1)
-            b, c = (chain.elements[k].axis + 1) % 3, (chain.elements[k].axis + 2) % 3
+            remaining = constants.offset_rotation[k].T @ remaining
+            g = remaining @ after[len(own) - 1 - i].transpose(0, 2, 1)
+            b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
+            undo = _turned(np.broadcast_to(np.eye(3), target.shape), axes[i], -angles[:, i])
+            remaining = undo @ remaining
     signs = np.array([chain.elements[k].sign for k in own])
-    q[:, own] = _fill(_unwrap(angles, fit.determined), fit.determined) * signs
+    return _fill(_unwrap(angles, fit.determined), fit.determined) * signs
