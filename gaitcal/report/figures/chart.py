@@ -18,15 +18,17 @@ from matplotlib.patches import Patch
 from gaitcal.report.figures.style import FONT, NORMAL, Key, line_style
 
 LEGEND_INCHES = 0.32
+LABEL_INCHES = 0.15
+"""From the left edge of a panel to the foot of its vertical label, whatever the width of the numbers."""
 
 
 @dataclass(frozen=True)
 class Size:
     """Outer size of a panel and the room around its axes, inches."""
 
-    width: float = 2.4
+    width: float = 2.45
     height: float = 1.85
-    left: float = 0.5
+    left: float = 0.58
     right: float = 0.1
     bottom: float = 0.36
     top: float = 0.24
@@ -110,6 +112,7 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
         )
     )
     panel.draw(axes)
+    axes.yaxis.set_label_coords(-(size.left - LABEL_INCHES) / (size.width - size.left - size.right), 0.5)
 
 
 def _handle(key: Key) -> Line2D | Patch:

@@ -31,7 +31,7 @@ from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 
 Array = NDArray[np.float64]
 
-LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.1
+LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
 """Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""
 
 

@@ -20,7 +20,7 @@ def moment_change_chart(trial: TrialResult, numbers: tuple[MomentNumbers, ...], 
     size = Size(4.4, 0.7 + ROW * len(bases), left=1.32, right=0.15, bottom=0.38, top=0.26)
 
     def draw(axes: Axes) -> None:
-        dress(axes, xlabel="RMS change (% of body weight × height)", title="Change of each joint moment")
+        dress(axes, xlabel="RMS change (% of body weight × height)", title="Nominal to calibrated")
         for row, base in enumerate(bases):
             own = [n for n in numbers if split_side(n.name)[0] == base]
             places = np.linspace(-BAR / 2, BAR / 2, len(own)) if len(own) > 1 else np.zeros(1)
@@ -34,7 +34,7 @@ def moment_change_chart(trial: TrialResult, numbers: tuple[MomentNumbers, ...], 
 
     return Chart(
         f"{stem}_moment_change",
-        "What calibration changed in the joint moments",
+        "Change of the joint moments",
         "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. Where "
         "the bars are small against the effect you study, calibration did not matter for it.",
         (Panel("RMS change of each joint moment, right and left, percent of body weight times height", draw, size),),
