@@ -42,11 +42,25 @@ def demo(out: Out = Path("gaitcal-demo"), quiet: Quiet = False, verbose: Verbose
 
 
 @app.command()
-def calibrate(study: StudyPath, out: Out, quiet: Quiet = False, verbose: Verbose = False) -> None:
+def check(study: StudyPath, quiet: Quiet = False, verbose: Verbose = False) -> None:
+    """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
+    from gaitcal.commands.check import run
+
+    run(study, quiet=quiet, verbose=verbose)
+
+
+@app.command()
+def calibrate(
+    study: StudyPath,
+    out: Out,
+    force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
 
-    run(study, out, quiet=quiet, verbose=verbose)
+    run(study, out, force=force, quiet=quiet, verbose=verbose)
 
 
 @app.command()

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from gaitcal.commands.check import as_warnings, stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration
 from gaitcal.errors import ConvergenceError
 from gaitcal.output import write_results
+from gaitcal.study.checks import check_study
 from gaitcal.study.person import Study
 from gaitcal.study.pipeline import calibrate
 
 
-def run(study: Path, out: Path, *, quiet: bool, verbose: bool) -> None:
-    """Calibrate a study and write its result folder."""
+def run(study: Path, out: Path, *, force: bool = False, quiet: bool, verbose: bool) -> None:
+    """Check and calibrate a study and write its result folder; `force` goes on past errors that the checks find."""
     talk = Talk(quiet=quiet, verbose=verbose)
     with talk.working() as step:
         step("reading the recordings")
         loaded = Study.load(study)
+        step("checking the recordings")
+        findings = check_study(loaded)
+        if not force:
+            stop_on_errors(findings, study)
         calibration = calibrate(loaded, step)
+        calibration = replace(calibration, warnings=(*as_warnings(findings), *calibration.warnings))
         step("writing the results")
         write_results(calibration, out)
     print_calibration(talk, calibration)

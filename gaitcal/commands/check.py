@@ -1,0 +1,64 @@
+"""`gaitcal check`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from gaitcal.commands.console import Talk
+from gaitcal.errors import InputError
+from gaitcal.study.checks import Finding, Severity, check_file
+
+PLAIN_WIDTH = 150
+"""Columns of the table where the output is no terminal."""
+COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
+
+
+def run(study: Path, *, quiet: bool, verbose: bool) -> None:
+    """Print what the checks find in a study; exit code 1 where there is an error."""
+    talk = Talk(quiet=quiet, verbose=verbose)
+    with talk.working() as step:
+        step("reading and checking the recordings")
+        findings = check_file(study)
+    shown = [f for f in findings if verbose or f.severity is not Severity.INFO]
+    if shown:
+        talk.out.print(_table(shown), width=None if talk.out.is_terminal else PLAIN_WIDTH)
+    counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
+    hidden = counts[Severity.INFO] if not verbose else 0
+    more = f" (-v shows {hidden} more facts)" if hidden else ""
+    talk.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    if counts[Severity.ERROR]:
+        sys.exit(1)
+
+
+def _table(findings: Sequence[Finding]) -> Table:
+    table = Table(show_edge=False, pad_edge=False, show_lines=True)
+    for name in ("severity", "where", "about"):
+        table.add_column(name)
+    table.add_column("found", ratio=3)
+    table.add_column("what to do", ratio=2)
+    for f in findings:
+        table.add_row(
+            Text(f.severity.value, COLOURS[f.severity]), Text(f.where), Text(f.topic), Text(f.found), Text(f.cure)
+        )
+    return table
+
+
+def stop_on_errors(findings: Sequence[Finding], study: Path) -> None:
+    """InputError with the first error, and how many more there are."""
+    errors = [f for f in findings if f.severity is Severity.ERROR]
+    if not errors:
+        return
+    more = f" (and {len(errors) - 1} more errors: 'gaitcal check {study}' shows all)" if len(errors) > 1 else ""
+    raise InputError(errors[0].line + more)
+
+
+def as_warnings(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Errors that the user went past, and warnings, as a result shows them."""
+    forced = [f"went on by --force past an error: {f.line}" for f in findings if f.severity is Severity.ERROR]
+    others = [f"{f.where}: {f.topic}: {f.found}; {f.cure}" for f in findings if f.severity is Severity.WARNING]
+    return (*forced, *others)
