@@ -157,8 +157,8 @@ def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
             yield error(
                 "plate to foot",
                 trial.name,
-                f"{name}: the study gives it to the {FEET[named]} foot, {1e3 * away:.0f} mm from the centre of pressure, "
-                f"from which the {FEET[step.foot]} foot is {1e3 * step.distance:.0f} mm away",
+                f"{name}: the study gives it to the {FEET[named]} foot, {1e3 * away:.0f} mm off the centre of pressure "
+                f"(the {FEET[step.foot]} foot: {1e3 * step.distance:.0f} mm)",
                 f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
                 trial.source,
             )

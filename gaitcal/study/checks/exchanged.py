@@ -166,11 +166,14 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
         return
     away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
     limit = jump_limit(trial)
+    sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
+    peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
     told, largest = [], 0.0
     for label in trial.expected:
         if label not in trial.place:
             continue
-        out = np.nan_to_num(away[:, trial.place[label]])
+        at = trial.place[label]
+        out = np.where(peak[:, at], np.nan_to_num(away[:, at]), 0.0)
         if (out > limit).any():
             told.append(f"{label} ({int((out > limit).sum())} frames)")
             largest = max(largest, float(out.max()))

@@ -51,7 +51,8 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
             "time",
             trial.name,
             f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than {100 * UNEVEN:.0f} %, the "
-            f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to {1e3 * steps[odd].max():.3g} ms)",
+            f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
+            f"{1e3 * steps[odd].max():.3g} ms)",
             "frames are missing, or the time column was put together: export the trial again",
             trial.source,
         )
