@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import re
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,8 @@ LAYERS = ("body", "measured", "model", "errors", "forces", "nominal", "fitted", 
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 POSE_BUDGET = 16.0
 """ms to pose one frame of any trial: one picture of 60 a second."""
+SHOWN = 0.2
+"""mm: one decimal is shown, of positions packed to some 0.05 mm."""
 Visit = Callable[..., Page]
 
 
@@ -110,8 +113,9 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
-def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path) -> None:
-    page = paused(visit(html))
+def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:
+    trial = scene.trials[0]
+    page = paused(visit(html), float(trial.time[120] - trial.time[0]))
     x, y = page.run(
         """(() => { const p = gaitcal.markers.atMeasured[0].clone().project(gaitcal.viewer.camera);
         const r = document.getElementById('pane').getBoundingClientRect();
@@ -121,7 +125,9 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path)
     page.run(DRAWN)
     text = page.run("document.getElementById('tip').textContent")
     assert not page.run("document.getElementById('tip').hidden")
-    assert text.startswith("R.ASIS") and "mm from the model's marker" in text
+    found = re.fullmatch(r"R\.ASIS\n([\d.]+) mm from the model's marker", text)
+    error = np.linalg.norm(trial.measured[120, 0] - scene.model_markers(trial)[120, 0])
+    assert found is not None and float(found.group(1)) == pytest.approx(1000 * error, abs=SHOWN)
 
 
 def test_hostile_names_are_text(visit: Visit, tmp_path: Path) -> None:
