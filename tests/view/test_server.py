@@ -33,9 +33,7 @@ def server(scene: Scene) -> Iterator[ViewServer]:
         thread.join()
 
 
-def ask(
-    server: ViewServer, method: str, path: str, host: str | None = None
-) -> tuple[http.client.HTTPResponse, bytes]:
+def ask(server: ViewServer, method: str, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, bytes]:
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
     try:
         connection.request(method, path, headers={"Host": host} if host else {})
