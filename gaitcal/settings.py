@@ -22,10 +22,10 @@ class CalibrationSettings(Table):
         description="pull of joint parameters towards what is known before a phase (nominal, then isolated trials): "
         "20 mm or 10 deg weigh as much as four independent marker samples of 5 mm",
     )
-    gait_parameters: Literal["auto", "published", "leg"] = Field(
-        default="auto",
-        description="what gait trials may move in each leg: the published 17 joint parameters, all 27, or 'auto': "
-        "the 17 and the other parameters of joints that an isolated trial has determined",
+    gait_parameters: Literal["published", "leg"] = Field(
+        default="published",
+        description="what gait trials may move in each leg: the published 17 joint parameters, or all 27 (then gait, "
+        "which hardly shows the other ten, may undo what isolated trials found)",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"

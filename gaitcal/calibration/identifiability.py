@@ -84,7 +84,7 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, .
     return tuple(out)
 
 
-def in_words(unseen: Sequence[str], names: Sequence[str], trials: Sequence[str]) -> tuple[str, ...]:
+def in_words(unseen: Sequence[str], trials: Sequence[str]) -> tuple[str, ...]:
     """One warning a joint: what is not determined, what was done, what to record."""
     joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
     out = []

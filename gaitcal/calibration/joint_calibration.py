@@ -18,6 +18,15 @@ from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
 
+STATUS = {
+    0: "stopped at the largest number of evaluations",
+    1: "the cost is stationary",
+    2: "the cost falls no further",
+    3: "the parameters move no further",
+    4: "neither cost nor parameters change any more",
+}
+"""What SciPy's status numbers mean, in words."""
+
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
 
@@ -129,6 +138,6 @@ def calibrate_joints(
         int(result.nfev),
         time.perf_counter() - began,
         bool(result.status > 0) and all(trial.converged for trial in state.trials),
-        str(result.message),
+        STATUS.get(int(result.status), str(result.message)),
         tuple(name for name, on_edge in zip(free, edge, strict=True) if on_edge),
     )

@@ -95,8 +95,10 @@ class _Run:
             seen = tuple(n for n in fit.free if n not in unseen)
             fit = self._solve(problems, seen)
             seconds, iterations = seconds + fit.seconds, iterations + fit.iterations
-            self.unseen += [n for n in unseen if n not in self.unseen]
-            self.warnings += in_words(unseen, fit.free, [p.name for p in problems])
+            known = {n for earlier in self.fits for n in earlier.free}
+            new = [n for n in unseen if n not in known]
+            self.unseen += new
+            self.warnings += in_words(new, [p.name for p in problems])
         self.warnings += [
             f"{n} ended on its bound: the trials pull it further from its nominal value than the bound allows"
             for n in fit.at_bound

@@ -53,6 +53,17 @@ class SplineBasis:
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
+    def at(self, frames: NDArray[np.intp]) -> SplineBasis:
+        """The same splines at some of the frames (increasing)."""
+        return SplineBasis(
+            self.time[frames],
+            self.knots,
+            self.first[frames],
+            self.value[frames],
+            self.rate[frames],
+            self.acceleration[frames],
+        )
+
     def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
         """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""
         weights = (self.value, self.rate, self.acceleration)[derivative]

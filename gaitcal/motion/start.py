@@ -22,9 +22,19 @@ SWEEPS = 4
 ROOT_COORDINATES = 6
 
 
+SAMPLES_PER_NODE = 3
+"""Frames looked at per spline node: a start needs no more."""
+
+
 def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, basis: SplineBasis) -> Array:
     """(nn, nq) nodes to start from."""
-    return basis.fit(starting_coordinates(chain, constants, data))
+    nf = len(basis.time)
+    wanted = SAMPLES_PER_NODE * basis.nodes
+    if nf <= wanted:
+        return basis.fit(starting_coordinates(chain, constants, data))
+    chosen = np.unique(np.round(np.linspace(0, nf - 1, wanted)).astype(int))
+    sampled = MarkerData(data.segment, data.local, data.measured[:, :, chosen], data.weight[:, chosen])
+    return basis.at(chosen).fit(starting_coordinates(chain, constants, sampled))
 
 
 def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerData) -> Array:

@@ -58,6 +58,9 @@ def track_nodes(
         step_count += 1
         step = -BandFactor(equations.band, damping).solve(equations.node_gradient.ravel()).reshape(nodes.shape)
         expected = -float(np.vdot(equations.node_gradient, step))
+        if damping == 0.0 and expected <= settings.tolerance * equations.cost:
+            nodes, converged = nodes + step, True
+            break
         trial = problem.equations(nodes + step, constants)
         if trial.cost <= equations.cost + 1e-14 * small:
             nodes, fall, equations = nodes + step, equations.cost - trial.cost, trial

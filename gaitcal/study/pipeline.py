@@ -23,7 +23,7 @@ from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces
 from gaitcal.model.inertial_parameters import full_set, symmetric_set
-from gaitcal.model.joint_parameters import gait_parameters, isolated_parameters, leg_parameters
+from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, rigid_floor
@@ -139,20 +139,14 @@ def _joint_parameters(
         [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
         nominal.parameters,
         joint_settings(settings),
-        {side: parameters_of_gait(side, trials, settings) for side in SIDES[settings.legs]},
+        {side: parameters_of_gait(side, settings) for side in SIDES[settings.legs]},
     )
     return calibration, calibration.parameters
 
 
-def parameters_of_gait(side: str, trials: list[PreparedTrial], settings: CalibrationSettings) -> tuple[str, ...]:
+def parameters_of_gait(side: str, settings: CalibrationSettings) -> tuple[str, ...]:
     """The joint parameters that gait may move in one leg."""
-    if settings.gait_parameters == "leg":
-        return leg_parameters(side)
-    allowed = set(gait_parameters(side))
-    if settings.gait_parameters == "auto":
-        isolated = {t.joint for t in trials if t.joint is not None and t.joint[-1] == side}
-        allowed |= {name for joint in isolated for name in isolated_parameters(joint)}
-    return tuple(name for name in leg_parameters(side) if name in allowed)
+    return leg_parameters(side) if settings.gait_parameters == "leg" else gait_parameters(side)
 
 
 def _inertial_parameters(
@@ -263,6 +257,12 @@ def _calibration(
         f"{name}: no frame has every foot on the ground on a force plate; no torques, no inertial calibration"
         for name, r in reactions.items()
         if not r.valid.any()
+    ]
+    warnings += [
+        f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
+        f"({1e3 * first:.1f} mm): gait and this trial disagree; mode = 'simultaneous' weighs them together"
+        for t in results
+        if (first := t.nominal.errors.rms()) is not None and (last := t.final.errors.rms()) is not None and last > first
     ]
     return Calibration(
         study,
