@@ -72,7 +72,7 @@ def _connected(address: str) -> Any:
 
 def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
     again: dict[str, tuple[Task, int]] = {}
-    running = _library().as_completed(raise_errors=False)
+    running = _library().as_completed(loop=client.loop, raise_errors=False)
 
     def hand_in(task: Task, left: int) -> None:
         future = client.submit(function, task, pure=False)

@@ -6,11 +6,17 @@ their iterator as workers become free, so that memory stays bounded however many
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
+
+WATCH_S = 1.0
+"""How often a worker process looks whether its parent is still there."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -50,5 +56,22 @@ class LocalProcesses:
                 batch_size=1,
                 max_nbytes=None,
             )
-            results = pool(delayed(function)(task) for task in tasks)
+            results = pool(delayed(_while_parent_lives)(os.getpid(), function, task) for task in tasks)
         yield from results
+
+
+_watched: set[int] = set()
+
+
+def _while_parent_lives(parent: int, function: Callable[[Task], Result], task: Task) -> Result:
+    """Run a task in a worker process that ends soon after its parent: joblib's would wait for work for minutes."""
+    if parent not in _watched and os.getpid() != parent:
+        _watched.add(parent)
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    return function(task)
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH_S)
+    os._exit(1)

@@ -1,0 +1,44 @@
+"""A Monte Carlo study of the built-in subject on a dask cluster, or on two workers that this script starts.
+
+    python scripts/03_monte_carlo_cluster.py OUT                         two workers of this machine
+    python scripts/03_monte_carlo_cluster.py OUT tcp://scheduler:8786    an existing cluster
+
+Needs the extra: pip install 'gaitcal[cluster]'. Run again with more draws, it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from distributed import LocalCluster
+
+from gaitcal.study.monte_carlo.case import nominal_case
+from gaitcal.study.monte_carlo.cluster import Cluster
+from gaitcal.study.monte_carlo.conclusions import conclusions
+from gaitcal.study.monte_carlo.settings import Plan
+from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
+
+
+def run(out: Path, address: str, draws: int) -> MonteCarloStudy:
+    """The study of the nominal subject, at the highest level."""
+    return monte_carlo(nominal_case(), out, plan=Plan(levels=(100,), draws=draws), workers=Cluster(address))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("address", nargs="?")
+    parser.add_argument("--draws", type=int, default=500)
+    told = parser.parse_args(arguments)
+    if told.address:
+        study = run(told.out, told.address, told.draws)
+    else:
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+            study = run(told.out, cluster.scheduler_address, told.draws)
+    for found in conclusions(study.statistics):
+        print(f"{found.claim} ({found.frame.value}): {'holds' if found.holds else 'does not hold'}. {found.numbers}")
+
+
+if __name__ == "__main__":
+    main()
