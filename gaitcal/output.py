@@ -54,8 +54,9 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
             write_trial(trial, calibration.model, out)
         save_uncertainty(calibration.uncertainty, out / "uncertainty.npz")
         save_splines(calibration.trials, out / "splines.npz")
-        save_scene(scene_of(calibration), out / "scene.npz")
-        write_view(calibration, out / "view.html")
+        scene = scene_of(calibration)
+        save_scene(scene, out / "scene.npz")
+        write_view(scene, out / "view.html")
         write_report(calibration, out / "report.html", manifest=made)
     return folder
 

@@ -16,4 +16,4 @@ def run(result: Path, html: Path | None, *, quiet: bool, verbose: bool) -> None:
         write_view(scene, html)
         talk.line(f"wrote {html}")
         return
-    serve(scene)
+    serve(scene, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"))

@@ -24,7 +24,7 @@ from gaitcal.export.segment_names import ARMS, moves_with_segment, same_label, s
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import rigid_distances, rigid_fit
 
 Array = NDArray[np.float64]
 
@@ -156,9 +156,10 @@ def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> 
             target.append(markers.local[i])
     if len(local) < 3:
         return _Registration(segment, len(own), len(local), None, 0.0)
-    fit = rigid_fit(np.array(local), np.array(target)[:, :, None], np.ones((len(local), 1)))
+    shared = np.array(local), np.array(target)[:, :, None], np.ones((len(local), 1))
+    fit = rigid_fit(*shared)
     pose = pin.SE3(fit.rotation[0], fit.origin[0]) if fit.determined[0] else None
-    return _Registration(segment, len(own), len(local), pose, float(np.sqrt(np.mean(fit.residual**2))))
+    return _Registration(segment, len(own), len(local), pose, float(np.sqrt(np.mean(rigid_distances(*shared) ** 2))))
 
 
 def _registration_rows(r: _Registration) -> list[ComparisonRow]:

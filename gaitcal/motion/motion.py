@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import rigid_distances
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import TrackSettings, track_nodes
@@ -102,7 +102,7 @@ def rigid_floor(problem: TrialProblem) -> MarkerErrors:
     distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
     for s in np.unique(data.segment).tolist():
         of = np.flatnonzero(data.segment == s)
-        distance[:, of] = rigid_fit(data.local[of], data.measured[of], data.weight[of]).residual.T
+        distance[:, of] = rigid_distances(data.local[of], data.measured[of], data.weight[of]).T
     return _errors(problem, distance)
 
 

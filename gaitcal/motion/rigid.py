@@ -34,28 +34,38 @@ class RigidFit:
     """(nf, 3) m, of the segment frame."""
     determined: NDArray[np.bool_]
     """(nf,) whether at least three markers that are not on one line were seen."""
-    residual: Array
-    """(nm, nf) m, distances; NaN where the weight is zero."""
 
 
 def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
     """Fit local positions (nm, 3) to measured ones (nm, 3, nf) with weights (nm, nf)."""
+    spread, x_mean, l_mean = _moments(local, measured, weight)
+    rotation, two_dimensional = best_rotation(spread)
+    determined = ((weight > 0).sum(axis=0) >= 3) & two_dimensional
+    origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
+    return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
+
+
+def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
+    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero."""
+    spread, x_mean, l_mean = _moments(local, measured, weight)
+    rotation, determined = best_rotation(spread)
+    if not determined.all():  # one or two markers, or all on a line: any of the best rotations will do
+        u, _, vt = np.linalg.svd(spread[:, :, ~determined].transpose(2, 0, 1))
+        u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+        rotation[:, :, ~determined] = (u @ vt).transpose(1, 2, 0)
+    model = np.einsum("ijf,mjf->mif", rotation, local[:, :, None] - l_mean) + x_mean
+    distance: Array = np.linalg.norm(model - measured, axis=1)
+    distance[weight <= 0] = np.nan
+    return distance
+
+
+def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """B (3, 3, nf), and the weighted means of measured and local positions (3, nf)."""
     total = weight.sum(axis=0)
     safe = np.where(total > 0, total, 1.0)
     x_mean = np.einsum("mf,mif->if", weight, measured) / safe
     l_mean = (local.T @ weight) / safe
-    spread = np.einsum("mif,mj->ijf", weight[:, None] * (measured - x_mean), local)
-    seen = (weight > 0).sum(axis=0)
-    rotation, two_dimensional = best_rotation(spread)
-    determined = (seen >= 3) & two_dimensional
-    origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
-    model = np.einsum("ijf,mj->mif", rotation, local) + origin
-    residual = np.linalg.norm(model - measured, axis=1)
-    few = (seen > 0) & ~determined
-    if few.any():
-        residual[:, few] = _undetermined_residual(local, measured[:, :, few], weight[:, few])
-    residual[weight <= 0] = np.nan
-    return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined, residual)
+    return np.einsum("mif,mj->ijf", weight[:, None] * (measured - x_mean), local), x_mean, l_mean
 
 
 def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -102,18 +112,3 @@ def _orthonormal(rotation: Array, determined: NDArray[np.bool_]) -> Array:
     out: Array = 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram)
     return out
 
-
-def _undetermined_residual(local: Array, measured: Array, weight: Array) -> Array:
-    """Distances where one or two markers are seen: two fit up to the change of their distance, one exactly."""
-    out = np.zeros(weight.shape)
-    for f in range(weight.shape[1]):
-        seen = np.flatnonzero(weight[:, f] > 0)
-        if len(seen) < 2:
-            continue
-        w = weight[seen, f]
-        l_c = local[seen] - np.average(local[seen], axis=0, weights=w)
-        x_c = measured[seen, :, f] - np.average(measured[seen, :, f], axis=0, weights=w)
-        u, _, vt = np.linalg.svd((w[:, None] * x_c).T @ l_c)
-        u[:, 2] *= np.sign(np.linalg.det(u @ vt))
-        out[seen, f] = np.linalg.norm(l_c @ (u @ vt).T - x_c, axis=1)
-    return out
