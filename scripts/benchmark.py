@@ -11,13 +11,9 @@ Pinocchio calls that a frame and an iteration cannot avoid: one forward kinemati
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 import argparse
 import json
+import os
 import platform
 import sys
 from collections.abc import Callable
@@ -26,6 +22,8 @@ from pathlib import Path
 from statistics import median
 from time import perf_counter
 
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"  # read when NumPy is loaded, which the next import does
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from benchmark_tasks import SECTIONS, Timing  # noqa: E402

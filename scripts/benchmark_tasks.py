@@ -64,7 +64,9 @@ def recording(trial: str, frames: int | None = None) -> Recording:
     return Recording(trial, time, model.markers.labels, markers + noise)
 
 
-def problem(trial: str, free: tuple[str, ...] = (), *, joint_only: bool = False, rule: NodeRule = NODES) -> TrialProblem:
+def problem(
+    trial: str, free: tuple[str, ...] = (), *, joint_only: bool = False, rule: NodeRule = NODES
+) -> TrialProblem:
     """The trial as a least-squares problem, whole body or the segments of its joint."""
     segments = joint_segments(trial) if joint_only else SEGMENTS
     found = trial_problem(trial, published_model(), recording(trial), rule, root=segments[0], segments=segments)

@@ -41,9 +41,7 @@ def perturbed_parameters(rng: np.random.Generator, position: float = 0.01, angle
     """The published subject with all 98 joint parameters moved at random (m, rad)."""
     base = published_subject()
     reach = np.array([position if p.kind is Kind.POSITION else angle for p in JOINT_PARAMETERS])
-    return base.with_joint(
-        tuple(p.name for p in JOINT_PARAMETERS), base.joint + rng.uniform(-1, 1, len(reach)) * reach
-    )
+    return base.with_joint(tuple(p.name for p in JOINT_PARAMETERS), base.joint + rng.uniform(-1, 1, len(reach)) * reach)
 
 
 def random_trial(

@@ -106,9 +106,8 @@ def _largest_root(determinant: Array, square: Array) -> Array:
 
 
 def _orthonormal(rotation: Array, determined: NDArray[np.bool_]) -> Array:
-    """One step towards the nearest rotation, R (3 - R^T R) / 2, which squares the rounding error; identity elsewhere."""
+    """One step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error; identity elsewhere."""
     rotation = np.where(determined, rotation, np.eye(3)[:, :, None])
     gram = np.einsum("kif,kjf->ijf", rotation, rotation)
     out: Array = 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram)
     return out
-

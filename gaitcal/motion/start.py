@@ -142,4 +142,5 @@ def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Arra
             undo = _turned(np.broadcast_to(np.eye(3), target.shape), axes[i], -angles[:, i])
             remaining = undo @ remaining
     signs = np.array([chain.elements[k].sign for k in own])
-    return _fill(_unwrap(angles, fit.determined), fit.determined) * signs
+    out: Array = _fill(_unwrap(angles, fit.determined), fit.determined) * signs
+    return out

@@ -49,9 +49,7 @@ class ShownChart:
     """Panels wider than a third of the page."""
 
 
-def write_report(
-    calibration: Calibration, path: Path | str, *, manifest: Mapping[str, object] | None = None
-) -> None:
+def write_report(calibration: Calibration, path: Path | str, *, manifest: Mapping[str, object] | None = None) -> None:
     """Write the report of a calibration as one self-contained page.
 
     Parameters

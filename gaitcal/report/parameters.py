@@ -108,9 +108,7 @@ def fixed_joints(calibration: Calibration) -> str:
     """Which joints kept all their nominal parameters, in words; empty for none."""
     rows = _rows(calibration, joints=True)
     bases = [
-        base
-        for base in GROUPS
-        if all(r.status == "fixed" for r in rows if split_side(r.name.split(".")[0])[0] == base)
+        base for base in GROUPS if all(r.status == "fixed" for r in rows if split_side(r.name.split(".")[0])[0] == base)
     ]
     return listed([joint_words(b)[0].lower() + joint_words(b)[1:] for b in bases])
 
@@ -142,9 +140,7 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
 
 def range_of_motion(calibration: Calibration, joint: str) -> float | None:
     """Degrees that the joint's most mobile coordinate moves, in the trial that moves it most; None if in no trial."""
-    names = [
-        e.name for j in JOINTS if j.name == joint for e in j.elements if e.source is Source.COORDINATE
-    ]
+    names = [e.name for j in JOINTS if j.name == joint for e in j.elements if e.source is Source.COORDINATE]
     best = None
     for trial in calibration.trials:
         motion = trial.calibrated

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gaitcal.dynamics.centre_of_pressure import LOADED, point_and_torque
 from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mot, write_sto_moments
-from gaitcal.dynamics.centre_of_pressure import LOADED, point_and_torque
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
 from gaitcal.recording.mot import read_mot_forces, read_table
 

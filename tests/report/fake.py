@@ -175,9 +175,7 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
     )
 
 
-def _gait(
-    names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool
-) -> TrialResult:
+def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool) -> TrialResult:
     segments = ("pelvis", "thigh_r", "shank_r", "foot_r", "thigh_l", "shank_l", "foot_l", "head_trunk")
     before, after = (_motion(names, COORDINATES, level, segments) for level in (0.011, 0.006))
     floor = _errors(names, 0.005, segments)

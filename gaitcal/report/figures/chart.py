@@ -125,5 +125,3 @@ def _handle(key: Key) -> Line2D | Patch:
     return Line2D(
         [], [], linestyle="", marker=shape, markersize=5, color=key.colour, markerfacecolor=filled, label=key.label
     )
-
-

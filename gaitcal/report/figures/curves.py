@@ -92,9 +92,7 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
     )
 
 
-def moment_chart(
-    calibration: Calibration, trial: TrialResult, loads: LoadedTrial, layout: Layout, stem: str
-) -> Chart:
+def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTrial, layout: Layout, stem: str) -> Chart:
     """Joint moments per body mass; frames that are not valid stay empty."""
     mass = calibration.model.subject.mass
 
@@ -119,9 +117,7 @@ def moment_chart(
     )
 
 
-def _signals(
-    names: list[str], trace: Callable[[str], Trace], unit: str, least: float, *, moment: bool
-) -> list[Signal]:
+def _signals(names: list[str], trace: Callable[[str], Trace], unit: str, least: float, *, moment: bool) -> list[Signal]:
     """One signal a coordinate, right and left together."""
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
     signals = []
