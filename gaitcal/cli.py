@@ -144,6 +144,21 @@ def montecarlo(
 
 
 @app.command()
+def reproduce(
+    out: Out,
+    draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
+    noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
+    from gaitcal.commands.reproduce import run
+
+    run(out, draws=draws, noise_seeds=noise_seeds, seed=seed, quiet=quiet, verbose=verbose)
+
+
+@app.command()
 def export(
     result: Result,
     formats: Annotated[str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf.")] = "osim,urdf,mjcf",

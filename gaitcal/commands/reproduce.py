@@ -1,0 +1,90 @@
+"""`gaitcal reproduce`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from gaitcal.atomic import atomic_directory
+from gaitcal.commands.console import Talk
+from gaitcal.errors import InputError
+from gaitcal.study.reproduction.folder import write_tables
+from gaitcal.study.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
+from gaitcal.study.reproduction.rows import Claim, TableRow, Verdict
+
+DATA = "GAITCAL_DATA"
+KEPT = ".draws"
+"""Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes on there."""
+_SHOWN = ("I", "III", "discussion")
+
+
+def run(out: Path, *, draws: int, noise_seeds: int, seed: int, quiet: bool, verbose: bool) -> None:
+    """Run the published study, write its tables and print them."""
+    talk = Talk(quiet=quiet, verbose=verbose)
+    settings = ReproductionSettings(noise_seeds, seed, draws, data=_data())
+    kept = out.with_name(out.name + KEPT) if draws else None
+    with talk.working() as step, atomic_directory(out) as folder:
+        found = reproduce(settings, kept, step)
+        step("writing the tables")
+        write_tables(found, folder)
+    print_reproduction(talk, found)
+    talk.line(f"tables: {out}")
+    if kept is not None:
+        talk.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
+
+
+def _data() -> Path | None:
+    named = os.environ.get(DATA)
+    if not named:
+        return None
+    if not Path(named).is_dir():
+        raise InputError("is no folder", source=named, field=DATA)
+    return Path(named)
+
+
+def print_reproduction(talk: Talk, found: Reproduction) -> None:
+    """Tables I and III, the discussion, the claims and the times; everything else is in the files."""
+    for name in _SHOWN:
+        rows = [row for row in found.tables if row.table == name]
+        talk.line()
+        talk.line("Discussion" if name == "discussion" else f"Table {name}")
+        _print_rows(talk, rows)
+    talk.line()
+    talk.line(f"Medians of {len(found.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:")
+    _print_rows(talk, found.times)
+    talk.line()
+    _print_claims(talk, found.claims)
+
+
+def _print_rows(talk: Talk, rows: Sequence[TableRow]) -> None:
+    columns = list(dict.fromkeys(row.column for row in rows))
+    shown = Table(show_edge=False, pad_edge=False)
+    shown.add_column("ours | published")
+    for column in columns:
+        shown.add_column(column, justify="right")
+    for title in dict.fromkeys(row.row for row in rows):
+        cells = {row.column: _cell(row) for row in rows if row.row == title}
+        shown.add_row(Text(title), *(cells.get(column, "") for column in columns))
+    talk.out.print(shown)
+
+
+def _cell(row: TableRow) -> str:
+    ours, published = ("-" if value is None else f"{value:.3g}" for value in (row.ours, row.published))
+    return f"{ours} | {published} {row.unit}"
+
+
+def _print_claims(talk: Talk, claims: Iterable[Claim]) -> None:
+    claims = list(claims)
+    shown = Table(show_edge=False, pad_edge=False, show_lines=False)
+    for head in ("claim", "published", "ours", "verdict"):
+        shown.add_column(head)
+    for claim in claims:
+        if claim.verdict in (Verdict.HOLDS, Verdict.FAILS) or talk.verbose:
+            shown.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+    talk.out.print(shown)
+    counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
+    talk.line("claims: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))
