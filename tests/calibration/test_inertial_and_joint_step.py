@@ -1,0 +1,124 @@
+"""Inertial parameters and the third step: exact data, physical results, derivatives, and what the step must achieve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.inertial_calibration import (
+    RootEquations,
+    TorqueScale,
+    fit_consistent,
+    fit_published,
+)
+from gaitcal.calibration.inertial_chart import LogChart
+from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
+from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.joint_step import JointStepTrial, joint_step
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
+from gaitcal.model.joint_parameters import gait_parameters
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.recording import Recording
+from gaitcal.study.synthetic_data import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.study.synthetic_motion import gait_motion
+from tests.derivatives import Array, assert_derivative
+
+MODEL = published_model()
+MOTION = gait_motion()
+WRENCH = ground_reactions(MODEL.parameters, MOTION, 1.035)
+EVERY = np.ones(len(MOTION.basis.time), dtype=bool)
+
+
+def equations(nodes: Array, parameters: Parameters) -> RootEquations:
+    q, v, a = (MOTION.basis.evaluate(nodes, k) for k in range(3))
+    loaded = LoadedMotion("gait", q, v, a, WRENCH, EVERY)
+    return equations_of([loaded], parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
+
+
+def seed(rng: np.random.Generator, share: float) -> Array:
+    s = symmetric_set().selection
+    mean = s.T @ MODEL.parameters.inertial / (s * s).sum(axis=0)
+    return MODEL.parameters.inertial + s @ (mean * rng.uniform(-share, share, s.shape[1]))
+
+
+def test_exact_loads_leave_nothing_and_keep_the_correct_seed() -> None:
+    found = fit_published(equations(MOTION.nodes, MODEL.parameters), MODEL.parameters.inertial, symmetric_set())
+    assert max(found.rms_force, found.rms_moment) < 1e-9
+    np.testing.assert_allclose(found.inertial, MODEL.parameters.inertial, atol=1e-9)
+
+
+@pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36", "84"])
+def test_consistent_inertias_are_possible_and_keep_the_mass(which: object) -> None:
+    rng = np.random.default_rng(1)
+    system = equations(MOTION.nodes, MODEL.parameters)
+    start = seed(rng, 0.05)
+    before = system.rms(start)
+    found = fit_consistent(system, start, which)  # type: ignore[arg-type]
+    assert found.rms_force < before[0]
+    assert is_physical(found.inertial).all()
+    assert table(found.inertial)[:, 0].sum() == pytest.approx(table(start)[:, 0].sum(), abs=1e-10)
+
+
+def test_log_chart_derivative() -> None:
+    chart = LogChart(MODEL.parameters.inertial, symmetric_set())
+    x = np.random.default_rng(2).normal(0, 0.1, chart.size)
+    assert_derivative(chart.jacobian(x), chart.inertial, x)
+    assert is_physical(chart.inertial(10 * x)).all()
+
+
+def test_an_impossible_seed_is_refused() -> None:
+    bad = MODEL.parameters.inertial.copy()
+    bad[4] = -1.0
+    with pytest.raises(ValueError, match="physically possible"):
+        LogChart(bad, symmetric_set())
+
+
+def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
+    rng = np.random.default_rng(3)
+    markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
+    noisy = markers + marker_noise(MOTION.basis.time, markers.shape[1], rng)
+    recording = Recording("gait", MOTION.basis.time, MODEL.markers.labels, noisy)
+    problem = trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
+    free = (*gait_parameters("r"), *gait_parameters("l"))
+    nominal = MODEL.parameters
+    start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
+    joint = calibrate_joints([problem], nominal, free, [start])
+    inertial = fit_consistent(equations(joint.nodes[0], joint.parameters), nominal.inertial, symmetric_set())
+    two_steps = joint.parameters.with_inertial(inertial.inertial)
+    third = joint_step(
+        [JointStepTrial(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
+    )
+
+    def residuals(parameters: Parameters, nodes: Array) -> tuple[float, float, float]:
+        q, v, a = (MOTION.basis.evaluate(nodes, k) for k in range(3))
+        forces = Dynamics(parameters).forces(q, v, a, WRENCH)
+        cost = problem.cost(nodes, problem.constants(parameters))
+        return (
+            float(np.sqrt(np.mean(forces.residual_force**2))),
+            float(np.sqrt(np.mean(forces.residual_moment**2))),
+            float(np.sqrt(cost)),
+        )
+
+    before, after = residuals(two_steps, joint.nodes[0]), residuals(third.parameters, third.nodes[0])
+    assert third.converged
+    assert after[0] < 0.6 * before[0]
+    assert after[1] < 0.6 * before[1]
+    assert after[2] < 1.1 * before[2]
+    assert is_physical(third.parameters.inertial).all()
+    assert third.parameters.mass == pytest.approx(nominal.mass, abs=1e-9)
+
+
+def test_third_step_stays_where_nothing_is_left_to_explain() -> None:
+    markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
+    recording = Recording("gait", MOTION.basis.time, MODEL.markers.labels, markers + 1e-4)
+    problem = trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
+    trial = JointStepTrial(problem, MOTION.nodes, WRENCH, EVERY)
+    free = gait_parameters("r")
+    found = joint_step([replace(trial)], MODEL.parameters, free, symmetric_set(), MODEL.subject)
+    np.testing.assert_allclose(found.parameters.joint, MODEL.parameters.joint, atol=2e-3)
