@@ -195,6 +195,14 @@ def test_sound_study_passes(study: Path, run: Run) -> None:
     assert (result / "report.html").exists()
 
 
+def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
+    for name in ("static.csv", "walk.csv"):
+        change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))
+    change_table(study.parent / "static.csv", lambda t: t.rename(columns={f"R.Heel_{a}": f"RHEE_{a}" for a in "xyz"}))
+    replace(study, 'set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS", "RHEE" = "R.Heel" }')
+    assert run("calibrate", study, "--out", study.parent / "result", "-q") == Ending(0, "", "")
+
+
 @pytest.mark.parametrize("kept", [0.5, 0.1, 0.999])
 def test_truncated_c3d(data_dir: Path, tmp_path: Path, run: Run, kept: float) -> None:
     path = write_study("pig_c3d", data_dir, tmp_path)

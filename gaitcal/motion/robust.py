@@ -72,7 +72,8 @@ class RobustTracking:
     @property
     def outliers(self) -> BoolArray:
         """(nm, nf) samples all but left out."""
-        return np.asarray(self.factor < OUTLIER)
+        out: BoolArray = np.less(self.factor, OUTLIER)
+        return out
 
 
 def residual_scale(standardised: Array) -> float:
@@ -82,24 +83,31 @@ def residual_scale(standardised: Array) -> float:
     return max(MAD * float(np.median(np.abs(standardised))), LEAST_SCALE)
 
 
-def robust_tracking(problem: TrialProblem, parameters: Parameters, loss: Loss) -> RobustTracking:
-    """Track one trial from rigid fits under a robust loss; its own weights are those that the marker set gives."""
+def robust_tracking(
+    problem: TrialProblem, parameters: Parameters, loss: Loss, factor: Array | None = None
+) -> RobustTracking:
+    """Track one trial from rigid fits under a robust loss; its own weights are those that the marker set gives.
+
+    `factor` (nm, nf): where the weights start, if something like them is known already.
+    """
     constants = problem.constants(parameters)
     own = problem.data.weight
     used = own > 0
-    nodes = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    tracked = track_nodes(problem, constants, nodes)
-    factor = np.ones_like(own)
-    weighted, scale, settled, count = problem, LEAST_SCALE, False, 0
+    weighted = problem if factor is None else problem.with_weight(own * factor)
+    nodes = starting_nodes(problem.chain, constants, weighted.data, problem.basis)
+    tracked = track_nodes(weighted, constants, nodes)
+    begun = 0 if factor is None else FIRST_ROUNDS
+    present = np.ones_like(own) if factor is None else factor
+    scale, settled, count = LEAST_SCALE, False, 0
     while count < MOST_ROUNDS and not settled:
-        present = Loss.HUBER if count < FIRST_ROUNDS else loss
+        shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
         residual = problem.positions(tracked.nodes, constants) - problem.data.measured
         standardised = np.sqrt(own)[:, None] * residual
         scale = residual_scale(standardised.transpose(0, 2, 1)[used])
-        changed = np.where(used, present.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
-        settled = present is loss and float(np.abs(changed - factor).max(initial=0.0)) < SETTLED
-        factor = changed
-        weighted = problem.with_weight(own * factor)
+        changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
+        settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
+        present = changed
+        weighted = problem.with_weight(own * present)
         tracked = track_nodes(weighted, constants, tracked.nodes)
         count += 1
-    return RobustTracking(weighted, factor, scale, tracked, count, settled)
+    return RobustTracking(weighted, present, scale, tracked, count, settled)

@@ -146,7 +146,7 @@ def read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTr
             )
     recording = _window(recording, trial)
     _check_forces_cover(recording, trial)
-    return StudyTrial(trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz)
+    return StudyTrial(trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz, own)
 
 
 def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:

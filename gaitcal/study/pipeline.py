@@ -6,6 +6,7 @@ nominal model (static trial) -> motions -> joint parameters -> inertial paramete
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -27,15 +28,18 @@ from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, rigid_floor
+from gaitcal.motion.robust import Loss
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.settings import CalibrationSettings
 from gaitcal.study.ground import measured_reactions
+from gaitcal.study.mended import mended
 from gaitcal.study.person import Study
 from gaitcal.study.prepare import PreparedTrial, joint_settings, nominal_of, prepare_trial
 from gaitcal.study.progress import Progress, silent
 from gaitcal.study.result import Calibration, LoadedTrial, TorqueErrors, TrialResult
+from gaitcal.study.robust_trials import calibrate_robustly
 from gaitcal.study.uncertainty import Uncertainty, uncertainty_of
 
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
@@ -52,10 +56,19 @@ def calibrate(study: Study, progress: Progress = silent) -> Calibration:
     settings = study.settings
     progress("nominal model from the static trial")
     nominal = nominal_of(study)
+    loss = None if settings.robust == "none" else Loss(settings.robust)
+    read, told = (study, ()) if loss is None else mended(study, nominal)
+    trials = [prepare_trial(trial, nominal, settings) for trial in read.moving]
+    if loss is None:
+        joint, parameters = _joint_parameters(trials, nominal, settings, progress)
+    else:
+        fit = partial(_joint_parameters, nominal=nominal, settings=settings, progress=progress)
+        trials, joint, parameters, left_out = calibrate_robustly(
+            trials, nominal.parameters, loss, fit, parameters_for, together=settings.mode == "simultaneous"
+        )
+        told += left_out
     progress("tracking with the nominal model")
-    trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     before = {t.name: track_problem(t.fitted, nominal.parameters) for t in trials}
-    joint, parameters = _joint_parameters(trials, nominal, settings, progress)
     progress("tracking with the calibrated joint parameters")
     after_jp = {t.name: track_problem(t.body, parameters) for t in trials}
     reactions = {
@@ -93,7 +106,8 @@ def calibrate(study: Study, progress: Progress = silent) -> Calibration:
             )
         )
     phases = _phases(joint, inertial, third, reactions)
-    return _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread, trials, reactions)
+    done = _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread, trials, reactions)
+    return replace(done, warnings=(*told, *done.warnings))
 
 
 def track_problem(problem: TrialProblem, parameters: Parameters) -> Motion:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
 FAR_BELOW = 0.5
 """The other assignment must cost less than this share of the present one."""
+DECISIVE_M = 0.003
+"""Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
+BRIDGED_S = 0.1
+"""Gap within which two markers may change places."""
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
 """m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
@@ -134,24 +138,57 @@ def _cost(
 
 
 def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:
-    """Exchanges that happen from one frame to the next; the frames up to the next exchange back are marked."""
+    """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which side is right.
+
+    Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
+    """
+    for (a, b), times in _crossings(trial).items():
+        frames = np.zeros(len(trial.seen), dtype=bool)
+        for start, stop in zip_longest(times[::2], times[1::2], fillvalue=len(frames)):
+            frames[start:stop] = True
+        first, second = trial.recording.labels[a], trial.recording.labels[b]
+        excess = _excess(trial, first, second)
+        gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
+        if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
+            frames = ~frames
+        if frames.any():
+            yield Exchange(first, second, frames, True)
+
+
+def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
+    """Pairs of columns -> frames at which one comes to where the other was, and the other way round."""
     x = trial.recording.markers
+    out: dict[tuple[int, int], list[int]] = {}
     if len(x) < 3:
-        return
-    limit = jump_limit(trial)
-    length = np.linalg.norm(x[1:] - x[:-1], axis=2)
-    jumping = np.nan_to_num(length) > max(limit, 0.03)
-    moments: dict[tuple[int, int], list[int]] = {}
+        return out
+    before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
+    length = np.linalg.norm(x[1:] - before, axis=2)
+    jumping = np.nan_to_num(length) > max(jump_limit(trial), 0.03)
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
-            crossed = np.linalg.norm(x[t + 1, a] - x[t, b]) + np.linalg.norm(x[t + 1, b] - x[t, a])
+            crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])
             if crossed < FAR_BELOW * (length[t, a] + length[t, b]):
-                moments.setdefault((a, b), []).append(int(t) + 1)
-    for (a, b), times in moments.items():
-        frames = np.zeros(len(x), dtype=bool)
-        for start, stop in zip(times[::2], [*times[1::2], len(x)], strict=False):
-            frames[start:stop] = True
-        yield Exchange(trial.recording.labels[a], trial.recording.labels[b], frames, True)
+                out.setdefault((a, b), []).append(int(t) + 1)
+    return out
+
+
+def _last_seen(x: Array, most: int) -> Array:
+    """(nf, nm, 3) positions, gaps filled with the last one for at most `most` frames."""
+    seen = np.isfinite(x).all(axis=2)
+    frame = np.arange(len(x))[:, None]
+    last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+    filled = np.take_along_axis(x, np.maximum(last, 0)[:, :, None], axis=0)
+    return np.where(((last >= 0) & (frame - last <= most))[:, :, None], filled, np.nan)
+
+
+def _excess(trial: TrialEvidence, a: str, b: str) -> Array:
+    """(nf,) m, what the present labels of two markers cost more than the exchanged ones; NaN where nothing tells."""
+    segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
+    out = np.full(len(trial.seen), np.nan)
+    if a in segment_of and b in segment_of:
+        present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
+        out = present - _cost(trial, segment_of, a, b, (b,)) - _cost(trial, segment_of, b, a, (a,))
+    return out
 
 
 def jump_limit(trial: TrialEvidence) -> float:
