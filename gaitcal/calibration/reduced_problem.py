@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.track import TrackSettings, track_nodes
@@ -26,6 +27,8 @@ from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
 
+NEAR = 1e-4
+"""A motion predicted from the last point is near enough, after one more step, where that step gains less than this."""
 NULL = 1e-12
 """Eigenvalues of S below this fraction of the largest count as zero."""
 
@@ -105,30 +108,25 @@ class ReducedProblem:
         return self.state
 
     def _solve(self, k: int, p: Array, parameters: Parameters) -> TrialState:
-        fixed, problem = self.fixed[k], self.open[k]
-        start, settings = self.starts[k], self.settings
-        if self.state is not None:
-            last, step = self.state.trials[k], (p - self.state.p)[self.columns[k]]
-            start = last.nodes - (last.sensitivity @ step).reshape(last.nodes.shape)
-            settings = replace(settings, first_damping=0.0)
-        constants = fixed.constants(parameters)
-        tracked = track_nodes(fixed, constants, start, settings)
+        problem, steps, converged = self.open[k], 0, True
+        constants = problem.constants(parameters)
+        nodes = self._predicted(k, p)
+        if nodes is not None:
+            found = _linearised(problem, constants, nodes)
+            if found.gain <= NEAR * found.cost:
+                return found.state(steps, converged)
+        settings = self.settings if nodes is None else replace(self.settings, first_damping=0.0)
+        start = self.starts[k] if nodes is None else nodes
+        tracked = track_nodes(self.fixed[k], self.fixed[k].constants(parameters), start, settings)
         self.inner_steps += tracked.steps
-        equations = problem.equations(tracked.nodes, problem.constants(parameters))
-        factor = BandFactor(equations.band)
-        columns = np.column_stack([equations.mixed, equations.node_gradient.ravel()])
-        solved = factor.solve(columns)
-        hessian = equations.parameters - equations.mixed.T @ solved[:, :-1]
-        gradient = equations.parameter_gradient - equations.mixed.T @ solved[:, -1]
-        return TrialState(
-            tracked.nodes,
-            solved[:, :-1],
-            equations.cost,
-            0.5 * (hessian + hessian.T),
-            gradient,
-            tracked.steps,
-            tracked.converged,
-        )
+        return _linearised(problem, constants, tracked.nodes).state(tracked.steps, tracked.converged)
+
+    def _predicted(self, k: int, p: Array) -> Array | None:
+        """Nodes to first order from the last point; None at the first."""
+        if self.state is None:
+            return None
+        last, step = self.state.trials[k], (p - self.state.p)[self.columns[k]]
+        return last.nodes - (last.sensitivity @ step).reshape(last.nodes.shape)
 
     def residual(self, p: Array) -> Array:
         """Compressed residuals f, followed by the prior's rows; m."""
@@ -143,6 +141,48 @@ class ReducedProblem:
         state = self.at(p)
         values, vectors = _spectrum(state.hessian)
         return np.vstack([np.sqrt(values)[:, None] * vectors.T, np.zeros((1, len(p))), np.diag(self.prior)])
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """A trial's equations at some nodes, solved for the nodes."""
+
+    nodes: Array
+    cost: float
+    gain: float
+    """m^2 by which one Gauss-Newton step of the nodes lowers the cost."""
+    step: Array
+    sensitivity: Array
+    hessian: Array
+    gradient: Array
+
+    def state(self, steps: int, converged: bool) -> TrialState:
+        """The trial after that step."""
+        return TrialState(
+            self.nodes - self.step,
+            self.sensitivity,
+            max(self.cost - self.gain, 0.0),
+            self.hessian,
+            self.gradient,
+            steps,
+            converged,
+        )
+
+
+def _linearised(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> _Linearised:
+    equations = problem.equations(nodes, constants)
+    solved = BandFactor(equations.band).solve(np.column_stack([equations.mixed, equations.node_gradient.ravel()]))
+    sensitivity, step = solved[:, :-1], solved[:, -1]
+    hessian = equations.parameters - equations.mixed.T @ sensitivity
+    return _Linearised(
+        nodes,
+        equations.cost,
+        float(equations.node_gradient.ravel() @ step),
+        step.reshape(nodes.shape),
+        sensitivity,
+        0.5 * (hessian + hessian.T),
+        equations.parameter_gradient - equations.mixed.T @ step,
+    )
 
 
 def _spectrum(hessian: Array) -> tuple[Array, Array]:

@@ -12,6 +12,9 @@ from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SEGMENTS, is_translat
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
 
+NO_FLOOR = 1e-6
+"""mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
+
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
@@ -76,7 +79,7 @@ def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
 
     nominal, calibrated, floor = of(trial.nominal.errors), of(trial.calibrated.errors), of(trial.floor)
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
-    if calibrated is not None and floor:
+    if calibrated is not None and floor is not None and floor > NO_FLOOR:
         out["calibrated_to_floor"] = calibrated / floor
     if trial.final is not trial.calibrated:
         out["final_model"] = of(trial.final.errors)
