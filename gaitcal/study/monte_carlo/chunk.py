@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 
 from gaitcal.study.monte_carlo.case import MonteCarloCase
 from gaitcal.study.monte_carlo.context import MonteCarloContext
