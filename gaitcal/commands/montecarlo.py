@@ -32,11 +32,11 @@ from gaitcal.study.monte_carlo.settings import (
     ReactionFrame,
     Varied,
 )
-from gaitcal.study.monte_carlo.statistics import levels_of, statistics, unconverged
+from gaitcal.study.monte_carlo.statistics import FEWEST, levels_of, statistics, unconverged
 from gaitcal.study.monte_carlo.store import Store
 from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
 from gaitcal.study.monte_carlo.study import Progress as DrawProgress
-from gaitcal.study.monte_carlo.variance import variance_contributions
+from gaitcal.study.monte_carlo.variance import linear_agreement, variance_contributions
 from gaitcal.study.monte_carlo.workers import LocalProcesses, Workers
 
 FOLDER = "montecarlo"
@@ -122,11 +122,13 @@ def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: boo
         sys.exit(130)
     with talk.working() as step:
         step("tables and figures")
-        contributions = variance_contributions(MonteCarloContext(case, settings))
+        context = MonteCarloContext(case, settings)
+        contributions = variance_contributions(context)
         with atomic_file(store.folder / "contributions.csv") as path:
             contributions.to_csv(path, index=False, lineterminator="\n")
         write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
     _print_study(talk, study, frame)
+    _print_linearity(talk, context, study)
     if expected_mm is not None:
         _print_expectation(talk, study.statistics, expected_mm)
     talk.line(f"tables and figures: {store.folder}")
@@ -198,12 +200,25 @@ def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> No
     if open_rows.empty:
         talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
     else:
-        worst = open_rows[["mean_settles", "cv_settles"]].max(axis=1).max()
+        settles = open_rows[["mean_settles", "cv_settles"]].max(axis=1)
+        worst = "too few draws to tell" if settles.isna().any() else f"worst {settles.max():.1f} %"
         rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
-        talk.line(
-            f"convergence: not met by {len(open_rows)} of {rows} distributions, worst {worst:.1f} %; more --draws"
-        )
+        talk.line(f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; --until-converged")
     talk.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
+
+
+def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloStudy) -> None:
+    """How well the linearised contributions of the parameters predict the draws."""
+    if study.plan.draws < FEWEST:
+        return
+    for varied, level in study.plan.cells:
+        if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
+            agreement = [linear_agreement(context, study.draws, (varied, level), frame) for frame in ReactionFrame]
+            told = ", ".join(
+                f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
+                for r, frame in zip(agreement, ReactionFrame, strict=True)
+            )
+            talk.line(f"linearised contributions against draws, JP at {level} %: {told}")
 
 
 def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:

@@ -30,8 +30,9 @@ from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.study.monte_carlo.context import MonteCarloContext
+from gaitcal.study.monte_carlo.draw import disturb, torque_column
 from gaitcal.study.monte_carlo.leg_torques import LEG_TORQUES
-from gaitcal.study.monte_carlo.settings import ReactionFrame
+from gaitcal.study.monte_carlo.settings import ReactionFrame, Varied
 
 Array = NDArray[np.float64]
 
@@ -61,6 +62,28 @@ def linear_torques(context: MonteCarloContext) -> LinearTorques:
         laboratory = laboratory + slope[:, _ROWS] @ change
     carried = laboratory - _carried(context, q, motion[0])
     return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, _by_inertial(context))
+
+
+def linear_agreement(
+    context: MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame, most: int = 300
+) -> Array:
+    """(14,) R^2 of the linearised RMS errors as a prediction of those of at most `most` draws of a set at a level."""
+    varied, level = cell
+    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(most)
+    linear, valid, to_percent = linear_torques(context), context.case.valid, 100.0 / context.case.subject.bwh
+    predicted = np.empty((len(of), len(LEG_TORQUES)))
+    for row, number in enumerate(of["draw"]):
+        change = disturb(context, varied, level, int(number))
+        error = np.zeros(context.torques.shape)
+        if change.joint is not None:
+            error += linear.by_joint[frame] @ change.joint
+        if change.inertial is not None:
+            error += linear.by_inertial @ change.inertial
+        predicted[row] = to_percent * np.sqrt((error[valid] ** 2).mean(axis=0))
+    found = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
+    residual = ((found - predicted) ** 2).sum(axis=0)
+    out: Array = 1.0 - residual / ((found - found.mean(axis=0)) ** 2).sum(axis=0)
+    return out
 
 
 def _carried(context: MonteCarloContext, q: Array, change: Array) -> Array:
