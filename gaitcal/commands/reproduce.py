@@ -25,7 +25,7 @@ _SHOWN = ("I", "III", "discussion")
 def run(out: Path, *, draws: int, noise_seeds: int, seed: int, quiet: bool, verbose: bool) -> None:
     """Run the published study, write its tables and print them."""
     talk = Talk(quiet=quiet, verbose=verbose)
-    settings = ReproductionSettings(noise_seeds, seed, draws, data=_data())
+    settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
     kept = out.with_name(out.name + KEPT) if draws else None
     with talk.working() as step, atomic_directory(out) as folder:
         found = reproduce(settings, kept, step)

@@ -50,16 +50,22 @@ def noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
 
 def noisy(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Everything with the noise of one draw (0, 1, ...) under `seed`."""
+    noise, seeds = generators(seed, draw)
+    return _run(noise, seeds, random_seeds)
+
+
+def generators(seed: int, draw: int) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
+    """The noise of each problem, and what random inertial seeds come from, for one draw (0, 1, ...) under `seed`."""
     sequence = np.random.SeedSequence([seed, 1, draw])
-    noise = tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS)))
-    return _run(noise, sequence.spawn(1)[0], random_seeds)
+    return tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS))), sequence.spawn(1)[0]
 
 
-def noisy_draws(seed: int, draws: int, jobs: int = -1) -> list[SeedResult]:
+def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS) -> list[SeedResult]:
     """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for every core)."""
     if jobs == 1:
-        return [noisy(seed, draw) for draw in range(draws)]
-    results: list[SeedResult] = Parallel(n_jobs=jobs)(delayed(noisy)(seed, draw) for draw in range(draws))
+        return [noisy(seed, draw, random_seeds) for draw in range(draws)]
+    tasks = (delayed(noisy)(seed, draw, random_seeds) for draw in range(draws))
+    results: list[SeedResult] = Parallel(n_jobs=jobs)(tasks)
     return results
 
 

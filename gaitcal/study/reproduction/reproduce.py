@@ -15,6 +15,7 @@ from gaitcal.study.monte_carlo.workers import LocalProcesses
 from gaitcal.study.progress import Progress, silent
 from gaitcal.study.reproduction.claims import table_claims
 from gaitcal.study.reproduction.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
+from gaitcal.study.reproduction.inertial_recovery import RANDOM_SEEDS
 from gaitcal.study.reproduction.inertial_tables import discussion_rows, table_four_rows, table_three_rows
 from gaitcal.study.reproduction.joint_tables import table_one_rows, table_two_rows
 from gaitcal.study.reproduction.noise_seed import SeedResult, noiseless, noisy_draws
@@ -31,6 +32,8 @@ class ReproductionSettings:
 
     noise_seeds: int = NOISE_SEEDS
     seed: int = 0
+    random_seeds: int = RANDOM_SEEDS
+    """Of phase 2, for each draw of the noise; at least 2."""
     draws: int = 0
     """Of the Monte Carlo study, each set and level; 0: none."""
     jobs: int = -1
@@ -64,9 +67,9 @@ def reproduce(
     """
     settings = settings or ReproductionSettings()
     progress("without noise")
-    clean = noiseless(settings.seed)
+    clean = noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")
-    noisy = noisy_draws(settings.seed, settings.noise_seeds, settings.jobs)
+    noisy = noisy_draws(settings.seed, settings.noise_seeds, settings.jobs, settings.random_seeds)
     rows = [
         *table_one_rows(clean, noisy),
         *table_two_rows(noisy),
