@@ -1,0 +1,108 @@
+"""The command line as a user meets it, and what the README says of it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from gaitcal.cli import app
+from gaitcal.settings import CalibrationSettings
+
+ROOT = Path(__file__).parents[1]
+ORDER = ("demo", "check", "calibrate", "dynamics", "convert", "synthesize", "montecarlo", "reproduce", "export", "view")
+FILES = (
+    "summary.json",
+    "parameters.csv",
+    "model.toml",
+    "model.osim",
+    "model.urdf",
+    "model.xml",
+    "motion/walk.mot",
+    "motion/walk.csv",
+    "moments/walk.sto",
+    "moments/walk.csv",
+    "marker_errors/walk.csv",
+    "report.html",
+    "view.html",
+    "manifest.json",
+)
+
+
+def gaitcal(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaitcal.cli", *arguments], capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+def test_help_shows_the_commands_in_order() -> None:
+    text = CliRunner().invoke(app, ["--help"]).output
+    places = [text.index(f"\n  {name}") for name in ORDER]
+    assert places == sorted(places)
+
+
+def test_usage_errors_end_with_2() -> None:
+    assert gaitcal("calibrate").returncode == 2
+    assert gaitcal("no-such-command").returncode == 2
+
+
+def test_readme_tells_every_command_and_setting() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name in (*ORDER, "compare"):
+        assert f"| `gaitcal {name} " in readme, name
+    for name, field in CalibrationSettings.model_fields.items():
+        row = next(line for line in readme.splitlines() if line.startswith(f"| `{name}` |"))
+        assert field.description is not None
+        assert row.endswith(f"| {field.description} |"), name
+
+
+@pytest.mark.slow
+def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path) -> None:
+    """Everything in DIR, a further trial with error bars, the model for other programs."""
+    from tests.study.real_studies import write_study
+
+    study, out = write_study("subject01", data_dir.resolve(), tmp_path), tmp_path / "result"
+    done = gaitcal("calibrate", str(study), "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    assert all((out / file).stat().st_size > 0 for file in FILES)
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["status"] == "converged"
+    assert summary["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"] < 6.0
+    parameters = pd.read_csv(out / "parameters.csv")
+    assert list(parameters.columns) == [
+        *("name", "kind", "segment", "joint", "unit", "nominal", "fitted", "standard_error", "status")
+    ]
+    assert len(parameters) == 98 + 84
+    fitted = parameters[parameters["status"] == "fitted"]
+    assert (fitted["standard_error"] > 0).all()
+    moments = pd.read_csv(out / "moments/walk.csv", comment="#")
+    assert {"time", "valid", "hip_flexion_r", "hip_flexion_r_se", "hip_flexion_r_bwh", "knee_adduction_l"} <= set(
+        moments
+    )
+
+    walk = data_dir / "subject01/subject01_walk1.trc"
+    forces = data_dir / "subject01/subject01_walk1_grf.mot"
+    more = gaitcal("dynamics", str(out), str(walk), "--forces", str(forces))
+    assert more.returncode == 0, more.stderr
+    again = pd.read_csv(out / "dynamics/moments/subject01_walk1.csv", comment="#")
+    valid = moments["valid"] == 1
+    gap = (again["knee_angle_r"] - moments["knee_angle_r"])[valid]
+    assert gap.abs().max() < 1e-3
+
+    assert gaitcal("export", str(out), "--format", "osim,urdf").returncode == 0
+    assert (out / "export/model.osim").read_bytes() == (out / "model.osim").read_bytes()
+    peer = gaitcal("compare", str(out), "--osim", str(data_dir / "subject01/reference/subject01_simbody.osim"))
+    assert "hip_r centre in pelvis" in peer.stdout
+
+
+@pytest.mark.slow
+def test_demo_recovers_its_subject(tmp_path: Path) -> None:
+    done = gaitcal("demo", "--out", str(tmp_path / "demo"))
+    assert done.returncode == 0, done.stderr
+    assert "report.html" in done.stdout
+    assert (tmp_path / "demo/result/view.html").exists()
