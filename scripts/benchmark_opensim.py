@@ -61,12 +61,13 @@ def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.nd
     opensim.Logger.setLevelString("Off")
     write_osim(model, folder / "model.osim")
     peer = opensim.Model(str(folder / "model.osim"))
-    state = peer.initSystem()
-    coordinates = peer.getCoordinateSet()
-    place = [COORDINATES.index(coordinates.get(i).getName()) for i in range(coordinates.getSize())]
-    solver = opensim.InverseDynamicsSolver(peer)
+    peer.initSystem()
 
     def run() -> None:
+        state = peer.initSystem()  # held here: OpenSim's objects do not keep their model alive
+        coordinates = peer.getCoordinateSet()
+        place = [COORDINATES.index(coordinates.get(i).getName()) for i in range(coordinates.getSize())]
+        solver = opensim.InverseDynamicsSolver(peer)
         for f in range(len(q)):
             for i, k in enumerate(place):
                 coordinates.get(i).setValue(state, float(q[f, k]), False)
