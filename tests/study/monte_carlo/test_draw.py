@@ -12,7 +12,7 @@ from gaitcal.study.monte_carlo.case import MonteCarloCase
 from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.draw import COLUMNS, disturb, draw, marker_column, torque_column
 from gaitcal.study.monte_carlo.leg_torques import LEG_TORQUES
-from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
+from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
 from tests.study.monte_carlo.test_leg_torques import whole_body
 
 ERROR = 1e-9
@@ -113,3 +113,14 @@ def test_a_draw_without_result_is_recorded_too(context: MonteCarloContext, monke
     found = draw(context, Varied.JP, 100, 0)
     assert found.failure == "LinAlgError: no factor"
     assert np.isnan(found.values).all()
+
+
+@pytest.mark.parametrize("choice", [ParameterChoice.GAIT, ParameterChoice.ALL])
+def test_other_choices_of_parameters(case: MonteCarloCase, choice: ParameterChoice) -> None:
+    """Back and arms move markers but are no part of a leg: alone they change leg torques only through the pelvis."""
+    some = MonteCarloContext(case, MonteCarloSettings(parameters=choice))
+    found = draw(some, Varied.JP, 25, 0)
+    assert found.failure == ""
+    assert (recorded(found.values, ReactionFrame.LAB, "rms") > 0).all()
+    moved = np.abs(some.sensitivity).max(axis=(0, 1))
+    assert (moved > 0).sum() == len(choice.names)
