@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.identifiability import in_words, small_turns, unseen_parameters
-from gaitcal.calibration.influence import influence_of
+from gaitcal.calibration.influence import Influence, influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
@@ -63,8 +63,8 @@ class JointCalibration:
     parameters: Parameters
     phases: tuple[Phase, ...]
     fits: tuple[JointFit, ...]
-    problems: tuple[tuple[TrialProblem, ...], ...]
-    """The trials of each fit."""
+    influences: tuple[Influence, ...]
+    """Of each fit: how every marker coordinate pulls on its parameters."""
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value."""
     warnings: tuple[str, ...]
@@ -82,18 +82,20 @@ class _Run:
         self.nominal, self.settings, self.parameters = nominal, settings, nominal
         self.phases: list[Phase] = []
         self.fits: list[JointFit] = []
-        self.problems: list[tuple[TrialProblem, ...]] = []
+        self.influences: list[Influence] = []
         self.unseen: list[str] = []
         self.warnings: list[str] = []
 
     def fit(self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...]) -> JointFit:
         """Fit, freeze what the trials cannot see, and fit the rest again."""
         fit = self._solve(problems, free)
-        unseen = unseen_parameters(fit, influence_of(problems, fit))
+        influence = influence_of(problems, fit)
+        unseen = unseen_parameters(fit, influence)
         seconds, iterations = fit.seconds, fit.iterations
         if unseen:
             seen = tuple(n for n in fit.free if n not in unseen)
             fit = self._solve(problems, seen)
+            influence = influence_of(problems, fit)
             seconds, iterations = seconds + fit.seconds, iterations + fit.iterations
             known = {n for earlier in self.fits for n in earlier.free}
             new = [n for n in unseen if n not in known]
@@ -105,7 +107,7 @@ class _Run:
         ]
         self.parameters = fit.parameters
         self.fits.append(fit)
-        self.problems.append(tuple(problems))
+        self.influences.append(influence)
         trials = tuple(p.name for p in problems)
         self.phases.append(Phase(name, trials, len(fit.free), iterations, seconds, fit.converged, fit.message))
         return fit
@@ -123,7 +125,7 @@ class _Run:
             self.parameters,
             tuple(self.phases),
             tuple(self.fits),
-            tuple(self.problems),
+            tuple(self.influences),
             unseen,
             tuple(dict.fromkeys(self.warnings)),
         )

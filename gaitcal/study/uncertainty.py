@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence, influence_of
+from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.model.inertial_parameters import IP_NAMES
@@ -47,8 +47,7 @@ def joint_influence(joint: JointCalibration) -> Influence | None:
 
     In a sequence of phases what an earlier phase fixed counts as exact in the later one.
     """
-    parts = [influence_of(problems, fit) for problems, fit in zip(joint.problems, joint.fits, strict=True)]
-    parts = [part for part in parts if part.free]
+    parts = [part for part in joint.influences if part.free]
     if len(parts) <= 1:
         return parts[0] if parts else None
     free = tuple(dict.fromkeys(name for part in parts for name in part.free))
