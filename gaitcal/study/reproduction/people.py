@@ -15,6 +15,7 @@ from gaitcal.calibration.inertial_calibration import fit_published
 from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
 from gaitcal.dynamics.inverse_dynamics import GeneralisedForces
 from gaitcal.model.inertial_parameters import is_physical, symmetric_set
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording import read_recording
@@ -93,14 +94,15 @@ def _marker_rows(name: str, calibration: Calibration) -> list[TableRow]:
         if trial.joint is not None and not trial.joint.endswith(SIDE):
             continue
         column = "full leg" if trial.joint is None else trial.joint.split("_")[0]
-        nominal, calibrated = trial.nominal.errors.rms(), trial.calibrated.errors.rms()
+        nominal, calibrated = (motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated))
         if nominal is None or calibrated is None:
             continue
+        note = f"{NOTE}; markers of pelvis and legs"
         for words, value in (("anatomical", nominal), ("phase 1", calibrated)):
             row = f"{name}, {words}: marker distance RMS"
-            rows.append(TableRow("I", row, column, None, 1e3 * value, "mm", NOTE))
+            rows.append(TableRow("I", row, column, None, 1e3 * value, "mm", note))
         fall = 100.0 * (1.0 - calibrated / nominal)
-        rows.append(TableRow("I", f"{name}: fall of marker distance", column, None, fall, "%", NOTE))
+        rows.append(TableRow("I", f"{name}: fall of marker distance", column, None, fall, "%", note))
     return rows
 
 
