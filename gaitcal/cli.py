@@ -54,13 +54,16 @@ def calibrate(
     study: StudyPath,
     out: Out,
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
+    hold_out: Annotated[
+        bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
+    ] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
 
-    run(study, out, force=force, quiet=quiet, verbose=verbose)
+    run(study, out, force=force, hold_out=hold_out, quiet=quiet, verbose=verbose)
 
 
 @app.command()

@@ -14,7 +14,7 @@ from gaitcal.study.person import Study
 from gaitcal.study.pipeline import calibrate
 
 
-def run(study: Path, out: Path, *, force: bool = False, quiet: bool, verbose: bool) -> None:
+def run(study: Path, out: Path, *, force: bool = False, hold_out: bool = False, quiet: bool, verbose: bool) -> None:
     """Check and calibrate a study and write its result folder; `force` goes on past errors that the checks find."""
     talk = Talk(quiet=quiet, verbose=verbose)
     with talk.working() as step:
@@ -24,7 +24,7 @@ def run(study: Path, out: Path, *, force: bool = False, quiet: bool, verbose: bo
         findings = check_study(loaded)
         if not force:
             stop_on_errors(findings, study)
-        calibration = calibrate(loaded, step)
+        calibration = calibrate(loaded, step, leave_out=hold_out)
         calibration = replace(calibration, warnings=(*as_warnings(findings), *calibration.warnings))
         step("writing the results")
         write_results(calibration, out)

@@ -26,7 +26,9 @@ def run(study: Path, *, quiet: bool, verbose: bool) -> None:
         findings = check_file(study)
     shown = [f for f in findings if verbose or f.severity is not Severity.INFO]
     if shown:
-        talk.out.print(_table(shown), width=None if talk.out.is_terminal else PLAIN_WIDTH)
+        if not talk.out.is_terminal:
+            talk.out.width = PLAIN_WIDTH
+        talk.out.print(_table(shown))
     counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
     hidden = counts[Severity.INFO] if not verbose else 0
     more = f" (-v shows {hidden} more facts)" if hidden else ""

@@ -72,6 +72,15 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
             table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
     talk.out.print(table)
     for trial in trials:
+        if trial.held_out:
+            held = trial.held_out
+            parts = {"": (held.nominal, held.calibrated)} | ({", pelvis and legs": held.legs} if held.legs else {})
+            for part, (nominal, calibrated) in parts.items():
+                talk.line(
+                    f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), nominal "
+                    f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
+                )
+    for trial in trials:
         if trial.loads is not None and trial.loads.reactions.valid.any():
             talk.line(_residuals(trial.name, trial.loads))
 

@@ -6,7 +6,6 @@ nominal model (static trial) -> motions -> joint parameters -> inertial paramete
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -14,59 +13,43 @@ from gaitcal.calibration.inertial_calibration import InertialFit, TorqueScale, f
 from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
-    JointTrial,
     Phase,
-    calibrate_sequentially,
-    calibrate_simultaneously,
 )
 from gaitcal.calibration.joint_step import JointStepFit, JointStepSettings, JointStepTrial, joint_step
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces
 from gaitcal.model.inertial_parameters import full_set, symmetric_set
-from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, rigid_floor
-from gaitcal.motion.robust import Loss
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.settings import CalibrationSettings
 from gaitcal.study.ground import measured_reactions
-from gaitcal.study.mended import mended
+from gaitcal.study.joint_stage import joint_stage, parameters_for
 from gaitcal.study.person import Study
-from gaitcal.study.prepare import PreparedTrial, joint_settings, nominal_of, prepare_trial
+from gaitcal.study.prepare import PreparedTrial, nominal_of
 from gaitcal.study.progress import Progress, silent
 from gaitcal.study.result import Calibration, LoadedTrial, TorqueErrors, TrialResult
-from gaitcal.study.robust_trials import calibrate_robustly
 from gaitcal.study.uncertainty import Uncertainty, uncertainty_of
 
-SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
 
-
-def calibrate(study: Study, progress: Progress = silent) -> Calibration:
+def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = False) -> Calibration:
     """Fit a person's joint and inertial parameters and compute the joint torques of every gait trial.
 
     Parameters
     ----------
     study : from `Study.load`.
     progress : called with a line of text at the beginning of each step.
+    leave_out : find the held-out error too (`study/hold_out.py`), which takes four more fits of the joint parameters.
     """
     settings = study.settings
     progress("nominal model from the static trial")
     nominal = nominal_of(study)
-    loss = None if settings.robust == "none" else Loss(settings.robust)
-    read, told = (study, ()) if loss is None else mended(study, nominal)
-    trials = [prepare_trial(trial, nominal, settings) for trial in read.moving]
-    if loss is None:
-        joint, parameters = _joint_parameters(trials, nominal, settings, progress)
-    else:
-        fit = partial(_joint_parameters, nominal=nominal, settings=settings, progress=progress)
-        trials, joint, parameters, left_out = calibrate_robustly(
-            trials, nominal.parameters, loss, fit, parameters_for, together=settings.mode == "simultaneous"
-        )
-        told += left_out
+    stage = joint_stage(study, nominal, progress, leave_out=leave_out)
+    trials, joint, parameters = list(stage.trials), stage.joint, stage.parameters
     progress("tracking with the nominal model")
     before = {t.name: track_problem(t.fitted, nominal.parameters) for t in trials}
     progress("tracking with the calibrated joint parameters")
@@ -102,12 +85,22 @@ def calibrate(study: Study, progress: Progress = silent) -> Calibration:
         floor = rigid_floor(t.fitted)
         results.append(
             TrialResult(
-                t.name, t.role, t.joint, t.recording, before[t.name], calibrated, last, floor, motions[t.name], loads
+                t.name,
+                t.role,
+                t.joint,
+                t.recording,
+                before[t.name],
+                calibrated,
+                last,
+                floor,
+                motions[t.name],
+                loads,
+                stage.held_out.get(t.name),
             )
         )
     phases = _phases(joint, inertial, third, reactions)
     done = _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread, trials, reactions)
-    return replace(done, warnings=(*told, *done.warnings))
+    return replace(done, warnings=(*stage.warnings, *done.warnings))
 
 
 def track_problem(problem: TrialProblem, parameters: Parameters) -> Motion:
@@ -123,44 +116,11 @@ def forces_of(parameters: Parameters, motion: Motion, reactions: GroundReactions
     return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, reactions.wrench)
 
 
-def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
-    """The joint parameters at the end of the last phase that a trial took part in; `final` where it took part in none.
-
-    In a sequence an isolated trial's own phase comes before gait moves the joints once more.
-    """
-    if joint is not None:
-        for phase, fit in zip(reversed(joint.phases), reversed(joint.fits), strict=True):
-            if trial in phase.trials:
-                return fit.parameters
-    return final
-
-
 def _errors(
     body: TrialProblem, motion: Motion, parameters: Parameters, reactions: GroundReactions, spread: Uncertainty
 ) -> TorqueErrors:
     errors = torque_standard_errors(body, motion.nodes, parameters, reactions.wrench, spread.joint, spread.inertial)
     return TorqueErrors(errors[:, :27], errors[:, 27:])
-
-
-def _joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, progress: Progress
-) -> tuple[JointCalibration | None, Parameters]:
-    if not settings.jp or not trials:
-        return None, nominal.parameters
-    progress("joint parameters")
-    run = calibrate_sequentially if settings.mode == "sequential" else calibrate_simultaneously
-    calibration = run(
-        [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
-        nominal.parameters,
-        joint_settings(settings),
-        {side: parameters_of_gait(side, settings) for side in SIDES[settings.legs]},
-    )
-    return calibration, calibration.parameters
-
-
-def parameters_of_gait(side: str, settings: CalibrationSettings) -> tuple[str, ...]:
-    """The joint parameters that gait may move in one leg."""
-    return leg_parameters(side) if settings.gait_parameters == "leg" else gait_parameters(side)
 
 
 def _inertial_parameters(

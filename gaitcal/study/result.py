@@ -15,6 +15,7 @@ from gaitcal.dynamics.inverse_dynamics import GeneralisedForces
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.recording.recording import Recording
+from gaitcal.study.hold_out import HeldOut
 from gaitcal.study.person import Study
 from gaitcal.study.uncertainty import Uncertainty
 
@@ -74,6 +75,8 @@ class TrialResult:
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
     loads: LoadedTrial | None
     """None without force plates."""
+    held_out: HeldOut | None = None
+    """Error on frames that took no part in the fit; None unless asked for."""
 
 
 @dataclass(frozen=True)

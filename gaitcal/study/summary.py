@@ -56,6 +56,15 @@ def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
         out["joint"] = trial.joint
     else:
         out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
+    if trial.held_out:
+        held = trial.held_out
+        out["hold_out_mm"] = {
+            "nominal": 1e3 * held.nominal,
+            "calibrated": 1e3 * held.calibrated,
+            "folds": held.folds,
+        }
+        if held.legs:
+            out["pelvis_and_legs_hold_out_mm"] = {"nominal": 1e3 * held.legs[0], "calibrated": 1e3 * held.legs[1]}
     nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
     if nominal and calibrated:
         out["max_mm"] = {"nominal": 1e3 * nominal[0], "calibrated": 1e3 * calibrated[0], "marker": calibrated[1]}

@@ -24,6 +24,8 @@ CLIPPED = 5
 CLIPPED_N = 200.0
 ASLANT = 0.5
 """Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2."""
+OUTSIDE_SHARE = 0.1
+"""Share of the load outside the corners that is told."""
 MASS = 0.05
 """Difference of body mass and static force that is told."""
 STANCE_SHARE = (0.55, 1.25)
@@ -102,13 +104,13 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
         if not loaded.any():
             continue
         away = -inside(plate.corners, plate.point[loaded])
-        share = float(np.mean(away > OUTSIDE_M))
-        if share > 0.05:
+        share = float(np.average(away > OUTSIDE_M, weights=plate.force[loaded, 1]))
+        if share > OUTSIDE_SHARE:
             yield warning(
                 "plates",
                 trial.name,
-                f"plate {plate.name}: {100 * share:.0f} % of its centres of pressure lie over {1e3 * OUTSIDE_M:.0f} mm "
-                f"outside its corners (up to {1e3 * float(away.max()):.0f} mm)",
+                f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
+                f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * float(away.max()):.0f} mm)",
                 "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
                 trial.source,
             )
