@@ -85,7 +85,9 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
         gap = problem.positions(x.reshape(true.shape), constants) - noisy
         return (np.sqrt(weight)[:, None] * gap).ravel()
 
-    reference = least_squares(residual, true.ravel(), method="lm", xtol=1e-14, ftol=1e-14)
+    reference = least_squares(
+        residual, true.ravel(), jac="3-point", method="trf", tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
     result = track_nodes(problem, constants, np.zeros_like(true), TrackSettings(1e-14, first_damping=1e-3))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
     np.testing.assert_allclose(result.nodes.ravel(), reference.x, atol=1e-5)
