@@ -16,6 +16,7 @@ from gaitcal.atomic import MANIFEST, atomic_directory
 from gaitcal.calibration.influence import Influence
 from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
+from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.model_file import save_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import write_trc
@@ -100,7 +101,8 @@ def _models(model: SubjectModel, out: Path) -> None:
     save_model(model, out / "model.toml")
     write_osim(model, out / "model.osim")
     write_urdf(model, out / "model.urdf")
-    write_mjcf(model, out / "model.xml")
+    if not impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
+        write_mjcf(model, out / "model.xml")
 
 
 def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:

@@ -113,5 +113,7 @@ class _Builder:
 def set_inertias(linkage: LinkageModel, inertial: Array) -> None:
     """Put the inertial parameters (84,) into the model, in place."""
     for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
-        inertia = pin.Inertia(float(row[0]), row[1:4], np.diag(row[4:7]))
+        inertia = pin.Inertia.Zero()  # filled in piece by piece: the constructor refuses impossible bodies,
+        inertia.mass, inertia.lever, inertia.inertia = float(row[0]), row[1:4], np.diag(row[4:7])  # which the
+        # published cost may well return; they are told as such, not hidden
         linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(inertia)

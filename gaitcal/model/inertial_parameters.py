@@ -157,3 +157,8 @@ def is_physical(inertial: Array) -> NDArray[np.bool_]:
     rows = table(inertial)
     moments = np.sort(rows[:, 4:7], axis=1)
     return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])
+
+
+def impossible_bodies(inertial: Array) -> tuple[str, ...]:
+    """Names of the segments whose inertial parameters no real body can have."""
+    return tuple(s for s, possible in zip(MASSIVE_SEGMENTS, is_physical(inertial), strict=True) if not possible)

@@ -19,7 +19,7 @@ from gaitcal.calibration.joint_step import JointStepFit, JointStepSettings, Join
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces
-from gaitcal.model.inertial_parameters import full_set, symmetric_set
+from gaitcal.model.inertial_parameters import full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, rigid_floor
@@ -157,7 +157,7 @@ def _third_step(
     settings: CalibrationSettings,
     progress: Progress,
 ) -> JointStepFit | None:
-    if not settings.joint_step or joint is None or inertial is None:
+    if not settings.joint_step or joint is None or inertial is None or impossible_bodies(parameters.inertial):
         return None
     progress("joint and inertial parameters together")
     steps = []
@@ -232,6 +232,12 @@ def _calibration(
         for name, r in reactions.items()
         if not r.valid.any()
     ]
+    if bodies := impossible_bodies(final.inertial):
+        left_out = "; the third step needs possible ones and was left out" if study.settings.joint_step else ""
+        warnings.append(
+            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every body "
+            f"possible; model.xml is not written, as MuJoCo refuses such bodies{left_out}"
+        )
     warnings += [
         f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
         f"({1e3 * first:.1f} mm): gait and this trial disagree; mode = 'simultaneous' weighs them together"
