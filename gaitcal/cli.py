@@ -26,6 +26,9 @@ app = typer.Typer(
     "and how far each can be trusted.",
 )
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; written whole or not at all.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
@@ -211,9 +214,13 @@ def main() -> None:
     except GaitcalError as error:
         _say_error(str(error))
         sys.exit(error.exit_code)
+    except SystemExit as ending:
+        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
+            _say_error("interrupted; nothing was written")
+        raise
     except KeyboardInterrupt:
         _say_error("interrupted; nothing was written")
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -3,7 +3,8 @@
     python scripts/check_robustness.py [--seed N] [--noise MM] [--losses none,huber,cauchy]
 
 A synthetic subject with perturbed joints (six isolated trials and gait) is calibrated from clean and from spoilt
-markers, with the same loss; the largest change of any fitted position (mm) and orientation (deg) is printed. Limits: 3 mm and 2 deg.
+markers, with the same loss; the largest change of any fitted position (mm) and orientation (deg) is printed. Limits:
+3 mm and 2 deg. A loss that lets outliers go ('cauchy') must keep them; least squares ('none') is there to compare.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.joint_parameters import JP_INDEX, JOINT_PARAMETERS, Kind
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.recording.recording import Recording
 from gaitcal.study.person import Study, StudyTrial
 from gaitcal.study.pipeline import calibrate
