@@ -117,6 +117,8 @@ class InertialFit:
     seconds: float
     converged: bool
     message: str
+    statistical: bool = True
+    """Whether residual rows are in standard deviations, so that a covariance follows; the published ones are not."""
 
 
 def fit_published(
@@ -174,7 +176,7 @@ def fit_published(
     else:
         message, converged = f"the residuals still change after {MOST_SEEDS} seeds", False
     return InertialFit(
-        which.names, inertial, s, jac, *last, seeds, iterations, time.perf_counter() - began, converged, message
+        which.names, inertial, s, jac, *last, seeds, iterations, time.perf_counter() - began, converged, message, False
     )
 
 

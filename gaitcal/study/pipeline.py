@@ -118,7 +118,10 @@ def forces_of(parameters: Parameters, motion: Motion, reactions: GroundReactions
 
 def _errors(
     body: TrialProblem, motion: Motion, parameters: Parameters, reactions: GroundReactions, spread: Uncertainty
-) -> TorqueErrors:
+) -> TorqueErrors | None:
+    """None for impossible bodies, whose mass matrix has no meaning."""
+    if impossible_bodies(parameters.inertial):
+        return None
     errors = torque_standard_errors(body, motion.nodes, parameters, reactions.wrench, spread.joint, spread.inertial)
     return TorqueErrors(errors[:, :27], errors[:, 27:])
 
@@ -236,7 +239,7 @@ def _calibration(
         left_out = "; the third step needs possible ones and was left out" if study.settings.joint_step else ""
         warnings.append(
             f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every body "
-            f"possible; model.xml is not written, as MuJoCo refuses such bodies{left_out}"
+            f"possible; torques have no standard errors then, and model.xml is not written{left_out}"
         )
     warnings += [
         f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "

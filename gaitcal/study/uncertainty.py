@@ -39,7 +39,8 @@ class Uncertainty:
 def uncertainty_of(joint: JointCalibration | None, inertial: InertialFit | None) -> Uncertainty:
     """Standard errors from the last phase that fitted each parameter."""
     influence = None if joint is None else joint_influence(joint)
-    return Uncertainty(influence, None if inertial is None else inertial_square_root(inertial))
+    known = inertial is not None and inertial.statistical
+    return Uncertainty(influence, inertial_square_root(inertial) if inertial is not None and known else None)
 
 
 def joint_influence(joint: JointCalibration) -> Influence | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +26,12 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_data import NodeRule, trial_problem
 from gaitcal.recording import Recording
+from gaitcal.study.person import Study
+from gaitcal.study.pipeline import calibrate
 from gaitcal.study.synthetic_data import ground_reactions, marker_noise, synthetic_markers
 from gaitcal.study.synthetic_motion import gait_motion
 from tests.derivatives import Array, assert_derivative
+from tests.study.real_studies import write_study
 
 MODEL = published_model()
 MOTION = gait_motion()
@@ -122,3 +126,15 @@ def test_third_step_stays_where_nothing_is_left_to_explain() -> None:
     free = gait_parameters("r")
     found = joint_step([replace(trial)], MODEL.parameters, free, symmetric_set(), MODEL.subject)
     np.testing.assert_allclose(found.parameters.joint, MODEL.parameters.joint, atol=2e-3)
+
+
+def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_path: Path) -> None:
+    """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error bars, no crash."""
+    text = 'ip = "published"\ntorque_scale = "1mm"\njoint_step = true'
+    found = calibrate(Study.load(write_study("subject01", data_dir.resolve(), tmp_path, text)))
+    assert any("no real body" in warning for warning in found.warnings)
+    loads = found.trial("walk").loads
+    assert loads is not None
+    assert loads.errors is None
+    assert loads.joint_step is None
+    assert np.isfinite(loads.final.tau).all()
