@@ -81,7 +81,7 @@ def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
     determinant = (b[0] * adjugate[0]).sum(axis=0)
     square = (adjugate * adjugate).sum(axis=(0, 1))
     determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
-    s = _largest_root(determinant, square)
+    s = _largest_root(determinant, square, determined)
     k = 0.5 * (s * s - 1.0)
     bbb = np.einsum("ijf,kjf,klf->ilf", b, b, b, optimize=True)
     numerator = (k + 1.0) * b + s * adjugate - bbb
@@ -92,15 +92,18 @@ def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
     return rotation, determined
 
 
-def _largest_root(determinant: Array, square: Array) -> Array:
-    """Largest s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2 = 0, for |B| = 1: at most sqrt(3), Newton falls onto it."""
+def _largest_root(determinant: Array, square: Array, wanted: NDArray[np.bool_]) -> Array:
+    """Largest s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2 = 0, for |B| = 1: at most sqrt(3), Newton falls onto it.
+
+    Only where `wanted`: an undetermined rotation has a double root, which takes Newton long.
+    """
     s = np.full_like(determinant, np.sqrt(3.0))
     for _ in range(MOST_STEPS):
         gap = s * s - 1.0
         slope = 4.0 * s * gap - 8.0 * determinant
         step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
         s = s - step
-        if np.abs(step).max(initial=0.0) < 1e-15:
+        if np.abs(step[wanted]).max(initial=0.0) < 1e-15:
             break
     return s
 
