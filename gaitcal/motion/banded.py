@@ -158,14 +158,17 @@ def _node_products(weights: Array) -> Array:
 class BandFactor:
     """Cholesky factor of H_qq + damping * diagonal (+ a floor where nothing determines a node)."""
 
-    def __init__(self, band: Array, damping: float = 0.0) -> None:
-        copy = band.copy()
+    def __init__(self, band: Array, damping: float = 0.0, *, overwrite: bool = False) -> None:
+        """`overwrite`: the factor takes the place of `band`, which saves its size in memory; LinAlgError if there is
+        none, where otherwise a larger floor would be tried.
+        """
+        copy = band if overwrite else band.copy()
         diagonal = copy[:, 0]
         floor = 1e-13 * float(diagonal.max())
         diagonal *= 1.0 + damping
         diagonal += floor
         self.factor, info = lapack.dpbtrf(copy.T, lower=1, overwrite_ab=1)
-        if info != 0:
+        if info != 0 and not overwrite:
             copy = band.copy()
             copy[:, 0] += 1e-8 * copy[:, 0] + 1e3 * floor
             self.factor, info = lapack.dpbtrf(copy.T, lower=1, overwrite_ab=1)
