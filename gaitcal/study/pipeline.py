@@ -238,8 +238,8 @@ def _calibration(
     if bodies := impossible_bodies(final.inertial):
         left_out = "; the third step needs possible ones and was left out" if study.settings.joint_step else ""
         warnings.append(
-            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every body "
-            f"possible; torques have no standard errors then, and model.xml is not written{left_out}"
+            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
+            f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
         )
     warnings += [
         f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
