@@ -16,7 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
+
+import pandas as pd
 
 from gaitcal.report.monte_carlo_figures import write_monte_carlo_figures
 from gaitcal.study.monte_carlo.case import nominal_case
@@ -26,6 +29,7 @@ from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.expectation import expect
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.study.monte_carlo.statistics import unconverged
+from gaitcal.study.monte_carlo.store import Store
 from gaitcal.study.monte_carlo.study import monte_carlo
 from gaitcal.study.monte_carlo.variance import variance_contributions
 from gaitcal.study.monte_carlo.workers import LocalProcesses, ThisProcess, Workers
@@ -127,8 +131,9 @@ def kills(wanted: int) -> bool:
 
 
 def _digest(folder: Path) -> str:
-    """Of the statistics, written with all digits."""
-    return hashlib.sha256((folder / "montecarlo.csv").read_bytes()).hexdigest()
+    """Of all draws, bit by bit, and of the statistics, written with all digits."""
+    draws = pd.util.hash_pandas_object(Store(folder).read(SMALL)).to_numpy().tobytes()
+    return hashlib.sha256(draws + (folder / "montecarlo.csv").read_bytes()).hexdigest()
 
 
 def scaling() -> None:
@@ -139,16 +144,20 @@ def scaling() -> None:
         began = time.monotonic()
         monte_carlo(case, plan=Plan(levels=(100,), draws=draws), workers=ThisProcess())
         print(f"{4 * draws} draws in this process: {time.monotonic() - began:.1f} s", flush=True)
-    plan, seconds = Plan(levels=(100,), draws=1000), {}
-    for count in (1, 2):
-        with LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster:
-            workers = Cluster(cluster.scheduler_address)
-            monte_carlo(case, plan=Plan(levels=(100,), draws=10), workers=workers, chunk_draws=5)  # imports
-            began = time.monotonic()
-            monte_carlo(case, plan=plan, workers=workers, chunk_draws=50)
-            seconds[count] = time.monotonic() - began
-            print(f"{plan.total} draws on {count} cluster workers: {seconds[count]:.1f} s", flush=True)
-    print(f"two workers are {seconds[1] / seconds[2]:.2f} times one")
+    plan = Plan(levels=(100,), draws=200)
+    best = {1: float("inf"), 2: float("inf")}
+    with ExitStack() as stack:
+        clusters = {
+            count: stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None))
+            for count in best
+        }
+        for _ in range(6):  # by turns, the best of each: the machine may have other work; the first also imports
+            for count, cluster in clusters.items():
+                began = time.monotonic()
+                monte_carlo(case, plan=plan, workers=Cluster(cluster.scheduler_address), chunk_draws=10)
+                best[count] = min(best[count], time.monotonic() - began)
+                print(f"{plan.total} draws on {count} cluster workers: at best {best[count]:.1f} s", flush=True)
+    print(f"two workers are {best[1] / best[2]:.2f} times one")
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -38,7 +38,7 @@ FRAME_WORDS = {
     ReactionFrame.FOOT: "ground reactions carried with the foot",
 }
 SIDE_WORDS = {"r": "right", "l": "left"}
-MEASURE_WORDS = {"rms": "RMS error", "mean": "mean (signed) error"}
+MEASURE_WORDS = {"rms": "RMS error", "mean": "Mean (signed) error"}
 LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 INK, GRID = "#222222", "#e6e6e6"
 SMALL, NORMAL = 7.0, 8.0

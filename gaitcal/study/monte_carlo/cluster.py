@@ -13,6 +13,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from gaitcal.errors import GaitcalError, InputError
+from gaitcal.study.monte_carlo.allocator import keep_freed_memory
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -75,7 +76,7 @@ def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task])
     running = _library().as_completed(loop=client.loop, raise_errors=False)
 
     def hand_in(task: Task, left: int) -> None:
-        future = client.submit(function, task, pure=False)
+        future = client.submit(_on_worker, function, task, pure=False)
         again[future.key] = (task, left)
         running.add(future)
 
@@ -92,6 +93,11 @@ def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task])
         yield result
         for new in islice(tasks, max(_room(client) - len(again), 0)):
             hand_in(new, HANDED_IN_AGAIN)
+
+
+def _on_worker(function: Callable[[Task], Result], task: Task) -> Result:
+    keep_freed_memory()
+    return function(task)
 
 
 def _room(client: Any) -> int:
