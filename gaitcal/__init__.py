@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from gaitcal.model.subject_model import Subject, SubjectModel
     from gaitcal.motion.motion import Motion, track
     from gaitcal.recording import Recording, read_recording
+    from gaitcal.study.monte_carlo.study import monte_carlo
     from gaitcal.study.person import Study
     from gaitcal.study.pipeline import calibrate
     from gaitcal.study.result import Calibration
@@ -50,6 +51,7 @@ _HOME = {
     "inverse_dynamics": "gaitcal.dynamics.api",
     "load_marker_set": "gaitcal.model.marker_set",
     "load_model": "gaitcal.model.model_file",
+    "monte_carlo": "gaitcal.study.monte_carlo.study",
     "nominal_model": "gaitcal.model.nominal",
     "published_model": "gaitcal.model.nominal",
     "read_recording": "gaitcal.recording",
@@ -77,6 +79,7 @@ __all__ = [
     "inverse_dynamics",
     "load_marker_set",
     "load_model",
+    "monte_carlo",
     "nominal_model",
     "published_model",
     "read_recording",
