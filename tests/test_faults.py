@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 from gaitcal import cli
+from gaitcal.study.person import Study
 from tests.study.real_studies import write_study
 from tests.study.synthetic_studies import write_synthetic_study
 
@@ -167,7 +168,7 @@ def assert_refused(ending: Ending, named: tuple[str, ...]) -> None:
 def former_result(folder: Path) -> dict[str, bytes]:
     """A folder that looks like an earlier result, and its content."""
     folder.mkdir()
-    (folder / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
+    (folder / "manifest.json").write_text('{"gaitcal": "0", "kind": "calibration"}', encoding="utf-8")
     (folder / "summary.json").write_text("{}", encoding="utf-8")
     return content_of(folder)
 
@@ -236,16 +237,21 @@ def test_output_not_writable(study: Path, run: Run) -> None:
     assert_refused(run("calibrate", study, "--out", "/proc/gaitcal-result"), ("/proc/gaitcal-result", "written"))
 
 
+def test_output_is_looked_at_before_the_work(study: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Study, "load", lambda _: pytest.fail("the study was read first"))
+    assert_refused(run("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
+
+
 def test_foreign_folder_is_kept(study: Path, run: Run) -> None:
     folder = study.parent.parent / "thesis"
     folder.mkdir()
     (folder / "chapter.tex").write_text("years of work", encoding="utf-8")
-    assert_refused(run("calibrate", study, "--out", folder), ("thesis", "other files"))
+    assert_refused(run("calibrate", study, "--out", folder), ("thesis", "holds 'chapter.tex'"))
     assert content_of(folder) == {"chapter.tex": b"years of work"}
 
 
 def test_as_a_process_of_its_own(study: Path, tmp_path: Path) -> None:
     unknown_key(study)
     command = [sys.executable, "-m", "gaitcal.cli", "calibrate", str(study), "--out", str(tmp_path / "result")]
-    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300)
     assert_refused(Ending(done.returncode, done.stdout, done.stderr), ("study.toml", "mass_gk", "mass_kg"))

@@ -101,6 +101,13 @@ def walking_trial(model, true: TrueMotion, name, wrench):
     )
 
 
+def long_scene(frames: int = 10_000) -> Scene:
+    """One long walk, with plates under the first steps."""
+    model, true = subject_model(), long_motion(frames)
+    wrench = ground_reactions(model.parameters, true, GAIT_CYCLE)
+    return person_scene(model, (walking_trial(model, true, "long", wrench),), standard_errors())
+
+
 def plate(name: str, time, x: float, z: float) -> ForcePlate:
     corners = np.array([[x - 0.3, 0, z - 0.2], [x + 0.3, 0, z - 0.2], [x + 0.3, 0, z + 0.2], [x - 0.3, 0, z + 0.2]])
     none = np.zeros((len(time), 3))

@@ -10,20 +10,31 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gaitcal.view import Scene, ViewServer, person_scene, view_html, write_view
+from gaitcal.commands import view as view_command
+from gaitcal.view import Scene, ViewServer, save_scene, view_html, write_view
 from tests.view.browser import Page
-from tests.view.people import long_motion, standard_errors, subject_model, walking_trial
-from tests.view.test_page import HOSTILE, hostile_scene
+from tests.view.people import long_scene
+from tests.view.test_page import HOSTILE, LIMIT, hostile_scene
 
 pytestmark = pytest.mark.browser
 
 LAYERS = ("body", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
-POSE_BUDGET = 16.0
-"""ms to pose one frame of any trial: one picture of 60 a second."""
 SHOWN = 0.2
 """mm: one decimal is shown, of positions packed to some 0.05 mm."""
+POSING = """(() => { let best = Infinity;
+    for (let turn = 0; turn < 10; turn++) {
+        const start = performance.now();
+        for (let k = 0; k < 100; k++) gaitcal.seek(gaitcal.trial.duration * k / 100);
+        best = Math.min(best, performance.now() - start);
+    } return best; })()"""
+"""ms that 100 poses take at best: only to be compared within one browser."""
 Visit = Callable[..., Page]
+
+
+def until(condition: str) -> str:
+    """A promise kept once the condition holds, however slow the machine; `Page.run` gives up in the end."""
+    return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 20); look(); }})"
 
 
 def stage(page: Page) -> np.ndarray:
@@ -68,8 +79,7 @@ def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> N
     page = visit(html)
     assert page.run("gaitcal.playing")
     page.run("gaitcal.seek(0)")
-    page.run("new Promise(done => setTimeout(() => done(true), 700))")
-    assert page.run("Number(document.getElementById('time').value)") > 0.05
+    page.run(until("Number(document.getElementById('time').value) > 0.05"))
     page.run("document.getElementById('play').click()")
     assert not page.run("gaitcal.playing")
     first = stage(paused(page, 0.2))
@@ -170,18 +180,21 @@ def test_a_phone_shows_person_and_controls(width: int, height: int, visit: Visit
     assert page.console == []
 
 
-def test_ten_thousand_frames_stay_responsive(visit: Visit, tmp_path: Path) -> None:
-    model = subject_model()
-    trial = walking_trial(model, long_motion(10_000), "long", None)
-    write_view(person_scene(model, (trial,), standard_errors()), tmp_path / "view.html")
-    page = paused(visit(tmp_path / "view.html"))
+def test_ten_thousand_frames_stay_responsive(
+    visit: Visit, html: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
+    page_file = tmp_path / "view.html"
+    save_scene(long_scene(), tmp_path / "scene.npz")
+    view_command.run(tmp_path, page_file, quiet=False, verbose=False)
+    assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
+    assert page_file.stat().st_size < LIMIT
+    of_a_short_walk = visit(html).run(POSING)
+    page = visit(page_file)
+    page.run(DRAWN)
+    assert changed(stage(paused(page, 1.0)), stage(paused(page, 1.2))) > 2000
     assert "every third frame" in page.run("document.getElementById('about').textContent")
-    milliseconds = page.run(
-        """(() => { const start = performance.now();
-        for (let k = 0; k < 300; k++) gaitcal.seek(gaitcal.trial.duration * k / 300);
-        return (performance.now() - start) / 300; })()"""
-    )
-    assert milliseconds < POSE_BUDGET
+    assert page.run(POSING) < 4 * of_a_short_walk
     page.run("gaitcal.seek(gaitcal.trial.duration)")
     assert page.run("gaitcal.person.x") > 50.0
     assert page.console == []

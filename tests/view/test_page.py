@@ -13,7 +13,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.study.synthetic_motion import gait_motion
-from gaitcal.view import Scene, person_scene, view_html, write_view
+from gaitcal.view import Scene, left_out, person_scene, view_html, write_view
 from gaitcal.view import body_meshes as meshes_module
 from gaitcal.view.body_meshes import BALLS, Mesh, body_meshes, read_stl, round_body
 from gaitcal.view.garments import MESHES
@@ -108,10 +108,13 @@ def test_long_trials_and_many_stay_under_the_limit() -> None:
     one = view_html(person_scene(model, (trial,), standard_errors()))
     assert len(one) < 6_000_000
     assert content(one)["trials"][0]["stride"] == 3
+    assert left_out(walking_scene()) == ()
     many = view_html(person_scene(model, (trial,) * 30, standard_errors()))
     assert len(many) < LIMIT
     assert content(many)["trials"][0]["recorded"] == 10_000
-    assert content(many)["trials"][0]["stride"] > 3
+    stride = content(many)["trials"][0]["stride"]
+    assert stride > 3
+    assert f"one in {stride};" in left_out(person_scene(model, (trial,) * 30, {}))[29]
 
 
 def test_a_long_walk_does_not_coarsen_the_markers() -> None:

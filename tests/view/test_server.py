@@ -34,7 +34,7 @@ def server(scene: Scene) -> Iterator[ViewServer]:
 
 
 def ask(server: ViewServer, method: str, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
     try:
         connection.request(method, path, headers={"Host": host} if host else {})
         answer = connection.getresponse()
@@ -52,7 +52,7 @@ def test_it_listens_on_the_loopback_interface_only(server: ViewServer) -> None:
         except OSError:
             pytest.skip("this machine has no other interface")
     with pytest.raises(OSError):
-        socket.create_connection((own, server.server_port), timeout=5)
+        socket.create_connection((own, server.server_port), timeout=60)
 
 
 def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
@@ -115,7 +115,7 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, tmp_path: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(b"http://127.0.0.1:")
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=120)
     finally:
         process.kill()
         process.wait()
