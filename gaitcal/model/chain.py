@@ -12,7 +12,9 @@ in the frame of the coordinate before them: X_segment = X_b D_s; a joint paramet
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +51,26 @@ class ChainConstants:
     """(np, 3) a_p, with the sign of the element."""
     parameter_point: Array
     """(np, 3) c_p."""
+
+    def without_parameters(self) -> ChainConstants:
+        """The constants of the same chain with no joint parameter free."""
+        return replace(self, parameter_axis=np.empty((0, 3)), parameter_point=np.empty((0, 3)))
+
+    @cached_property
+    def plain_offsets(self) -> tuple[list[bool], list[bool]]:
+        """Per coordinate: whether C_k does not turn, and whether it does not shift."""
+        plain = [np.array_equal(rotation, np.eye(3)) for rotation in self.offset_rotation]
+        return plain, [not translation.any() for translation in self.offset_translation]
+
+    @cached_property
+    def segment_placement(self) -> Array:
+        """(ns, 4, 3) axes and origin of each segment, in the frame it hangs on."""
+        return np.concatenate([self.segment_rotation.transpose(0, 2, 1), self.segment_translation[:, None]], axis=1)
+
+    @cached_property
+    def parameter_placement(self) -> Array:
+        """(np, 2, 3) a_p and c_p."""
+        return np.stack([self.parameter_axis, self.parameter_point], axis=1)
 
 
 class Chain:
@@ -119,6 +141,10 @@ class Chain:
         self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
         self.parameter_rotates: NDArray[np.bool_] = np.array([w[-1].element.rotates for _, w in self._passed], bool)
         self.coordinate_rotates: NDArray[np.bool_] = np.array([e.rotates for e in self.elements], bool)
+        self.coordinate_axis: IntArray = np.array([e.axis for e in self.elements], dtype=np.intp)
+        self.coordinate_slides: IntArray = np.flatnonzero(~self.coordinate_rotates)
+        self.parameter_slides: IntArray = np.flatnonzero(~self.parameter_rotates)
+        self.reversed_coordinates: tuple[int, ...] = tuple(k for k, e in enumerate(self.elements) if e.sign < 0)
         nq, n_free = len(coordinates), len(self.free)
         support = np.zeros((nq + n_free, len(self.segments)))
         for column, segment in enumerate(self.segments):
@@ -128,6 +154,8 @@ class Chain:
                 support[nq + k, column] = float(name in names)
         self.support: Array = support
         """(nq + np, ns): 1 where a coordinate or a free joint parameter moves a segment."""
+        self.moved_sets, self.moved_set = _distinct_rows(support)
+        """(n, ns) the distinct rows of `support`, and (nq + np,) which of them each variable has."""
 
     def constants(self, joint: Array, zero_angles: Array) -> ChainConstants:
         """The constants for joint parameters (98,) and zero angles (4,), in m and rad."""
@@ -148,16 +176,34 @@ class Chain:
         )
 
 
+@lru_cache(maxsize=64)
+def chain_of(root: str, segments: tuple[str, ...], free: tuple[str, ...] = ()) -> Chain:
+    """The chain of a part of the linkage, compiled once: every trial of a person has the same."""
+    return Chain(root, segments, free)
+
+
+def _distinct_rows(support: Array) -> tuple[Array, IntArray]:
+    rows, of = np.unique(support, axis=0, return_inverse=True)
+    return rows, of.ravel()
+
+
 def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Array, Array]:
-    rotation, translation = np.eye(3), np.zeros(3)
+    # in plain floats: these chains of single 3 x 3 products are what NumPy is slowest at
+    axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    x = [0.0, 0.0, 0.0]
     for step in steps:
         e = step.element
-        amount = e.sign * (joint if e.source is Source.JOINT_PARAMETER else zero_angles)[step.source]
+        amount = e.sign * float((joint if e.source is Source.JOINT_PARAMETER else zero_angles)[step.source])
         if not e.rotates:
-            translation = translation + rotation[:, e.axis] * amount
+            u = axes[e.axis]
+            x = [x[0] + u[0] * amount, x[1] + u[1] * amount, x[2] + u[2] * amount]
         elif amount != 0.0:
-            rotation = rotation @ axis_rotation(e.axis, float(amount))
-    return rotation, translation
+            c, s = cos(amount), sin(amount)
+            a, b = (e.axis + 1) % 3, (e.axis + 2) % 3
+            u, v = axes[a], axes[b]
+            axes[a] = [c * u[0] + s * v[0], c * u[1] + s * v[1], c * u[2] + s * v[2]]
+            axes[b] = [c * v[0] - s * u[0], c * v[1] - s * u[1], c * v[2] - s * u[2]]
+    return np.array(axes).T, np.array(x)
 
 
 def axis_rotation(axis: int, angle: float) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import Chain, ChainConstants
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -37,15 +38,14 @@ def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
     identity = np.zeros((3, 3, nf))
     identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
     ground = np.zeros((3, nf))
-    plain = [np.array_equal(r, np.eye(3)) for r in constants.offset_rotation]
+    plain, still = constants.plain_offsets
     for k, (parent, e) in enumerate(zip(chain.parents, chain.elements, strict=True)):
         frame, origin = (identity, ground) if parent < 0 else (axes[parent], origins[parent])
-        translation = constants.offset_translation[k]
-        if translation.any():
-            np.matmul(translation, frame.reshape(3, 3 * nf), out=origins[k].reshape(3 * nf))
-            origins[k] += origin
-        else:
+        if still[k]:
             origins[k] = origin
+        else:
+            np.matmul(constants.offset_translation[k], frame.reshape(3, 3 * nf), out=origins[k].reshape(3 * nf))
+            origins[k] += origin
         if not plain[k]:
             frame = np.matmul(constants.offset_rotation[k].T, frame.reshape(3, 3 * nf)).reshape(3, 3, nf)
         if not e.rotates:
@@ -62,39 +62,46 @@ def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
     return Poses(axes, origins)
 
 
-def segment_poses(chain: Chain, constants: ChainConstants, poses: Poses) -> tuple[Array, Array]:
-    """Segment axes (ns, 3, 3, nf) (axis j of segment s in [s, j]) and origins (ns, 3, nf), m."""
+def segment_transforms(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
+    """(ns, 4, 3, nf) segment poses: three axes and the origin (m) of each, in the laboratory."""
     frames = poses.axes[chain.segment_frame]
     ns, nf = len(chain.segments), frames.shape[-1]
-    flat = frames.reshape(ns, 3, 3 * nf)
-    axes = np.matmul(constants.segment_rotation.transpose(0, 2, 1), flat).reshape(ns, 3, 3, nf)
-    origins = np.matmul(constants.segment_translation[:, None, :], flat).reshape(ns, 3, nf)
-    return axes, origins + poses.origins[chain.segment_frame]
+    out: Array = np.matmul(constants.segment_placement, frames.reshape(ns, 3, 3 * nf)).reshape(ns, 4, 3, nf)
+    out[:, 3] += poses.origins[chain.segment_frame]
+    return out
+
+
+def segment_poses(chain: Chain, constants: ChainConstants, poses: Poses) -> tuple[Array, Array]:
+    """Segment axes (ns, 3, 3, nf) (axis j of segment s in [s, j]) and origins (ns, 3, nf), m."""
+    both = segment_transforms(chain, constants, poses)
+    return both[:, :3], both[:, 3]
 
 
 def jacobian(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
     """(nq + np, 6, nf) spatial velocity [v; w] about the laboratory origin per unit of each coordinate and free JP."""
     nq, n_free, nf = len(chain.coordinates), len(chain.free), poses.origins.shape[-1]
     out = np.empty((nq + n_free, 6, nf))
-    for k, e in enumerate(chain.elements):
-        axis = poses.axes[k, e.axis] if e.sign > 0 else -poses.axes[k, e.axis]
-        _fill(out[k], axis, poses.origins[k] if e.rotates else None)
+    axes = out[:nq, 3:]
+    axes[...] = poses.axes[np.arange(nq), chain.coordinate_axis]
+    for k in chain.reversed_coordinates:
+        np.negative(axes[k], out=axes[k])
+    _moments(out[:nq], poses.origins, chain.coordinate_slides)
     if n_free:
         frames = poses.axes[chain.parameter_frame].reshape(n_free, 3, 3 * nf)
-        axes = np.matmul(constants.parameter_axis[:, None, :], frames).reshape(n_free, 3, nf)
-        points = np.matmul(constants.parameter_point[:, None, :], frames).reshape(n_free, 3, nf)
+        placed = np.matmul(constants.parameter_placement, frames).reshape(n_free, 2, 3, nf)
+        out[nq:, 3:] = placed[:, 0]
+        points = placed[:, 1]
         points += poses.origins[chain.parameter_frame]
-        for k, rotates in enumerate(chain.parameter_rotates):
-            _fill(out[nq + k], axes[k], points[k] if rotates else None)
+        _moments(out[nq:], points, chain.parameter_slides)
     return out
 
 
-def _fill(column: Array, axis: Array, point: Array | None) -> None:
-    if point is None:
-        column[:3] = axis
-        column[3:] = 0.0
-        return
-    column[3:] = axis
-    column[0] = point[1] * axis[2] - point[2] * axis[1]
-    column[1] = point[2] * axis[0] - point[0] * axis[2]
-    column[2] = point[0] * axis[1] - point[1] * axis[0]
+def _moments(columns: Array, points: Array, slides: IntArray) -> None:
+    """Complete columns (n, 6, nf) whose lower half holds the axes: those that `slides` names move, the others turn."""
+    slid = columns[slides, 3:]
+    v, w = columns[:, :3], columns[:, 3:]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        np.multiply(points[:, j], w[:, k], out=v[:, i])
+        v[:, i] -= points[:, k] * w[:, j]
+    v[slides], w[slides] = slid, 0.0

@@ -49,6 +49,8 @@ class Assembler:
         self.nq, self.np, self.basis, self.pairs = coordinates, parameters, basis, pairs
         i, j = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
         self._i, self._j = i, j
+        self._place = pairs.shallow[pairs.coordinates] * coordinates + pairs.deep[pairs.coordinates]
+        self._later, self._earlier = _mixed_masks(pairs, coordinates, parameters)
         off = i != j
         self._mirror = np.flatnonzero(off)
         self._weights = [
@@ -87,23 +89,42 @@ class Assembler:
 
     def add(self, sums: _Sums, equations: FrameEquations, group: list[int]) -> None:
         """Add the frames of a group of spans."""
-        start = self._weights[group[0]][1].start
-        coordinates = np.ascontiguousarray(equations.hessian[:, self.pairs.coordinates])
-        self.add_gradient(sums.node_gradient, equations.gradient[: self.nq], group)
-        mixed = self._mixed(equations) if self.np else None
-        for k in group:
-            first, frames, products, weights = self._weights[k]
-            local = slice(frames.start - start, frames.stop - start)
-            blocks = products @ coordinates[local]
-            sums.blocks[first + _LOW, _HIGH - _LOW] += blocks
-            if mixed is not None:
-                sums.mixed[first : first + ORDER] += (weights @ mixed[local]).reshape(ORDER, self.nq, self.np)
+        nq = self.nq
+        coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
+        self.add_matrices(sums, equations.products(coordinates, coordinates), group)
+        self.add_gradient(sums.node_gradient, equations.gradient[:nq], group)
         if self.np:
-            i, j = self.pairs.first[self.pairs.parameters] - self.nq, self.pairs.second[self.pairs.parameters] - self.nq
-            totals = equations.hessian[:, self.pairs.parameters].sum(axis=0)
-            sums.parameters[i, j] += totals
-            sums.parameters[j[i != j], i[i != j]] += totals[i != j]
-            sums.parameter_gradient[:] += equations.gradient[self.nq :].sum(axis=1)
+            self._add_mixed(sums.mixed, equations, group)
+            totals, pairs = equations.total(parameters), self.pairs
+            deep, shallow = pairs.deep[pairs.parameters] - nq, pairs.shallow[pairs.parameters] - nq
+            sums.parameters[shallow, deep] += totals[shallow, deep]
+            sums.parameters[deep, shallow] = sums.parameters[shallow, deep]
+            sums.parameter_gradient[:] += equations.gradient[nq:].sum(axis=1)
+
+    def add_matrices(self, sums: _Sums, matrices: Array, group: list[int]) -> None:
+        """Add matrices (frames of the group, nq, nq) of the coordinates, entry (k, l) valid where l comes after k."""
+        start = self._weights[group[0]][1].start
+        entries = np.take(matrices.reshape(len(matrices), self.nq**2), self._place, axis=1)
+        blocks = np.empty((len(group), len(_NODE_PAIRS), entries.shape[1]))
+        for k, out in zip(group, blocks, strict=True):
+            _, frames, products, _ = self._weights[k]
+            np.matmul(products, entries[frames.start - start : frames.stop - start], out=out)
+        firsts = np.array([self._weights[k][0] for k in group])
+        for pair, (high, low) in enumerate(_NODE_PAIRS):
+            sums.blocks[firsts + low, high - low] += blocks[:, pair]  # no node twice: each span has its own first
+
+    def _add_mixed(self, out: Array, equations: FrameEquations, group: list[int]) -> None:
+        """Add H_qp; for each pair the one of the two products whose second variable comes after its first."""
+        start, nq = self._weights[group[0]][1].start, self.nq
+        coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
+        later = equations.products(coordinates, parameters).reshape(-1, nq * self.np)
+        earlier = equations.products(parameters, coordinates).reshape(-1, nq * self.np)
+        for k in group:
+            first, frames, _, weights = self._weights[k]
+            local = slice(frames.start - start, frames.stop - start)
+            part = out[first : first + ORDER]
+            part += (weights @ later[local]).reshape(ORDER, nq, self.np) * self._later
+            part += (weights @ earlier[local]).reshape(ORDER, self.np, nq).transpose(0, 2, 1) * self._earlier
 
     def add_gradient(self, out: Array, gradient: Array, group: list[int]) -> None:
         """Add the half gradient (nq, frames of the group) of the coordinates to that of the nodes (nn, nq)."""
@@ -112,14 +133,6 @@ class Assembler:
         for k in group:
             first, frames, _, weights = self._weights[k]
             out[first : first + ORDER] += weights @ by_frame[frames.start - start : frames.stop - start]
-
-    def _mixed(self, equations: FrameEquations) -> Array:
-        nf = len(equations.hessian)
-        out = np.zeros((nf, self.nq * self.np))
-        which = self.pairs.mixed
-        place = self.pairs.second[which] * self.np + self.pairs.first[which] - self.nq
-        out[:, place] = equations.hessian[:, which]
-        return out
 
     def finish(self, sums: _Sums, cost: float) -> NormalEquations:
         """The sums as a banded matrix; coordinates that move no marker get a unit diagonal."""
@@ -148,6 +161,16 @@ class _Sums:
     parameters: Array
     node_gradient: Array
     parameter_gradient: Array
+
+
+def _mixed_masks(pairs: VariablePairs, nq: int, parameters: int) -> tuple[Array, Array]:
+    """(nq, np) 1 where the parameter comes after the coordinate, and 1 where it comes before it."""
+    later, earlier = np.zeros((nq, parameters)), np.zeros((nq, parameters))
+    deep, shallow = pairs.deep[pairs.mixed], pairs.shallow[pairs.mixed]
+    after = deep >= nq
+    later[shallow[after], deep[after] - nq] = 1.0
+    earlier[deep[~after], shallow[~after] - nq] = 1.0
+    return later, earlier
 
 
 def _node_products(weights: Array) -> Array:

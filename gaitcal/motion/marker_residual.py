@@ -1,32 +1,39 @@
 """From markers to normal equations, frame by frame, without ever forming a marker Jacobian.
 
-Marker m of segment s is at x_m = o_s + R_s l_m; residual r_m = x_m - measured_m with weight w_m >= 0 in each frame
-(0 where it was not seen). With J_k = [v; w] the spatial velocity (about the laboratory origin) that variable k gives
-to everything after it, cost, half gradient and Gauss-Newton matrix of  sum_m w_m |r_m|^2  are
+Marker m of segment s is at x_m = o_s + R_s l_m = T_s [l_m; 1]; residual r_m = x_m - measured_m with weight w_m >= 0 in
+each frame (0 where it was not seen). With J_k = [v; w] the spatial velocity (about the laboratory origin) that variable
+k gives to everything after it, cost, half gradient and Gauss-Newton matrix of  sum_m w_m |r_m|^2  are
 
     g_k  = J_k . sum_{m after k} w_m [r_m; x_m x r_m]
     H_kl = J_k . Y_l J_l          (l after k),     Y_l = sum_{m after l} w_m [1, -x~_m; x~_m, -x~_m x~_m].
 
 Y_l is the spatial inertia of point masses w_m at the markers, and H is therefore the joint-space inertia matrix of
 that model: what `pin.crba` gives for it (tested), here for all frames at once and with weights that may differ in
-every frame. Composite inertias are summed from the tips to the root, once per segment.
+every frame. The sums over a segment's markers are turned with the segment, not formed anew:
+
+    sum w [x; 1] [x; 1]^T = T_s P_s T_s^T,  P_s = sum w [l; 1] [l; 1]^T,
+    sum w x x r = sum_j T_sj x (sum w [l; 1]_j r),
+
+P_s as long constant as the weights are. They are summed from the tips to the root, once per distinct set of segments.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain, ChainConstants
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.model.kinematics import forward, jacobian, segment_transforms
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -42,8 +49,32 @@ class MarkerData:
     weight: Array
     """(nm, nf) >= 0."""
 
+    @cached_property
+    def groups(self) -> list[tuple[int, slice]]:
+        """Segments that carry markers, and which."""
+        edges = np.flatnonzero(np.diff(self.segment)) + 1
+        bounds = [0, *edges.tolist(), len(self.segment)]
+        return [(int(self.segment[a]), slice(a, b)) for a, b in pairwise(bounds)] if len(self.segment) else []
+
+    @cached_property
+    def extended(self) -> Array:
+        """(nm, 4) [l; 1]."""
+        return np.concatenate([self.local, np.ones((len(self.local), 1))], axis=1)
+
+    @cached_property
+    def moments(self) -> Array:
+        """(n, 4, 4, nf or 1) P_s of the n segments in `groups`; one frame where weights never change."""
+        weight = self.weight
+        if (weight == weight[:, :1]).all():
+            weight = weight[:, :1]
+        products = (self.extended[:, :, None] * self.extended[:, None, :]).reshape(-1, 16)
+        out = [products[markers].T @ weight[markers] for _, markers in self.groups]
+        return np.array(out).reshape(len(out), 4, 4, -1)
+
     def frames(self, part: slice) -> MarkerData:
         """The same for some frames."""
+        if part == slice(0, self.weight.shape[1]):
+            return self
         return MarkerData(self.segment, self.local, self.measured[:, :, part], self.weight[:, part])
 
 
@@ -51,12 +82,35 @@ class MarkerData:
 class FrameEquations:
     """Cost and normal equations of every frame of a stretch."""
 
+    pairs: VariablePairs
     cost: float
     """m^2, sum over markers and frames."""
     gradient: Array
     """(nq + np, nf) half gradient."""
-    hessian: Array
-    """(nf, npairs) entries of the Gauss-Newton matrix at `VariablePairs`."""
+    columns: Array
+    """(nq + np, 6, nf) J_k."""
+    carried: Array
+    """(nq + np, 6, nf) Y_k J_k; none where the matrix was not asked for."""
+
+    def products(self, first: slice = ALL, second: slice = ALL) -> Array:
+        """(nf, n, n') J_k . Y_l J_l for k of `first` and l of `second`: H_kl wherever l comes after k."""
+        left = np.ascontiguousarray(self.columns[first].transpose(2, 0, 1))
+        right = np.ascontiguousarray(self.carried[second].transpose(2, 1, 0))
+        out: Array = np.matmul(left, right)
+        return out
+
+    def total(self, part: slice) -> Array:
+        """(n, n) the same with both of `part`, summed over the frames."""
+        left, right = self.columns[part], self.carried[part]
+        out: Array = left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
+        return out
+
+    @property
+    def hessian(self) -> Array:
+        """(nf, npairs) entries of the Gauss-Newton matrix at `VariablePairs`."""
+        flat = self.products().reshape(self.columns.shape[-1], -1)
+        out: Array = flat[:, self.pairs.shallow * len(self.columns) + self.pairs.deep]
+        return out
 
 
 class VariablePairs:
@@ -80,30 +134,22 @@ class VariablePairs:
 
 def marker_positions(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> Array:
     """(nm, 3, nf) m, model markers for coordinates (nf, nq)."""
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
-    return _place(data, axes, origins)
+    return _place(data, segment_transforms(chain, constants, forward(chain, constants, q)))
 
 
-def _place(data: MarkerData, axes: Array, origins: Array) -> Array:
-    nf = origins.shape[-1]
+def _place(data: MarkerData, segments: Array) -> Array:
+    nf = segments.shape[-1]
     out = np.empty((len(data.segment), 3, nf))
-    for s, markers in _groups(data.segment):
-        block = np.matmul(data.local[markers], axes[s].reshape(3, 3 * nf)).reshape(-1, 3, nf)
-        block += origins[s]
-        out[markers] = block
+    for s, markers in data.groups:
+        np.matmul(data.extended[markers], segments[s].reshape(4, 3 * nf), out=out[markers].reshape(-1, 3 * nf))
     return out
-
-
-def _groups(segment: IntArray) -> list[tuple[int, slice]]:
-    edges = np.flatnonzero(np.diff(segment)) + 1
-    bounds = [0, *edges.tolist(), len(segment)]
-    return [(int(segment[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
 
 def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:
     """Sum of w |r|^2 over markers and frames, m^2."""
-    r = marker_positions(chain, constants, data, q) - data.measured
-    return float(np.einsum("mf,mif,mif->", data.weight, r, r))
+    r = marker_positions(chain, constants, data, q)
+    r -= data.measured
+    return float(np.vdot(data.weight[:, None] * r, r))
 
 
 def frame_equations(
@@ -111,50 +157,59 @@ def frame_equations(
 ) -> FrameEquations:
     """Cost, half gradient and (optionally) Gauss-Newton matrix of every frame."""
     poses = forward(chain, constants, q)
-    axes, origins = segment_poses(chain, constants, poses)
+    segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
-    moments, cost = _segment_moments(data, _place(data, axes, origins), len(chain.segments), inertia=hessian)
-    composite, of_variable = _composites(chain, moments)
-    force = composite[:, :6]
-    gradient = np.einsum("kif,kif->kf", columns, force[of_variable])
+    forces, cost = _segment_forces(data, segments)
+    gradient = np.einsum("kif,kif->kf", columns, _sums(chain, forces)[chain.moved_set])
     if not hessian:
-        return FrameEquations(cost, gradient, np.empty((q.shape[0], 0)))
-    carried = _apply_inertia(composite[:, 6:], of_variable, columns)
-    left = np.ascontiguousarray(columns.transpose(2, 0, 1))
-    right = np.ascontiguousarray(carried.transpose(2, 1, 0))
-    products = np.matmul(left, right)
-    flat = products.reshape(len(products), -1)
-    return FrameEquations(cost, gradient, flat[:, pairs.shallow * len(columns) + pairs.deep])
+        return FrameEquations(pairs, cost, gradient, columns, np.empty((0, 6, len(q))))
+    inertias = _sums(chain, _segment_inertias(data, segments))
+    return FrameEquations(pairs, cost, gradient, columns, _apply_inertia(inertias, chain.moved_set, columns))
 
 
-def _segment_moments(data: MarkerData, x: Array, segments: int, *, inertia: bool) -> tuple[Array, float]:
-    """(ns, 6 or 16, nf): force and moment of the residuals, then mass, first and second moments of the weights."""
-    r = x - data.measured
-    w = data.weight[:, None, :]
-    wr = w * r
-    nm, nf = data.weight.shape
-    rows = np.empty((nm, 16 if inertia else 6, nf))
-    rows[:, :3] = wr
-    rows[:, 3] = x[:, 1] * wr[:, 2] - x[:, 2] * wr[:, 1]
-    rows[:, 4] = x[:, 2] * wr[:, 0] - x[:, 0] * wr[:, 2]
-    rows[:, 5] = x[:, 0] * wr[:, 1] - x[:, 1] * wr[:, 0]
-    if inertia:
-        wx = w * x
-        rows[:, 6] = data.weight
-        rows[:, 7:10] = wx
-        for k, (i, j) in enumerate(_PAIRS):
-            np.multiply(wx[:, i], x[:, j], out=rows[:, 10 + k])
-    out = np.zeros((segments, rows.shape[1], nf))
-    for s, markers in _groups(data.segment):
-        np.sum(rows[markers], axis=0, out=out[s])
-    return out, float(np.vdot(wr, r))
+def _segment_forces(data: MarkerData, segments: Array) -> tuple[Array, float]:
+    """(ns, 6, nf) force and moment of the residuals of each segment, and the cost."""
+    ns, nf = len(segments), segments.shape[-1]
+    r = _place(data, segments)
+    r -= data.measured
+    pull = data.weight[:, None] * r
+    cost = float(np.vdot(pull, r))
+    arms = np.zeros((ns, 4, 3, nf))
+    """sum of w [l; 1]_j r."""
+    for s, markers in data.groups:
+        flat = pull[markers].reshape(-1, 3 * nf)
+        np.matmul(data.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
+    out = np.empty((ns, 6, nf))
+    out[:, :3] = arms[:, 3]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        np.einsum("sjf,sjf->sf", segments[:, :, j], arms[:, :, k], out=out[:, 3 + i])
+        out[:, 3 + i] -= np.einsum("sjf,sjf->sf", segments[:, :, k], arms[:, :, j])
+    return out, cost
 
 
-def _composites(chain: Chain, moments: Array) -> tuple[Array, IntArray]:
-    """Sums over what each variable moves, for each distinct set of segments; and which set a variable has."""
-    sets, of_variable = np.unique(chain.support, axis=0, return_inverse=True)
-    ns, rows, nf = moments.shape
-    return np.matmul(sets, moments.reshape(ns, rows * nf)).reshape(len(sets), rows, nf), of_variable.ravel()
+def _segment_inertias(data: MarkerData, segments: Array) -> Array:
+    """(ns, 10, nf) mass, first and second moments of the weights of each segment."""
+    ns, nf = len(segments), segments.shape[-1]
+    carriers = [s for s, _ in data.groups]
+    placed = segments[carriers]
+    if data.moments.shape[-1] == 1:
+        turned = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(placed.shape)
+    else:
+        turned = np.einsum("sjkf,skif->sjif", data.moments, placed)
+    out = np.zeros((ns, 10, nf))
+    out[carriers, 0] = data.moments[:, 3, 3]
+    out[carriers, 1:4] = turned[:, 3]
+    for row, (i, j) in enumerate(_PAIRS):
+        out[carriers, 4 + row] = np.einsum("sjf,sjf->sf", placed[:, :, i], turned[:, :, j])
+    return out
+
+
+def _sums(chain: Chain, of_segments: Array) -> Array:
+    """(n, rows, nf) sums over each distinct set of segments that variables move."""
+    ns, rows, nf = of_segments.shape
+    out: Array = np.matmul(chain.moved_sets, of_segments.reshape(ns, rows * nf)).reshape(-1, rows, nf)
+    return out
 
 
 def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Array:

@@ -60,13 +60,17 @@ class Motion:
     """Coordinates of one trial as splines, with the markers' errors."""
 
     name: str
+    """Of the trial or file."""
     coordinates: tuple[str, ...]
     """Names of the columns: the 27, or those of the part that was tracked."""
     basis: SplineBasis
+    """Quintic B-splines at the frames of the trial."""
     nodes: Array
     """(nn, nq) m, rad."""
     errors: MarkerErrors
+    """Distance of every marker in every frame."""
     converged: bool
+    """Whether tracking reached its tolerance."""
 
     @property
     def time(self) -> Array:
@@ -129,8 +133,14 @@ def track(
     ----------
     model : the person's model, nominal or calibrated.
     recording : markers in m, y up; gaps are NaN and get no weight.
-    rule : number of spline nodes; 15 spans a second unless given.
+    rule : number of spline nodes; 20 spans a second unless given (`NODES_PER_SECOND`).
     root, segments : a part of the linkage to track alone.
+    settings : when to stop, and how outliers are treated.
+
+    Raises
+    ------
+    InputError
+        Too few markers of a segment are seen, or the recording is too short for its nodes.
     """
     problem = trial_problem(recording.source, model, recording, rule or NodeRule(), root=root, segments=segments)
     constants = problem.constants(model.parameters)

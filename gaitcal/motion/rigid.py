@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.motion.marker_residual import MarkerData
+
 Array = NDArray[np.float64]
 
 COLLINEAR = 1e-3
@@ -43,6 +45,50 @@ def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
     determined = ((weight > 0).sum(axis=0) >= 3) & two_dimensional
     origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
     return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
+
+
+class SegmentMoments:
+    """First and second moments of every segment's markers together: fits of all segments at once."""
+
+    def __init__(self, data: MarkerData) -> None:
+        nf = data.measured.shape[-1]
+        pull = data.weight[:, None] * data.measured
+        groups = data.groups
+        self._place = {s: k for k, (s, _) in enumerate(groups)}
+        self._seen = np.array([(data.weight[markers] > 0).sum(axis=0) for _, markers in groups])
+        self._local = data.moments
+        self._mixed = np.empty((len(groups), 4, 3, nf))
+        """sum of w [l; 1]_j x."""
+        for k, (_, markers) in enumerate(groups):
+            flat = pull[markers].reshape(-1, 3 * nf)
+            np.matmul(data.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
+
+    def fits(self) -> dict[int, RigidFit]:
+        """Rigid fits of the segments that carry markers."""
+        n, nf = len(self._place), self._mixed.shape[-1]
+        total = np.broadcast_to(self._local[:, 3, 3], (n, nf))
+        safe = np.where(total > 0, total, 1.0)
+        x_mean, l_mean = self._mixed[:, 3] / safe[:, None], self._local[:, 3, :3] / safe[:, None]
+        spread = self._mixed[:, :3] - l_mean[:, :, None] * self._mixed[:, 3, None]
+        rotation, two_dimensional = best_rotation(spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf))
+        rotation = rotation.reshape(3, 3, n, nf)
+        determined = (self._seen >= 3) & two_dimensional.reshape(n, nf)
+        origin = x_mean - np.einsum("ijsf,sjf->sif", rotation, l_mean)
+        by_frame = np.ascontiguousarray(rotation.transpose(2, 3, 0, 1))
+        return {s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()}
+
+    def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,) whether it
+        determines a rotation.
+        """
+        k = self._place[segment]
+        mixed, local = self._mixed[k], self._local[k]
+        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]
+        """(3, nf) sum of w (l - l_c)."""
+        spread = mixed[:3] - local_centre[:, None, None] * mixed[3] - arm[:, None] * centre.T
+        scale, minors = (spread * spread).sum(axis=(0, 1)), _row_products(spread)
+        two_dimensional = np.sqrt((minors * minors).sum(axis=(0, 1))) > COLLINEAR * scale
+        return spread.transpose(2, 1, 0), (scale > 0) & two_dimensional
 
 
 def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
@@ -76,20 +122,31 @@ def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
     scale = np.sqrt((b * b).sum(axis=(0, 1)))
     safe = np.where(scale > 0, scale, 1.0)
     b = b / safe
-    adjugate = np.stack([np.cross(b[1], b[2], axis=0), np.cross(b[2], b[0], axis=0), np.cross(b[0], b[1], axis=0)])
-    """Rows are cross products of rows: adj(B)^T."""
+    adjugate = _row_products(b)
     determinant = (b[0] * adjugate[0]).sum(axis=0)
     square = (adjugate * adjugate).sum(axis=(0, 1))
     determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
     s = _largest_root(determinant, square, determined)
     k = 0.5 * (s * s - 1.0)
-    bbb = np.einsum("ijf,kjf,klf->ilf", b, b, b, optimize=True)
+    bbb = np.einsum("ikf,klf->ilf", np.einsum("ijf,kjf->ikf", b, b), b)
     numerator = (k + 1.0) * b + s * adjugate - bbb
     denominator = k * s - determinant
     determined &= denominator > 1e-12
     rotation = numerator / np.where(determined, denominator, 1.0)
     rotation = _orthonormal(rotation, determined)
     return rotation, determined
+
+
+def _row_products(b: Array) -> Array:
+    """(3, 3, nf) adj(B)^T: its rows are the cross products of the rows of B."""
+    out = np.empty_like(b)
+    for i in range(3):
+        first, second = b[(i + 1) % 3], b[(i + 2) % 3]
+        for j in range(3):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            np.multiply(first[k], second[m], out=out[i, j])
+            out[i, j] -= first[m] * second[k]
+    return out
 
 
 def _largest_root(determinant: Array, square: Array, wanted: NDArray[np.bool_]) -> Array:

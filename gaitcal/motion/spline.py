@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.sparse import diags_array
 
 Array = NDArray[np.float64]
 
@@ -76,12 +75,14 @@ class SplineBasis:
         """(nn, nq) nodes that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
         nn = self.nodes
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
-        for first, frames in self.spans:
-            w = self.value[frames]
-            gram = w.T @ w
-            for d in range(ORDER):
-                band[d, first : first + ORDER - d] += np.diagonal(gram, -d)
-            right[first : first + ORDER] += w.T @ samples[frames]
+        spans = self.spans
+        edges = [frames.start for _, frames in spans]
+        grams = np.add.reduceat(self.value[:, :, None] * self.value[:, None, :], edges, axis=0)
+        firsts = np.array([first for first, _ in spans])
+        for d in range(ORDER):
+            np.add.at(band[d], firsts[:, None] + np.arange(ORDER - d), np.diagonal(grams, -d, axis1=1, axis2=2))
+        for first, frames in spans:
+            right[first : first + ORDER] += self.value[frames].T @ samples[frames]
         band[0] += 1e-12 * band[0].max()
         solution: Array = cho_solve_banded((cholesky_banded(band, lower=True), True), right)
         return solution
@@ -95,24 +96,32 @@ def spline_basis(time: Array, nodes: int) -> SplineBasis:
     inner = np.linspace(start, end, nodes - DEGREE + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
     first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
-    weights = [_local_weights(knots, time, first, k) for k in range(3)]
+    weights = [_local_weights(knots, time, first + DEGREE, k) for k in range(3)]
     return SplineBasis(time, knots, first.astype(np.intp), *weights)
 
 
-def _local_weights(knots: Array, time: Array, first: NDArray[np.intp], derivative: int) -> Array:
-    """(nf, 6) weights of the six nodes for the k-th derivative: lower-degree basis times divided differences."""
-    degree = DEGREE - derivative
-    matrix = BSpline.design_matrix(time, knots[derivative : len(knots) - derivative], degree)
-    for k in range(degree + 1, ORDER):
-        inner = knots[DEGREE - k : len(knots) - (DEGREE - k)]
-        count = len(inner) - k - 1
-        scale = k / (inner[k + 1 : k + count] - inner[1:count])
-        matrix = matrix @ diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count))
-    entries = matrix.tocoo()
-    rows, columns = entries.coords
-    out = np.zeros((len(time), ORDER))
-    out[rows, columns - first[rows]] = entries.data
-    return out
+def _local_weights(knots: Array, time: Array, span: NDArray[np.intp], derivative: int) -> Array:
+    """(nf, 6) weights of the six nodes for the k-th derivative.
+
+    With u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), N_r the functions of degree d - 1 that matter in span i, those of degree
+    d are  (t - t_{i-d+j}) u_{j-1} + (t_{i+j+1} - t) u_j  and their derivatives  d (u_{j-1} - u_j)  (de Boor); the last
+    `derivative` of the five degrees are raised by the second rule.
+    """
+    around = knots[span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)]
+    """(nf, 10) knots t_{i-4} ... t_{i+5}."""
+    now, middle = time[:, None], DEGREE - 1
+    functions = np.ones((len(time), 1))
+    for d in range(1, ORDER):
+        right, left = around[:, middle + 1 : middle + d + 1], around[:, middle - d + 1 : middle + 1]
+        u = functions / (right - left)
+        functions = np.zeros((len(time), d + 1))
+        if d <= DEGREE - derivative:
+            functions[:, 1:] = (now - left) * u
+            functions[:, :-1] += (right - now) * u
+        else:
+            functions[:, 1:] = d * u
+            functions[:, :-1] -= d * u
+    return functions
 
 
 def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:

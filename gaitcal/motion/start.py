@@ -1,9 +1,11 @@
 """Where tracking starts: rigid fits of the segments turned into coordinates, frame by frame.
 
 The root follows its own markers; every joint then takes the angles that bring the child's orientation nearest to its
-rigid fit. For one turn q about axis e between rotations P and Q, the q that maximises trace(R^T P Re(q) Q) is
-atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T R Q^T, (b, c) the axes after e; several turns of one joint are visited one
-after the other until they settle. Frames in which a segment is not determined are interpolated.
+rigid fit. For one turn q about axis e between rotations P and Q, the q that maximises trace(B^T P Re(q) Q) is
+atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, (b, c) the axes after e; several turns of one joint are visited one
+after the other until they settle, and three orthogonal ones are read off. B is the rigid fit. A segment of too few
+markers for one has  B = sum w (x - c) (l - l_c)^T  instead, c its joint's centre as the segments before it place it:
+the turns then bring its markers nearest to where they were seen. Frames that determine neither are interpolated.
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.rigid import RigidFit, rigid_fit
+from gaitcal.motion.rigid import RigidFit, SegmentMoments
 from gaitcal.motion.spline import SplineBasis
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-SWEEPS = 4
+SWEEPS = 2
+"""Visits to the turns of a joint of several, until they settle; tracking does the rest."""
 ROOT_COORDINATES = 6
-
-
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
 
@@ -41,31 +43,78 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
     """(nf, nq) coordinates from rigid fits, continuous in time."""
     nf = data.measured.shape[-1]
     q = np.zeros((nf, len(chain.coordinates)))
-    fits = {s: _fit_of(data, s) for s in np.unique(data.segment).tolist()}
+    moments = SegmentMoments(data)
+    fits = moments.fits()
     root = fits.get(0)
     if root is not None and root.determined.any():
         q[:, :ROOT_COORDINATES] = _root_coordinates(root)
-    frames: dict[int, Array] = {-1: np.broadcast_to(np.eye(3), (nf, 3, 3))}
-    for k in range(ROOT_COORDINATES):
-        frames[k] = _next_frame(chain, constants, frames, k, q)
+    so_far = _SoFar(chain, constants, q)
+    wrapped: list[int] = []
+    """Coordinates known in every frame, whose whole turns are taken out in the end, all at once."""
     done = set(range(ROOT_COORDINATES))
     for s in range(1, len(chain.segments)):
         path = _path(chain, s)
         own = [k for k in path if k not in done]
         fit = fits.get(s)
-        if own and fit is not None and fit.determined.any():
-            target = frames[chain.parents[own[0]]].transpose(0, 2, 1) @ fit.rotation
-            q[:, own] = _turns(chain, constants, own, target @ constants.segment_rotation[s].T, fit)
+        if own and fit is not None:
+            before = so_far.rotation(chain.parents[own[0]])
+            if fit.determined.any():
+                spread, known = fit.rotation, fit.determined
+            else:
+                centre, local_centre = so_far.centre(own), _local_centre(constants, s)
+                spread, known = moments.about(s, centre, local_centre)
+            if known.any():
+                target = before.transpose(0, 2, 1) @ spread @ constants.segment_rotation[s].T
+                angles = _turns(chain, constants, own, target)
+                if known.all():
+                    q[:, own] = angles
+                    wrapped += own
+                else:
+                    q[:, own] = _fill(_unwrap(angles, known), known)
         if own and (fit is not None or not _carries_more(chain, s)):
-            for k in own:
-                frames[k] = _next_frame(chain, constants, frames, k, q)
             done.update(own)
+    q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
 
 
-def _fit_of(data: MarkerData, segment: int) -> RigidFit:
-    own = data.segment == segment
-    return rigid_fit(data.local[own], data.measured[own], data.weight[own])
+def _local_centre(constants: ChainConstants, segment: int) -> Array:
+    """(3,) m, where the frame before a segment has its origin, in the segment."""
+    out: Array = -constants.segment_rotation[segment].T @ constants.segment_translation[segment]
+    return out
+
+
+class _SoFar:
+    """Frames of the coordinates that are settled already, worked out when asked for."""
+
+    def __init__(self, chain: Chain, constants: ChainConstants, q: Array) -> None:
+        self.chain, self.constants, self.q = chain, constants, q
+        self._rotations: dict[int, Array] = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
+        self._origins: dict[int, Array] = {-1: np.zeros((len(q), 3))}
+
+    def rotation(self, k: int) -> Array:
+        """(nf, 3, 3) of the frame of coordinate k."""
+        if k not in self._rotations:
+            rotation = self.rotation(self.chain.parents[k])
+            if not self.constants.plain_offsets[0][k]:
+                rotation = rotation @ self.constants.offset_rotation[k]
+            e = self.chain.elements[k]
+            self._rotations[k] = _turned(rotation, e.axis, e.sign * self.q[:, k]) if e.rotates else rotation
+        return self._rotations[k]
+
+    def centre(self, own: list[int]) -> Array:
+        """(nf, 3) m, where the first turn of a joint takes place."""
+        parent, k = self.chain.parents[own[0]], own[0]
+        out: Array = self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
+        return out
+
+    def _origin(self, k: int) -> Array:
+        if k not in self._origins:
+            parent, e = self.chain.parents[k], self.chain.elements[k]
+            origin = self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
+            if not e.rotates:
+                origin = origin + self.rotation(k)[:, :, e.axis] * (e.sign * self.q[:, k, None])
+            self._origins[k] = origin
+        return self._origins[k]
 
 
 def _carries_more(chain: Chain, segment: int) -> bool:
@@ -84,22 +133,28 @@ def _path(chain: Chain, segment: int) -> list[int]:
 
 def _root_coordinates(fit: RigidFit) -> Array:
     """(nf, 6) from R = Rz(tilt) Rx(list) Ry(rotation)."""
-    r = fit.rotation
-    tilt = np.arctan2(-r[:, 0, 1], r[:, 1, 1])
-    lean = np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0))
-    turn = np.arctan2(-r[:, 2, 0], r[:, 2, 2])
-    angles = np.stack([tilt, lean, turn], axis=1)
+    angles = _three_angles(fit.rotation)
     return np.hstack([_fill(fit.origin, fit.determined), _fill(_unwrap(angles, fit.determined), fit.determined)])
 
 
-def _unwrap(angles: Array, known: NDArray[np.bool_]) -> Array:
+def _three_angles(r: Array) -> Array:
+    """(nf, 3) a, b, c of rotations Rz(a) Rx(b) Ry(c)."""
+    angles = (
+        np.arctan2(-r[:, 0, 1], r[:, 1, 1]),
+        np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0)),
+        np.arctan2(-r[:, 2, 0], r[:, 2, 2]),
+    )
+    return np.stack(angles, axis=1)
+
+
+def _unwrap(angles: Array, known: BoolArray) -> Array:
     out = angles.copy()
     out[known] = np.unwrap(angles[known], axis=0)
     out[known] -= 2 * np.pi * np.round(np.median(out[known], axis=0) / (2 * np.pi))
     return out
 
 
-def _fill(values: Array, known: NDArray[np.bool_]) -> Array:
+def _fill(values: Array, known: BoolArray) -> Array:
     """Interpolate frames that are not known; the ends keep the nearest known value."""
     if known.all():
         return values
@@ -117,30 +172,36 @@ def _turned(rotation: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def _next_frame(chain: Chain, constants: ChainConstants, frames: dict[int, Array], k: int, q: Array) -> Array:
-    rotation = frames[chain.parents[k]] @ constants.offset_rotation[k]
-    e = chain.elements[k]
-    return _turned(rotation, e.axis, e.sign * q[:, k]) if e.rotates else rotation
-
-
-def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Array, fit: RigidFit) -> Array:
-    """(nf, n) coordinates whose turns, one after the other, come nearest to the rotations `target`."""
+def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Array) -> Array:
+    """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target` (nf, 3, 3)."""
     axes = [chain.elements[k].axis for k in own]
+    plain = [constants.plain_offsets[0][k] for k in own]
+    if axes == [2, 0, 1] and all(plain[1:]):
+        first = target if plain[0] else constants.offset_rotation[own[0]].T @ target
+        angles = _three_angles(first)
+    else:
+        angles = _swept(constants, own, axes, target)
+    signs = np.array([chain.elements[k].sign for k in own])
+    out: Array = angles * signs
+    return out
+
+
+def _swept(constants: ChainConstants, own: list[int], axes: list[int], target: Array) -> Array:
     angles = np.zeros((len(target), len(own)))
     for _ in range(SWEEPS if len(own) > 1 else 1):
         # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
-        after = [np.broadcast_to(np.eye(3), target.shape)]
+        after: list[Array] = []
         for i in range(len(own) - 1, 0, -1):
             inner = _turned(np.broadcast_to(constants.offset_rotation[own[i]], target.shape), axes[i], angles[:, i])
-            after.append(inner @ after[-1])
+            after.append(inner @ after[-1] if after else inner)
         remaining = target
         for i, k in enumerate(own):
-            remaining = constants.offset_rotation[k].T @ remaining
-            g = remaining @ after[len(own) - 1 - i].transpose(0, 2, 1)
+            if not constants.plain_offsets[0][k]:
+                remaining = constants.offset_rotation[k].T @ remaining
+            last = i + 1 == len(own)
+            g = remaining if last else remaining @ after[len(own) - 2 - i].transpose(0, 2, 1)
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
-            undo = _turned(np.broadcast_to(np.eye(3), target.shape), axes[i], -angles[:, i])
-            remaining = undo @ remaining
-    signs = np.array([chain.elements[k].sign for k in own])
-    out: Array = _fill(_unwrap(angles, fit.determined), fit.determined) * signs
-    return out
+            if not last:
+                remaining = _turned(remaining.transpose(0, 2, 1), axes[i], angles[:, i]).transpose(0, 2, 1)
+    return angles

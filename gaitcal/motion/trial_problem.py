@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Assembler, NormalEquations
@@ -17,7 +17,7 @@ from gaitcal.motion.spline import SplineBasis
 
 Array = NDArray[np.float64]
 
-FRAMES_AT_ONCE = 1024
+FRAMES_AT_ONCE = 512
 """Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
 
 
@@ -57,7 +57,7 @@ class TrialProblem:
 
     def with_free(self, free: tuple[str, ...]) -> TrialProblem:
         """The same trial with other joint parameters free."""
-        return replace(self, chain=Chain(self.chain.root, self.chain.segments, free))
+        return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free))
 
     def with_weight(self, weight: Array) -> TrialProblem:
         """The same trial with other marker weights (nm, nf)."""
@@ -83,24 +83,29 @@ class TrialProblem:
         for group in self._assembler.spans(FRAMES_AT_ONCE):
             frames = self._assembler.frames(group)
             part = frame_equations(self.chain, constants, pairs, self.data.frames(frames), q[frames])
-            out[frames, first, second] = part.hessian[:, pairs.coordinates]
-            out[frames, second, first] = part.hessian[:, pairs.coordinates]
+            entries = part.hessian[:, pairs.coordinates]
+            out[frames, first, second] = out[frames, second, first] = entries
         return out
 
     def gradient(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array]:
         """Cost (m^2) and half gradient by the nodes (nn, nq), without the matrix."""
+        cost, by_nodes, _ = self.both_gradients(nodes, constants)
+        return cost, by_nodes
+
+    def both_gradients(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
+        """Cost (m^2) and half gradients by the nodes (nn, nq) and the free joint parameters (np,)."""
         q = self.basis.evaluate(nodes)
-        cost, out = 0.0, np.zeros_like(nodes)
         nq = len(self.chain.coordinates)
-        groups = self._assembler.spans(FRAMES_AT_ONCE)
-        for group in groups:
+        cost, by_nodes, by_values = 0.0, np.zeros_like(nodes), np.zeros(len(self.chain.free))
+        for group in self._assembler.spans(FRAMES_AT_ONCE):
             frames = self._assembler.frames(group)
             part = frame_equations(
                 self.chain, constants, self._pairs, self.data.frames(frames), q[frames], hessian=False
             )
             cost += part.cost
-            self._assembler.add_gradient(out, part.gradient[:nq], group)
-        return cost, out
+            self._assembler.add_gradient(by_nodes, part.gradient[:nq], group)
+            by_values += part.gradient[nq:].sum(axis=1)
+        return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""

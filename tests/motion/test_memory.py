@@ -8,7 +8,7 @@ import pytest
 from gaitcal.motion import track
 from gaitcal.motion.track import TrackSettings, track_nodes
 from tests.derivatives import perturbed_parameters, random_trial
-from tests.study.scripts import script
+from tests.scripts import script
 
 SLOPE_GIB = 0.3
 """Growth from 5 000 to 20 000 frames; 0.18 GiB are needed. Ten times that is what 1.5 GiB leave for 100 000 frames."""

@@ -1,8 +1,9 @@
 """Freed memory that is kept for the next array.
 
-Dask starts its workers with MALLOC_TRIM_THRESHOLD_=65536, so that glibc gives every freed array of some size back to
-the system and gets it again, page by page, for the next: draws then take more than twice their time. What glibc does
-by itself, up to a bound, is asked for here once in each worker process.
+A fit passes over a few megabytes of arrays again and again. As long as a process has freed none larger, glibc gives
+those back to the system and gets them again, page by page, for the next pass: tracking a walk then takes half as long
+again, and a draw in a dask worker (started with MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What glibc does
+by itself in a process that has once freed a large array is asked for here, once in each process, before it fits.
 """
 
 from __future__ import annotations

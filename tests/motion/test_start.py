@@ -1,0 +1,72 @@
+"""Where tracking starts: all segments fitted at once, and segments of too few markers turned about their joint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.motion.rigid import SegmentMoments, rigid_fit
+from gaitcal.motion.start import starting_coordinates, starting_nodes
+from gaitcal.motion.track import track_nodes
+from tests.derivatives import perturbed_parameters, random_trial
+
+ROUNDING = 1e-11
+"""m, rad: fits of a few markers, in doubles."""
+SETTLED = 0.02
+"""rad: two oblique turns are visited in turn four times, which brings them this near."""
+
+
+def test_all_segments_together_are_each_fitted_as_alone() -> None:
+    rng = np.random.default_rng(20)
+    parameters = perturbed_parameters(rng)
+    problem, _ = random_trial(rng, parameters, frames=40, nodes=8)
+    weight = rng.uniform(0.2, 1.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
+    noisy = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
+    for data in (replace(problem.data, measured=noisy), replace(problem.data, measured=noisy, weight=weight)):
+        together = SegmentMoments(data).fits()
+        assert sorted(together) == np.unique(data.segment).tolist()
+        for s, found in together.items():
+            own = data.segment == s
+            alone = rigid_fit(data.local[own], data.measured[own], data.weight[own])
+            np.testing.assert_array_equal(found.determined, alone.determined)
+            known = alone.determined
+            np.testing.assert_allclose(found.rotation[known], alone.rotation[known], rtol=0, atol=ROUNDING)
+            np.testing.assert_allclose(found.origin[known], alone.origin[known], rtol=0, atol=ROUNDING)
+
+
+def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
+    """A rigid fit asks for three markers; the turns of elbow and shoulder are found from two all the same."""
+    rng = np.random.default_rng(21)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    arms = [k for k, s in enumerate(problem.chain.segments) if "arm" in s]
+    place = np.zeros(len(problem.data.segment), dtype=int)
+    for s in arms:
+        place[problem.data.segment == s] = np.arange(4)
+    kept = place < 2
+    data = replace(
+        problem.data,
+        segment=problem.data.segment[kept],
+        local=problem.data.local[kept],
+        measured=problem.data.measured[kept],
+        weight=problem.data.weight[kept],
+    )
+    found = starting_coordinates(problem.chain, problem.constants(parameters), data)
+    off = np.abs(found - problem.basis.evaluate(true))
+    columns = [k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))]
+    assert len(columns) == 6
+    assert off[:, columns].max() < SETTLED
+
+
+def test_a_segment_lost_for_a_while_is_bridged() -> None:
+    """The shank is not seen in the middle of the trial: its knee is interpolated there and the foot still follows."""
+    rng = np.random.default_rng(22)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=60, nodes=8)
+    weight = problem.data.weight.copy()
+    weight[problem.data.segment == problem.chain.segments.index("shank_r"), 20:30] = 0.0
+    gappy, constants = problem.with_weight(weight), problem.constants(parameters)
+    start = starting_nodes(gappy.chain, constants, gappy.data, gappy.basis)
+    result = track_nodes(gappy, constants, start)
+    np.testing.assert_allclose(problem.basis.evaluate(result.nodes), problem.basis.evaluate(true), atol=1e-8)
