@@ -1,9 +1,11 @@
 """Which joint parameters the trials cannot see.
 
-A parameter whose standard error is larger than what anybody would believe about a joint (20 mm, 20 degrees) is not
-determined. It is frozen at its nominal value, the worst first: given it, the covariance of the others becomes
-cov - cov_k cov_k^T / cov_kk, and the search goes on until every remaining parameter is determined. Directions along
-which S, the reduced Gauss-Newton matrix, vanishes count with an unbounded variance.
+A parameter whose standard error, from the markers alone and without any prior, is larger than what anybody would
+believe about a joint (20 mm, 20 degrees) is not determined. It is frozen at its nominal value, the worst first: given
+it, the covariance of the others becomes cov - cov_k cov_k^T / cov_kk, and the search goes on until every remaining
+parameter is determined. Directions along which S, the reduced Gauss-Newton matrix, vanishes count with an unbounded
+variance, and so does an axis about which the joint hardly moved in its isolated trials: what residuals say of it there
+is noise that turns with the joint.
 """
 
 from __future__ import annotations
@@ -13,9 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.influence import data_covariance
 from gaitcal.calibration.joint_calibration import JointFit
-from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -28,6 +29,17 @@ LARGEST_ORIENTATION = np.deg2rad(20.0)
 NEEDED_TURN = np.deg2rad(25.0)
 """Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007)."""
 
+LEAST_TURN = np.deg2rad(5.0)
+"""Range of motion below which an isolated trial says nothing of an axis: of the size of what skin movement feigns."""
+UNBOUNDED = 1e6
+"""Variance, in squares of the largest error believed, of what the markers cannot see at all."""
+
+_AXES: dict[str, dict[str, tuple[str, ...]]] = {
+    "hip": {"hip": ("hip_flexion", "hip_adduction", "hip_rotation")},
+    "knee": {"knee": ("knee_angle",)},
+    "ankle": {"talocrural": ("ankle_angle",), "subtalar": ("subtalar_angle",)},
+}
+"""Joint of an isolated trial -> its axes (first words of joint parameters) -> their coordinates."""
 _COORDINATES = {"hip": ("hip_flexion", "hip_adduction"), "knee": ("knee_angle",)}
 _WORDS = {
     "hip_flexion": "flexion",
@@ -44,17 +56,15 @@ def largest_errors(names: Sequence[str]) -> Array:
     return np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
 
 
-def unseen_parameters(fit: JointFit, influence: Influence) -> tuple[str, ...]:
-    """Names of the free parameters that the trials of a fit do not determine, worst first."""
+def unseen_parameters(problems: Sequence[TrialProblem], fit: JointFit, unmoved: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names of the free parameters that the trials of a fit do not determine, worst first; `unmoved` come first."""
     allowed = largest_errors(fit.free)
-    covariance = influence.covariance / np.outer(allowed, allowed)
-    values, vectors = np.linalg.eigh(
-        fit.state.hessian * np.outer(allowed, allowed) + np.diag((fit.prior * allowed) ** 2)
-    )
-    null = vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
-    covariance = covariance + 1e6 * null @ null.T
-    kept = list(range(len(fit.free)))
-    unseen: list[str] = []
+    covariance, null = data_covariance(problems, fit)
+    covariance = covariance / np.outer(allowed, allowed)
+    null = null / allowed[:, None]
+    covariance = covariance + UNBOUNDED * null @ null.T
+    unseen = [name for name in fit.free if name in unmoved]
+    kept = [k for k, name in enumerate(fit.free) if name not in unmoved]
     while kept:
         variances = covariance[kept, kept]
         worst = int(np.argmax(variances))
@@ -66,15 +76,33 @@ def unseen_parameters(fit: JointFit, influence: Influence) -> tuple[str, ...]:
     return tuple(unseen)
 
 
+def unmoved_parameters(problems: Sequence[TrialProblem], fit: JointFit, joint: str) -> tuple[str, ...]:
+    """Free parameters of the axes of an isolated joint about which none of its trials moved by `LEAST_TURN`."""
+    kind, side = joint.split("_")
+    out: list[str] = []
+    for axis, names in _AXES[kind].items():
+        turns = [
+            _turn(problem, nodes, f"{name}_{side}")
+            for problem, nodes in zip(problems, fit.nodes, strict=True)
+            for name in names
+        ]
+        if max(turns) < LEAST_TURN:
+            out += [name for name in fit.free if name.startswith(f"{axis}_{side}.")]
+    return tuple(out)
+
+
+def _turn(problem: TrialProblem, nodes: Array, coordinate: str) -> float:
+    """Range (rad) of a coordinate over a trial."""
+    return float(np.ptp(problem.basis.evaluate(nodes)[:, problem.chain.coordinates.index(coordinate)]))
+
+
 def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, ...]:
     """Warnings, in a lab's words, about movements of an isolated trial that are too small to show their axis."""
     kind, side = joint.split("_")
     names = _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle"))
-    q = problem.basis.evaluate(nodes)
     out = []
     for name in names:
-        column = problem.chain.coordinates.index(f"{name}_{side}")
-        turned = float(np.ptp(q[:, column]))
+        turned = _turn(problem, nodes, f"{name}_{side}")
         if turned < NEEDED_TURN:
             out.append(
                 f"{problem.name}: {joint} moved only {np.rad2deg(turned):.0f} deg in {_WORDS[name]}; at least "

@@ -14,7 +14,9 @@ direction with singular value s of the scaled residual each seed keeps w / (w + 
 Data without noise can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
 `consistent` (default): every body stays physically possible, total mass and left-right symmetry are exact, because
 the variables are logarithms: m_k = M softmax, second moments of mass exp(.), hence positive moments that obey the
-triangle inequality; one pass, s_n the spread of the anthropometric table.
+triangle inequality; s_n the spread of the anthropometric table. What is left of F / BW and T / (BW L) is the noise that
+the spread is weighed against: its standard deviation is what the fit leaves, found by repeating (feasible generalised
+least squares), and at least what measurement alone brings.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from gaitcal.calibration.ending import ending
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
@@ -40,6 +43,8 @@ Array = NDArray[np.float64]
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""
 MOST_SEEDS = 200
+NOISE_CHANGE = 1e-3
+"""The noise of the pelvis residual is known when it changes by less than this share."""
 
 
 class TorqueScale(Enum):
@@ -166,7 +171,7 @@ def fit_published(
         )
         inertial = base + s @ (result.x * scale)
         iterations += int(result.nfev)
-        message, converged = str(result.message), bool(result.status > 0)
+        message, converged = ending(result), bool(result.status > 0)
         jac = jacobian(result.x) / scale
         rms = equations.rms(inertial)
         settled = all(abs(new - old) <= RESEED_CHANGE * old or new < 1e-9 for new, old in zip(rms, last, strict=True))
@@ -194,28 +199,37 @@ def fit_consistent(
     began = time.perf_counter()
     settings = settings or ConsistentSettings()
     chart = LogChart(seed, which)
-    weight = 1.0 / (settings.residual * np.sqrt(settings.independent))
     spread = chart.spread(settings)
+    x, noise, iterations = np.zeros(chart.size), settings.residual, 0
 
-    def residual(x: Array) -> Array:
-        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
-        return np.concatenate([weight * gap, x / spread])
+    def gap(x: Array) -> Array:
+        out: Array = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        return out
 
-    def jacobian(x: Array) -> Array:
+    def residual(x: Array, weight: float) -> Array:
+        return np.concatenate([weight * gap(x), x / spread])
+
+    def jacobian(x: Array, weight: float) -> Array:
         by_ip = _by_inertial(equations.factor, chart.inertial(x))
         return np.vstack([weight * by_ip @ chart.jacobian(x), np.diag(1.0 / spread)])
 
-    result = least_squares(residual, np.zeros(chart.size), jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13)
-    inertial = chart.inertial(result.x)
+    for _ in range(MOST_SEEDS):
+        weight = 1.0 / (noise * np.sqrt(settings.independent))
+        result = least_squares(residual, x, jac=jacobian, args=(weight,), method="lm", ftol=1e-13, xtol=1e-13)
+        x, iterations = result.x, iterations + int(result.nfev)
+        last, noise = noise, max(settings.residual, float(np.linalg.norm(gap(x)) / np.sqrt(6.0 * equations.frames)))
+        if abs(noise - last) < NOISE_CHANGE * last:
+            break
+    inertial = chart.inertial(x)
     return InertialFit(
         which.names,
         inertial,
-        chart.jacobian(result.x),
-        jacobian(result.x),
+        chart.jacobian(x),
+        jacobian(x, weight),
         *equations.rms(inertial),
         1,
-        int(result.nfev),
+        iterations,
         time.perf_counter() - began,
         bool(result.status > 0),
-        str(result.message),
+        ending(result),
     )

@@ -29,7 +29,7 @@ class ConsistentSettings:
     moment_spread: float = 0.15
     """Standard deviation of the logarithm of a second moment of mass."""
     residual: float = 0.01
-    """Standard deviation of F / BW and T / (BW L) that stems from measurement, not from inertia."""
+    """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not from inertia."""
     independent: float = 10.0
     """Frames per independent sample: neighbouring frames of a residual repeat each other."""
 

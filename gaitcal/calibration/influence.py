@@ -9,14 +9,19 @@ the cluster-robust sandwich (Liang and Zeger 1986)
 
 with residuals first inflated for what the motion itself has absorbed: r / (1 - h), h the leverage of the coordinate in
 its frame's own least-squares problem (Mancini and DeRouen 2001; skin noise is slow against the splines, so that the
-motion of a frame can follow it). Any quantity that depends on theta, a torque at a frame, gets its standard error from
+motion of a frame can follow it). Parameters k that are not free are not exact either, nor are the centres c of priors
+L (p - c): with errors d p_k, d c of their own, from an earlier phase or of the nominal model,
+
+    d p = -H^-1 (sum_c u_c + S_pk d p_k - L^T L d c),        H = S_pp + L^T L.
+
+Any quantity that depends on theta, a torque at a frame, gets its standard error from
 the same d theta_c by its derivative.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +30,7 @@ from scipy.sparse import csr_array
 from gaitcal.calibration.joint_calibration import JointFit
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.chain import ChainConstants
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
@@ -35,6 +41,10 @@ Array = NDArray[np.float64]
 
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
+NOMINAL_POSITION = 0.010 / np.sqrt(3.0)
+"""m, standard deviation of nominal joint positions: uniform within 10 mm, the widest of the published Monte Carlo."""
+NOMINAL_ORIENTATION = np.deg2rad(10.0) / np.sqrt(3.0)
+"""rad, the same of nominal axes: uniform within 10 deg."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +57,23 @@ class TrialScores:
     """(nn * nq, nc) H_qq^-1 g_c: what the nodes alone would do, negative."""
     sensitivity: Array
     """(nn * nq, np_t) H_qq^-1 H_qp."""
+    hessian: Array
+    """(np_t, np_t) S = H_pp - H_pq H_qq^-1 H_qp."""
     clusters: tuple[str, ...]
     """(nc,) which marker coordinate each column is: `trial/label/axis`."""
 
 
 @dataclass(frozen=True)
 class Influence:
-    """Influence of every marker coordinate of every trial on the joint parameters."""
+    """Influence of every independent source of error on the joint parameters: marker coordinates of trials, and how
+    far the nominal model may be wrong.
+    """
 
     free: tuple[str, ...]
     parameters: Array
     """(np, nc) d p_c, m and rad."""
     clusters: tuple[str, ...]
-    """(nc,) names of the marker coordinates."""
+    """(nc,) names of the sources: `trial/label/axis`, `nominal/parameter`."""
 
     @property
     def covariance(self) -> Array:
@@ -74,20 +88,54 @@ class Influence:
         return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
 
 
-def influence_of(problems: Sequence[TrialProblem], fit: JointFit) -> Influence:
-    """Influence functions at the solution of a joint calibration."""
-    place = {name: k for k, name in enumerate(fit.free)}
+def nominal_influence(names: Sequence[str] = JP_NAMES) -> Influence:
+    """How far nominal joint parameters may be wrong, each by itself."""
+    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
+    errors = np.where(position, NOMINAL_POSITION, NOMINAL_ORIENTATION)
+    return Influence(tuple(names), np.diag(errors), tuple(f"nominal/{name}" for name in names))
+
+
+def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influence | None = None) -> Influence:
+    """Influence functions at the solution of a joint calibration.
+
+    Parameters
+    ----------
+    known : errors of the joint parameters before this fit: of its priors' centres, and of what it kept fixed; exact
+        unless given. Its rows that the fit leaves alone are those of the result, too.
+    """
+    known = known or Influence((), np.zeros((0, 0)), ())
+    names = tuple(dict.fromkeys((*fit.free, *known.free)))
+    place = {name: k for k, name in enumerate(names)}
     pulls: list[Array] = []
-    clusters: list[str] = []
+    own: list[str] = []
+    hessian = np.zeros((len(names), len(names)))
     for problem, nodes in zip(problems, fit.nodes, strict=True):
-        opened = problem.with_free(fit.free)
+        opened = problem.with_free(names)
         scores = trial_scores(opened, fit.parameters, nodes)
-        pull = np.zeros((len(fit.free), len(scores.clusters)))
-        pull[[place[name] for name in opened.chain.free]] = scores.reduced
+        rows = [place[name] for name in opened.chain.free]
+        pull = np.zeros((len(names), len(scores.clusters)))
+        pull[rows] = scores.reduced
+        hessian[np.ix_(rows, rows)] += scores.hessian
         pulls.append(pull)
-        clusters += scores.clusters
-    hessian = fit.state.hessian + np.diag(fit.prior**2)
-    return Influence(fit.free, -_inverse(hessian) @ np.hstack(pulls), tuple(clusters))
+        own += scores.clusters
+    clusters = tuple(dict.fromkeys((*known.clusters, *own)))
+    column = {name: k for k, name in enumerate(clusters)}
+    error = np.zeros((len(names), len(clusters)))
+    error[np.ix_([place[n] for n in known.free], [column[c] for c in known.clusters])] = known.parameters
+    count, prior = len(fit.free), fit.prior.T @ fit.prior
+    right = hessian[:count, count:] @ error[count:] - prior @ error[:count]
+    right[:, [column[c] for c in own]] += np.hstack(pulls)[:count]
+    error[:count] = -_inverse(hessian[:count, :count] + prior) @ right
+    return Influence(names, error, clusters)
+
+
+def data_covariance(problems: Sequence[TrialProblem], fit: JointFit) -> tuple[Array, Array]:
+    """(np, np) covariance that the markers alone give the free parameters, priors left out, and the (np, n) directions
+    of parameters that the markers cannot see at all.
+    """
+    alone = influence_of(problems, replace(fit, prior=np.zeros((0, len(fit.free)))))
+    values, vectors = np.linalg.eigh(fit.state.hessian)
+    return alone.covariance, vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
 
 
 def _inverse(hessian: Array) -> Array:
@@ -105,8 +153,13 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
     by_node, by_parameter = _cluster_gradients(problem, constants, nodes)
     sensitivity = factor.solve(equations.mixed) if equations.mixed.shape[1] else np.zeros((len(by_node), 0))
     clusters = tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz")
+    hessian = equations.parameters - equations.mixed.T @ sensitivity
     return TrialScores(
-        by_parameter - sensitivity.T @ by_node, factor.solve(np.asfortranarray(by_node)), sensitivity, clusters
+        by_parameter - sensitivity.T @ by_node,
+        factor.solve(np.asfortranarray(by_node)),
+        sensitivity,
+        0.5 * (hessian + hessian.T),
+        clusters,
     )
 
 

@@ -15,12 +15,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.calibration.influence import Influence, basis_matrix
+from gaitcal.calibration.marker_moves import BLOCK, MarkerMoves, marker_moves
 from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, placed_dynamic_parameters
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.spline import ORDER
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ def torque_standard_errors(
     wrenches: Array,
     joint: Influence | None,
     inertial: Array | None,
+    moves: MarkerMoves | None = None,
 ) -> Array:
     """(nf, 29) standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial.
 
@@ -42,45 +45,33 @@ def torque_standard_errors(
     wrenches : (nf, 2, 6) ground reactions on the feet, taken as exact.
     joint : influence on the joint parameters; None where they were not calibrated.
     inertial : (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
+    moves : what the markers move, where it is known already.
     """
     basis = problem.basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
     free = joint.free if joint else ()
-    slopes = force_derivatives(parameters, free, q, v, a, wrenches)
-    moved = _marker_part(problem, nodes, parameters, joint, slopes)
-    variance = (moved**2).sum(axis=2)
-    if inertial is not None:
-        variance += _inertial_variance(parameters, inertial, q, v, a)
+    moves = moves or marker_moves(problem, nodes, parameters, joint)
+    variance = np.empty((len(q), len(COORDINATES) + len(REACTIONS)))
+    for start in range(0, len(q), BLOCK):
+        part = slice(start, min(start + BLOCK, len(q)))
+        slopes = force_derivatives(parameters, free, q[part], v[part], a[part], wrenches[part])
+        variance[part] = (_marker_part(problem, part, moves, slopes) ** 2).sum(axis=2)
+        if inertial is not None:
+            variance[part] += _inertial_variance(parameters, inertial, q[part], v[part], a[part])
     out: Array = np.sqrt(variance)
     return out
 
 
-def _marker_part(
-    problem: TrialProblem, nodes: Array, parameters: Parameters, joint: Influence | None, slopes: ForceDerivatives
-) -> Array:
-    """(nf, 29, nc) d tau_c; this trial's own marker coordinates first, then those of other trials."""
-    scores = trial_scores(problem.with_free(slopes.free), parameters, nodes)
-    own = scores.clusters
-    everything = own if joint is None else tuple(dict.fromkeys((*own, *joint.clusters)))
-    change = np.zeros((basis_size(problem), len(everything)))
-    change[:, : len(own)] = -scores.nodes
-    shift = np.zeros((len(slopes.free), len(everything)))
-    if joint is not None:
-        place = {c: k for k, c in enumerate(everything)}
-        order = [joint.free.index(name) for name in slopes.free]
-        shift[:, [place[c] for c in joint.clusters]] = joint.parameters[order]
-        change -= scores.sensitivity @ shift
-    by_node = change.reshape(problem.basis.nodes, -1)
-    nf, nq = len(problem.basis.time), len(problem.chain.coordinates)
-    out: Array = np.einsum("frp,pc->frc", slopes.by_parameter, shift)
+def _marker_part(problem: TrialProblem, part: slice, moves: MarkerMoves, slopes: ForceDerivatives) -> Array:
+    """(frames of the part, 29, nc) d tau_c."""
+    basis, nq = problem.basis, len(problem.chain.coordinates)
+    near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
+    by_node = moves.change(slice(near.start * nq, near.stop * nq)).reshape(near.stop - near.start, -1)
+    out: Array = slopes.by_parameter @ moves.shift
     for k, slope in enumerate((slopes.by_position, slopes.by_velocity, slopes.by_acceleration)):
-        out += slope @ (basis_matrix(problem.basis, k) @ by_node).reshape(nf, nq, -1)
+        weights = basis_matrix(basis, k)[part, near]
+        out += slope @ (weights @ by_node).reshape(part.stop - part.start, nq, -1)
     return out
-
-
-def basis_size(problem: TrialProblem) -> int:
-    """Number of nodes times coordinates."""
-    return problem.basis.nodes * len(problem.chain.coordinates)
 
 
 def _inertial_variance(parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:

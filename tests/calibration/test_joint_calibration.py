@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from gaitcal.calibration import reduced_problem
 from gaitcal.calibration.approach import approach
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
@@ -16,12 +17,13 @@ from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import TrackSettings
 from gaitcal.motion.trial_data import NodeRule, trial_problem
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.recording import Recording
-from gaitcal.study.synthetic_data import synthetic_markers
+from gaitcal.study.synthetic_data import marker_noise, synthetic_markers
 from gaitcal.study.synthetic_motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 
@@ -123,6 +125,32 @@ def test_a_strong_prior_keeps_parameters_where_they_are() -> None:
     assert np.abs(weak.values - values(start, KNEE)).max() > 1e-2
 
 
+def test_what_earlier_trials_know_counts_like_their_markers() -> None:
+    """One trial after the other, the first one's matrix kept, comes to the solution of both at once (small noise)."""
+    rng = np.random.default_rng(11)
+    truth = perturbed_parameters(rng)
+    trials = []
+    for frames in (60, 50):
+        problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
+        measured = problem.data.measured + rng.normal(0, 1e-4, problem.data.measured.shape)
+        trials.append(replace(problem, data=replace(problem.data, measured=measured)))
+    starts = [starting_nodes(p.chain, p.constants(truth), p.data, p.basis) for p in trials]
+    together = calibrate_joints(trials, truth, KNEE, starts)
+    first = calibrate_joints(trials[:1], truth, KNEE, starts[:1])
+    at = [JP_INDEX[name] for name in first.free]
+    information = np.zeros((98, 98))
+    information[np.ix_(at, at)] = first.state.hessian
+    after = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:], information=information)
+    alone = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:])
+    gap, without = (np.linalg.norm(found.values - together.values) for found in (after, alone))
+    assert gap < 0.05 * without
+    errors = [list(influence_of(p, f).standard_errors.values()) for p, f in ((trials, together), (trials[:1], first))]
+    known = influence_of(trials[1:], after, influence_of(trials[:1], first))
+    ratio = np.array(list(known.standard_errors.values())) / errors[0]
+    assert ((ratio > 0.6) & (ratio < 1.6)).all()  # sandwiches of different residuals
+    assert np.median(np.array(errors[0]) / errors[1]) < 0.95
+
+
 def test_standard_errors_are_those_of_repeated_white_noise() -> None:
     """The scatter of the estimates over many draws against the mean standard error."""
     problem, truth = knee_trial(7, frames=60)
@@ -138,3 +166,42 @@ def test_standard_errors_are_those_of_repeated_white_noise() -> None:
     # 60 draws know a standard deviation to 9 %; the leverage correction is cautious where noise is white
     assert ratio.min() > 0.7
     assert ratio.max() < 2.0
+
+
+def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, truth = knee_trial(9, noise=0.004)
+    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
+    used: list[int] = []
+    plain = reduced_problem._with_kept
+    monkeypatch.setattr(reduced_problem, "_with_kept", lambda *a: (used.append(1), plain(*a))[1])
+    kept = fit(problem, start, KNEE)
+    assert used
+    opened = problem.with_free(KNEE)
+    equations = opened.equations(kept.nodes[0], opened.constants(kept.parameters))
+    solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
+    whole = equations.parameters - equations.mixed.T @ solved
+    np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
+    assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
+    np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
+    monkeypatch.setattr(reduced_problem, "KEPT", 0.0)
+    fresh = fit(problem, start, KNEE)
+    np.testing.assert_allclose(kept.values, fresh.values, rtol=0, atol=2e-5)
+    assert kept.state.cost == pytest.approx(fresh.state.cost, rel=1e-9)
+
+
+def test_a_refused_step_leads_nowhere() -> None:
+    """Half the published subject's joint parameters from gait alone: it hardly shows some of them, so that steps are
+    long and some refused. The motions they folded must not be where the next ones start.
+    """
+    model, motion = published_model(), gait_motion()
+    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    noisy = markers + marker_noise(motion.basis.time, markers.shape[1], np.random.default_rng(1))
+    recording = Recording("gait", motion.basis.time, model.markers.labels, noisy)
+    problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
+    few = (*gait_parameters("r"), *gait_parameters("l"))
+    many = tuple(
+        n for joint in ("hip", "knee", "ankle") for side in "rl" for n in isolated_parameters(f"{joint}_{side}")
+    )
+    assert set(few) < set(many)
+    costs = [fit(problem, model.parameters, free, most_evaluations=60).state.cost for free in (few, many)]
+    assert costs[1] < costs[0]
