@@ -2,7 +2,8 @@
 
 A plate's loaded stretches are given to the foot under whose sole the centre of pressure lies, stretch by stretch,
 unless the study says which foot it is. Whether a foot is down at all is told by its motion alone: its heel or its toe
-rests. Where a foot is down and no plate carries it, the ground reaction is not known and the frame is not valid.
+rests. Where a foot is down and no plate carries it, or where it rests partly beside its plate, the ground reaction is
+not known and the frame is not valid. The size of the forces plays no part in this: residuals stay a check.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.recording import ForcePlate
 
@@ -26,7 +28,8 @@ LOADED = 20.0
 RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
 EDGE = 0.08
-"""s by which resting, loading and true contact may differ at the beginning and end of a contact."""
+"""s by which resting and true contact may differ at the beginning and end of a contact; on plates they differ by up to
+0.04 s (`subject01`, `pig_c3d`)."""
 UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
 SPLINE_ENDS = 2
@@ -43,10 +46,12 @@ class FootPoints:
     """(nf, 2, 3) m."""
     toe: Array
     """(nf, 2, 3) m."""
+    tip: Array
+    """(nf, 2, 3) m, the foremost point of the sole."""
     heel_speed: Array
-    """(nf, 2) m/s."""
+    """(nf, 2) m/s, against the ground."""
     toe_speed: Array
-    """(nf, 2) m/s."""
+    """(nf, 2) m/s, against the ground."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +61,28 @@ class GroundReactions:
     wrench: Array
     """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
     valid: BoolArray
-    """(nf,) every foot on the ground is on a plate."""
+    """(nf,) every foot on the ground is wholly on a plate."""
     loaded: BoolArray
     """(nf, 2) a plate carries the foot."""
     resting: BoolArray
     """(nf, 2) the foot is down, judged by its motion."""
     notes: tuple[str, ...]
+    """What was found and assumed."""
+    warnings: tuple[str, ...] = ()
+    """What speaks against these ground reactions."""
+
+
+def ground_velocity(points: Array, velocity: Array) -> Array:
+    """(3,) m/s, how the ground moves under feet with points and velocities (nf, n, 3): the median of the lowest one's.
+
+    Zero on a floor, the belt's velocity on a treadmill; zero, too, where it is less than a resting foot's.
+    """
+    whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
+    if not whole.any():
+        return np.zeros(3)
+    lowest = points[whole, :, 1].argmin(axis=1)
+    out: Array = np.median(velocity[whole, lowest], axis=0)
+    return out if np.linalg.norm(out) > RESTING else np.zeros(3)
 
 
 def ground_reactions_on_feet(
@@ -84,7 +105,9 @@ def ground_reactions_on_feet(
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes: list[str] = []
+    warnings: list[str] = []
     covered = np.ones(len(time), dtype=bool)
+    carriers: list[tuple[int, slice, ForcePlate]] = []
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
         smooth = resample_wrench(plate if cutoff is None else filter_plate(plate, cutoff), time)
@@ -97,18 +120,49 @@ def ground_reactions_on_feet(
                 continue
             span = f"{time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
             if foot is None:
-                notes.append(f"plate {plate.name}, {span}: the centre of pressure is under neither foot; left out")
+                warnings.append(f"plate {plate.name}, {span}: the centre of pressure is under neither foot; left out")
                 continue
             wide = _widen(stretch, raw[:, 1] > LOADED, time, cutoff)
             wrench[wide, foot] += smooth[wide]
             loaded[stretch, foot] = True
+            carriers.append((foot, stretch, plate))
             how = "as the study says" if told else "by its centre of pressure"
             notes.append(f"plate {plate.name}, {span}: {('right', 'left')[foot]} foot, {how}")
     resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
-    unmeasured = _near(resting & ~_near(loaded, time), time)
+    unmeasured = near(resting & ~near(loaded, time), time)
     valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
     valid &= (time >= time[0] + ends) & (time <= time[-1] - ends)
-    return GroundReactions(wrench, valid, loaded, resting, tuple(notes))
+    partly, beside = _beside_plates(carriers, time, feet)
+    return GroundReactions(wrench, valid & ~partly, loaded, resting, tuple(notes), (*warnings, *beside))
+
+
+def _beside_plates(
+    carriers: Sequence[tuple[int, slice, ForcePlate]], time: Array, feet: FootPoints
+) -> tuple[BoolArray, list[str]]:
+    """Frames in which an end of a loaded foot rests beside the plates that carry it, and what to say of them."""
+    partly, notes = np.zeros(len(time), dtype=bool), []
+    for foot, stretch, plate in carriers:
+        on = [other for k, where, other in carriers if k == foot and _meet(where, stretch)]
+        span = f"plate {plate.name}, {time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
+        if not all(outline_known(other, LOADED) for other in on):
+            if plate.corners is not None:
+                notes.append(f"{span}: the centre of pressure leaves the plate's corners; corners not used")
+            continue
+        for name, at, speed in (("heel", feet.heel, feet.heel_speed), ("toes", feet.tip, feet.toe_speed)):
+            away = outside(on, at[stretch, foot])
+            beside = (speed[stretch, foot] < RESTING) & (away > OVERHANG_M)
+            if beside.any():
+                partly[stretch] |= beside
+                first, last = time[stretch][beside][[0, -1]]
+                end, most = f"{name} of the {('right', 'left')[foot]} foot", 1e3 * away[beside].max()
+                notes.append(
+                    f"{span}: the {end} rest up to {most:.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
+                )
+    return partly, notes
+
+
+def _meet(one: slice, other: slice) -> bool:
+    return bool(one.start < other.stop and other.start < one.stop)
 
 
 def _stretches(active: BoolArray, time: Array) -> list[slice]:
@@ -137,27 +191,31 @@ def _foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
     w = wrench[stretch]
     cop = np.stack([w[:, 5] / w[:, 1], -w[:, 3] / w[:, 1]], axis=1)
     distances = [
-        np.average(_to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1])
+        np.average(
+            distance_to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1]
+        )
         for k in range(len(FEET))
     ]
     best = int(np.argmin(distances))
     return best if distances[best] < UNDER_FOOT else None
 
 
-def _to_line(point: Array, a: Array, b: Array) -> Array:
+def distance_to_line(point: Array, a: Array, b: Array) -> Array:
+    """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
     along = b - a
     t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
     out: Array = np.linalg.norm(a + t[:, None] * along - point, axis=1)
     return out
 
 
-def _near(marked: BoolArray, time: Array) -> BoolArray:
-    """Frames within `EDGE` of a marked one, foot by foot."""
-    out = marked.copy()
-    for foot in range(marked.shape[1]):
-        at = time[marked[:, foot]]
-        if len(at):
-            place = np.clip(np.searchsorted(at, time), 1, len(at) - 1) if len(at) > 1 else np.zeros(len(time), int)
-            gap = np.minimum(np.abs(time - at[place]), np.abs(time - at[np.maximum(place - 1, 0)]))
-            out[:, foot] |= gap <= EDGE
+def near(marked: BoolArray, time: Array) -> BoolArray:
+    """(nf,) or (nf, feet) frames within `EDGE` of a marked one, at `time` (nf,) s."""
+    if marked.ndim > 1:
+        return np.stack([near(column, time) for column in marked.T], axis=1)
+    at = time[marked]
+    if not len(at):
+        return marked.copy()
+    place = np.clip(np.searchsorted(at, time), min(1, len(at) - 1), len(at) - 1)
+    gap = np.minimum(np.abs(time - at[place]), np.abs(time - at[np.maximum(place - 1, 0)]))
+    out: BoolArray = marked | (gap <= EDGE)
     return out

@@ -19,6 +19,9 @@ DOMINANT = 0.8
 PROGRESSION_M = 0.5
 """Horizontal way above which a trial has a direction of its own; less is a step on the spot."""
 
+OFF_X_DEG = 10.0
+"""Angle between walk and x above which pelvis list and tilt mix noticeably: a sixth of the one is in the other."""
+
 AXES = "xyz"
 
 
@@ -177,10 +180,12 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
     """Quarter turns about y until x is nearest to the way the body goes.
 
     A trial that moves less than PROGRESSION_M takes `forward` (3,), the direction the body faces, if given; else it
-    stays. The whole recording turns, so x is within 45 degrees of the progression, and no number is rounded.
+    stays. The whole recording turns, so x is within 45 degrees of the progression, and no number is rounded. A note
+    tells a walk that is then more than OFF_X_DEG off x.
     """
     way = net_progression(recording)
-    if np.hypot(way[0], way[2]) <= PROGRESSION_M:
+    walks = bool(np.hypot(way[0], way[2]) > PROGRESSION_M)
+    if not walks:
         if forward is None:
             return recording
         way = np.asarray(forward, dtype=np.float64)
@@ -188,7 +193,22 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
     if not np.all(np.isfinite(along)) or not along.any():
         return recording
     choice = int(np.argmax(along))
+    notes = _off_x(ABOUT_Y[choice].apply(way)) if walks else ()
     if choice == 0:
-        return recording
+        return recording.with_notes(*notes) if notes else recording
     turned = turn_recording(recording, ABOUT_Y[choice])
-    return turned.with_notes(f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x.")
+    told = f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x."
+    return turned.with_notes(told, *notes)
+
+
+def _off_x(way: Array) -> tuple[str, ...]:
+    """What a way (3,) that is not along x means for the angles."""
+    angle = float(np.rad2deg(np.arctan2(way[2], way[0])))
+    if abs(angle) <= OFF_X_DEG:
+        return ()
+    side = "right" if angle > 0 else "left"
+    return (
+        f"The walk goes {abs(angle):.0f} deg to the {side} of x: pelvis angles are relative to "
+        "the laboratory's x, so list and tilt mix and rotation holds this angle; other joint angles and torques do "
+        "not depend on it.",
+    )

@@ -93,7 +93,9 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
             notes.append(f"Plate {plate.name}: its corners are numbered against the standard (its z axis points up).")
         if pushes_down(force, up):
             force, moment = -force, -moment
-            notes.append(f"Plate {plate.name}: its force pointed down; it was turned round to act on the body.")
+            notes.append(
+                f"Plate {plate.name}: its force pointed down; force and moment were turned round to act on the body."
+            )
         ready.append(plate_from_moment(plate.name, plate.time, force, moment, frame.centre, normal, frame.corners))
     return tuple(ready), tuple(notes)
 

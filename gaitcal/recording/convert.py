@@ -2,7 +2,7 @@
 
 | from        | to                                                                                     |
 |-------------|----------------------------------------------------------------------------------------|
-| C3D         | CSV (and NAME_forces.csv where it has plates), TRC (and NAME_forces.mot)                |
+| C3D         | CSV (with plates: NAME_forces.csv, too), TRC (NAME_forces.mot); corners: NAME_plates.csv |
 | TRC         | CSV, C3D                                                                               |
 | CSV markers | TRC, C3D (with the plates of NAME_forces.csv, where that lies beside it)                |
 | MOT, STO    | CSV of forces                                                                          |
@@ -19,8 +19,9 @@ from gaitcal.recording.c3d_write import write_c3d
 from gaitcal.recording.csv import is_force_header, read_header, write_forces_csv, write_markers_csv
 from gaitcal.recording.input_file import require_file
 from gaitcal.recording.mot import write_forces_mot
+from gaitcal.recording.plates_csv import plates_file, write_plates_csv
 from gaitcal.recording.read import read_forces, read_recording
-from gaitcal.recording.recording import Recording
+from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.recording.trc import write_trc
 
 MARKER_TARGETS = (".csv", ".trc", ".c3d")
@@ -55,7 +56,7 @@ def _convert_forces(old: Path, new: Path) -> tuple[Path, ...]:
         write_forces_csv(new, forces.plates)
     else:
         write_forces_mot(new, forces.plates)
-    return (new,)
+    return (new, *_write_corners(new, forces.plates))
 
 
 def _write_markers(recording: Recording, new: Path) -> tuple[Path, ...]:
@@ -68,8 +69,18 @@ def _write_markers(recording: Recording, new: Path) -> tuple[Path, ...]:
         forces = new.with_name(f"{new.stem}_forces{'.csv' if ending == '.csv' else '.mot'}")
         (write_forces_csv if ending == ".csv" else write_forces_mot)(forces, recording.plates)
         written.append(forces)
+        written += _write_corners(forces, recording.plates)
     (write_markers_csv if ending == ".csv" else write_trc)(new, recording)
     return tuple(written)
+
+
+def _write_corners(forces: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, ...]:
+    """Beside a file of forces; where there are none, a table that lies there already is emptied, as it is another's."""
+    path = plates_file(forces)
+    if not path.exists() and all(plate.corners is None for plate in plates):
+        return ()
+    write_plates_csv(path, plates)
+    return (path,)
 
 
 def _require_ending(new: Path, allowed: tuple[str, ...], old: Path) -> None:

@@ -1,7 +1,8 @@
 """Our own wide CSV tables: y up, metres, seconds, N, N·m, by definition. Nothing is converted on reading.
 
 Markers: `time,RASI_x,RASI_y,RASI_z,...`; an empty cell is a gap.
-Forces: `time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...`: force, point, moment about the point.
+Forces: `time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...`: force, point, moment about the point; the plates'
+corners lie beside it in NAME_plates.csv (`plates_csv`).
 Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin with
 `#` are comments.
 """
@@ -100,7 +101,7 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
 
 
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """Plates with one common time as a wide table that reads back bit for bit (corners are not kept)."""
+    """Plates with one common time as a wide table that reads back bit for bit (corners: `plates_csv`)."""
     time, values = on_one_time(plates, path)
     names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
     _write(path, names, time, values)

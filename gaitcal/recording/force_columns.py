@@ -105,5 +105,5 @@ def build_plate(
     plate = ForcePlate(name, time, force, point, moment)
     if pushes_down(force, UP):
         plate = turned_round(plate)
-        notes += (f"Plate {name}: its force pointed down; it was turned round to act on the body.",)
+        notes += (f"Plate {name}: its force pointed down; force and moment were turned round to act on the body.",)
     return plate, notes

@@ -8,6 +8,7 @@ is removed here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,15 @@ class Forces:
     notes: tuple[str, ...] = ()
 
 
-def read_table(path: Path) -> Table:
-    """Any MOT or STO table."""
+def read_table(path: str | PathLike[str]) -> Table:
+    """Any MOT or STO table.
+
+    Raises
+    ------
+    InputError
+        Every fault of the file, in one line: file, field, what was found, what is allowed.
+    """
+    path = Path(path)
     lines = read_lines(path)
     end = next((i for i, line in enumerate(lines[:LONGEST_HEADER]) if line.strip().lower() == "endheader"), None)
     if end is None:

@@ -13,6 +13,7 @@ from gaitcal.recording.c3d import read_c3d
 from gaitcal.recording.csv import read_forces_csv, read_markers_csv
 from gaitcal.recording.input_file import require_file
 from gaitcal.recording.mot import Forces, read_mot_forces
+from gaitcal.recording.plates_csv import with_corners
 from gaitcal.recording.recording import Recording
 from gaitcal.recording.trc import read_trc
 
@@ -24,8 +25,13 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     """Markers of a .c3d, .trc or .csv file, and its plates.
 
     The plates are those of `forces` (.mot, .sto, .csv) if given, else the C3D file's own. Metres, seconds, newtons, y
-    up; the turn to the progression is `turn_to_progression`. Every fault of a file is an InputError of one line. Sizes
-    are not judged here: millimetres declared as metres are for `gaitcal check`.
+    up; the turn to the progression is `turn_to_progression`. Sizes are not judged here: millimetres declared as metres
+    are for `gaitcal check`.
+
+    Raises
+    ------
+    InputError
+        Every fault of a file, in one line: file, field, what was found, what is allowed.
     """
     file = Path(path)
     reader = MARKER_READERS.get(file.suffix.lower())
@@ -43,13 +49,18 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
 
 
 def read_forces(path: str | PathLike[str]) -> Forces:
-    """Plates of a .mot, .sto or .csv file, y up, in m, N and N·m by definition of these formats."""
+    """Plates of a .mot, .sto or .csv file, y up, in m, N and N·m by definition of these formats.
+
+    Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
+    """
     file = Path(path)
     reader = FORCE_READERS.get(file.suffix.lower())
     if reader is None:
         raise _unknown_ending(file, tuple(FORCE_READERS))
     with np.errstate(all="ignore"):
-        return reader(file)
+        forces = reader(file)
+    plates, told = with_corners(forces.plates, file)
+    return replace(forces, plates=plates, notes=forces.notes + told)
 
 
 def _unknown_ending(file: Path, allowed: tuple[str, ...]) -> InputError:

@@ -62,6 +62,7 @@ class Recording:
     markers: Array
     """(nf, nm, 3) m; NaN where a marker was not seen."""
     plates: tuple[ForcePlate, ...] = ()
+    """Force plates, in the order of the file; none where forces were not recorded."""
     notes: tuple[str, ...] = field(default=())
     """What was assumed, converted or left out on reading, one sentence each; shown in every output."""
 

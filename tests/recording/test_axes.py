@@ -100,6 +100,20 @@ def test_wrenches_turn_with_the_markers() -> None:
     np.testing.assert_allclose(wrench[:, 3:], expected[:, 3:] @ rotation.T, atol=1e-9)
 
 
+@pytest.mark.parametrize("turn", ABOUT_Y)
+@pytest.mark.parametrize(("degrees", "side"), [(9.0, ""), (12.0, "12 deg to the right"), (-30.0, "30 deg to the left")])
+def test_a_walk_off_x_is_told(turn: Turn, degrees: float, side: str) -> None:
+    """Z is to the right; the angle is that of the turned recording, whatever the file's axes."""
+    standing = body(speed=0.0)
+    way = np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
+    walk = replace(standing, markers=standing.markers.copy())
+    walk.markers[..., [0, 2]] += np.linspace(0, 1, 50)[:, None, None] * way
+    notes = turn_to_progression(turn_recording(walk, inverse(turn))).notes
+    about = [note for note in notes if "pelvis angles are relative to the laboratory's x" in note]
+    assert len(about) == bool(side)
+    assert all(side in note for note in about)
+
+
 @pytest.mark.parametrize("way", [(1.0, 0.3), (0.3, 1.0), (-1.0, 0.3), (0.3, -1.0)])
 def test_the_nearest_quarter_turn_is_taken(way: tuple[float, float]) -> None:
     """`way` is x and z of the progression; afterwards x has the larger part, forwards, and z the smaller."""

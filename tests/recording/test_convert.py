@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.recording import Recording, convert, read_forces, read_recording, write_c3d, write_forces_csv, write_trc
+from gaitcal.recording.plates_csv import write_plates_csv
 from tests.recording.recordings import body, loaded_body
 
 
@@ -21,6 +22,9 @@ def require_same(found: Recording, expected: Recording) -> None:
         assert a.name == b.name
         for field in ("time", "force", "point", "moment"):
             np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+        assert (a.corners is None) == (b.corners is None)
+        if a.corners is not None:
+            np.testing.assert_array_equal(a.corners, b.corners)
 
 
 @pytest.mark.parametrize(
@@ -35,8 +39,47 @@ def require_same(found: Recording, expected: Recording) -> None:
 )
 def test_a_real_c3d_and_its_csv_are_the_same_bits(data_dir: Path, tmp_path: Path, file: str) -> None:
     written = convert(data_dir / file, tmp_path / "out.csv")
-    assert written == (tmp_path / "out.csv", tmp_path / "out_forces.csv")
+    assert written == tuple(tmp_path / f"out{kind}.csv" for kind in ("", "_forces", "_plates"))
     require_same(read_recording(written[0], forces=written[1]), read_recording(data_dir / file))
+
+
+def test_corners_go_with_the_forces_and_not_with_others(tmp_path: Path) -> None:
+    plate = loaded_body().plates[0]
+    write_forces_csv(tmp_path / "a_forces.csv", (plate,))
+    assert read_forces(tmp_path / "a_forces.csv").plates[0].corners is None
+    write_plates_csv(tmp_path / "a_plates.csv", (plate,))
+    read = read_forces(tmp_path / "a_forces.csv")
+    np.testing.assert_array_equal(read.plates[0].corners, plate.corners)
+    assert any("a_plates.csv" in note for note in read.notes)
+    written = convert(tmp_path / "a_forces.csv", tmp_path / "b_forces.mot")
+    assert written == (tmp_path / "b_forces.mot", tmp_path / "b_plates.csv")
+    np.testing.assert_array_equal(read_forces(written[0]).plates[0].corners, plate.corners)
+    (tmp_path / "a_plates.csv").unlink()
+    assert convert(tmp_path / "a_forces.csv", tmp_path / "b_forces.mot") == written
+    assert read_forces(written[0]).plates[0].corners is None
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("corner,x\n", "a header 'plate,corner,x,y,z' is needed"),
+        ("", "empty"),
+        ("plate,corner,x,y,z\n1,1,0,0,0\n", "corner 2, 3, 4 of plate '1' is missing"),
+        ("plate,corner,x,y,z\n1,5,0,0,0\n", "a corner of 1 to 4"),
+        ("plate,corner,x,y,z\n1,1,0,nan,0\n", "three numbers"),
+        ("plate,corner,x,y,z\n1,1,0,0\n", "three numbers"),
+        ("plate,corner,x,y,z\n1,one,0,0,0\n", "plate,corner,x,y,z are needed"),
+        ("plate,corner,x,y,z\n1,1,0,0,0\n1,1,0,0,0\n", "corner 1 of plate '1' twice"),
+        ("plate,corner,x,y,z\n9,1,0,0,0\n9,2,0,0,0\n9,3,0,0,0\n9,4,0,0,0\n", "found the plate '9'"),
+    ],
+)
+def test_damaged_corners_are_told(tmp_path: Path, text: str, told: str) -> None:
+    write_forces_csv(tmp_path / "a_forces.csv", loaded_body().plates)
+    (tmp_path / "a_plates.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told) as caught:
+        read_forces(tmp_path / "a_forces.csv")
+    assert "a_plates.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_trc_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
@@ -61,7 +104,8 @@ def test_mot_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) ->
 
 def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
     write_c3d(tmp_path / "x.c3d", loaded_body())
-    assert convert(tmp_path / "x.c3d", tmp_path / "y.trc") == (tmp_path / "y.trc", tmp_path / "y_forces.mot")
+    written = tuple(tmp_path / name for name in ("y.trc", "y_forces.mot", "y_plates.csv"))
+    assert convert(tmp_path / "x.c3d", tmp_path / "y.trc") == written
     require_same(
         read_recording(tmp_path / "y.trc", forces=tmp_path / "y_forces.mot"), read_recording(tmp_path / "x.c3d")
     )

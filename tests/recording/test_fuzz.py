@@ -21,50 +21,10 @@ from gaitcal.recording import (
     write_trc,
 )
 from tests.recording.recordings import loaded_body
+from tests.scripts import script
 
 MUTANTS = 200
-TOKENS = [
-    b"\t",
-    b",",
-    b"\n",
-    b"nan",
-    b"-1e400",
-    b"1e308",
-    b"\xff\xfe",
-    b"\0",
-    b"0",
-    b"-",
-    b"time",
-    b"_x",
-    b'"',
-    b"\xe2\x80\xa8",
-]
-
-
-def mutated(content: bytes, rng: np.random.Generator, head: int) -> bytes:
-    """One to eight changes, half of them among the first `head` bytes, where the structure lies."""
-    out = bytearray(content)
-    for _ in range(int(rng.integers(1, 9))):
-        if not out:
-            break
-        reach = min(head, len(out)) if rng.random() < 0.5 else len(out)
-        at = int(rng.integers(reach))
-        length = int(rng.integers(1, 20))
-        match int(rng.integers(6)):
-            case 0:
-                out[at] ^= 1 << int(rng.integers(8))
-            case 1:
-                out[at : at + length] = rng.bytes(length)
-            case 2:
-                del out[at : at + length]
-            case 3:
-                out[at:at] = TOKENS[int(rng.integers(len(TOKENS)))]
-            case 4:
-                other = int(rng.integers(len(out)))
-                out[at : at + length] = out[other : other + length]
-            case _:
-                del out[int(rng.integers(at, len(out))) :]
-    return bytes(out)
+mutated = script("fuzz_readers").mutated
 
 
 def write_marker_file(path: Path, recording: Recording) -> None:

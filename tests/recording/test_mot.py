@@ -112,7 +112,7 @@ def test_incomplete_forces_are_named(tmp_path: Path, names: list[str], message: 
 def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None:
     path = tmp_path / "t.mot"
     path.write_text(table(["a", "b"], np.array([[1, 2], [3, 4.5]]), header))
-    found = read_table(path)
+    found = read_table(str(path))  # a path as text serves too
     assert found.in_degrees is degrees
     assert found.names == ("a", "b")
     np.testing.assert_array_equal(found.column("b"), [2, 4.5])

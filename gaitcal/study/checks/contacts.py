@@ -8,23 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.ground_contact import LOADED, RESTING, SHORTEST, UNDER_FOOT
+from gaitcal.dynamics.ground_contact import LOADED, RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
+from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import BODY_N
 from gaitcal.recording.recording import ForcePlate
 from gaitcal.study.checks.evidence import FEET, SIDES, TrialEvidence, runs, spans
 from gaitcal.study.checks.finding import Finding, error, info, warning
-from gaitcal.study.checks.plates import inside
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 FLOOR_M = (-0.03, 0.15)
 """Height of a resting heel or toe marker above the centre of pressure."""
-OVERHANG_M = 0.02
-"""How far an end of a resting foot may lie outside the plate."""
-FOOT_LENGTH = 0.152
-"""Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""
 LATE_S = 0.08
 """Difference between the clocks of markers and forces that is told."""
 
@@ -63,18 +59,10 @@ class Feet:
 
         self.heel_velocity = np.gradient(self.heel, self.time, axis=0)
         self.toe_velocity = np.gradient(self.toe, self.time, axis=0)
-        self.ground = self._ground()
-
-    def _ground(self) -> Array:
-        """(3,) m/s, velocity of the ground: that of the lowest point, median over frames; not zero on a treadmill."""
-        points = np.concatenate([self.heel, self.toe], axis=1)
-        velocity = np.concatenate([self.heel_velocity, self.toe_velocity], axis=1)
-        whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
-        if not whole.any():
-            return np.zeros(3)
-        lowest = points[whole, :, 1].argmin(axis=1)
-        out: Array = np.median(velocity[whole, lowest], axis=0)
-        return out if np.linalg.norm(out) > RESTING else np.zeros(3)
+        self.ground = ground_velocity(
+            np.concatenate([self.heel, self.toe], axis=1),
+            np.concatenate([self.heel_velocity, self.toe_velocity], axis=1),
+        )
 
     def slow(self, velocity: Array) -> BoolArray:
         """(nf,) where a point with velocity (nf, 3) moves with the ground."""
@@ -86,11 +74,8 @@ class Feet:
         return self.slow(self.heel_velocity[:, foot]) | self.slow(self.toe_velocity[:, foot])
 
     def tip(self, foot: int, height: float) -> Array:
-        """(nf, 3) m, the tip of the foot of a person of this height, on the line from heel to toe marker."""
-        along = self.toe[:, foot] - self.heel[:, foot]
-        length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-        out: Array = self.heel[:, foot] + along / length * np.maximum(length, FOOT_LENGTH * height)
-        return out
+        """(nf, 3) m, the tip of the foot of a person of this height (m)."""
+        return foot_tip(self.heel[:, foot], self.toe[:, foot], height)
 
     def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
         """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where it is not seen."""
@@ -98,10 +83,7 @@ class Feet:
         if not known.any():
             return float("inf")
         a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
-        p = point[known][:, [0, 2]]
-        along = b - a
-        t = np.clip(np.sum((p - a) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-12), 0, 1)
-        return float(np.average(np.linalg.norm(a + t[:, None] * along - p, axis=1), weights=load[known]))
+        return float(np.average(distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
 
 
 def steps(trial: TrialEvidence, feet: Feet) -> list[Step]:
@@ -140,7 +122,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
         yield from _which_foot(trial, step)
         if np.isfinite(step.distance) and step.distance < UNDER_FOOT:
             yield from _height(trial, feet, step)
-            yield from _overhang(trial, feet, step)
+            yield from overhang(trial, feet, step)
     yield from _clocks(trial, feet, [s for s in found if s.distance < UNDER_FOOT])
 
 
@@ -195,7 +177,8 @@ def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
         )
 
 
-def _overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+    """A step whose foot rests partly beside its plate."""
     if step.plate.corners is None:
         return
     told = []

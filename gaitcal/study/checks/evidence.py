@@ -21,6 +21,8 @@ BoolArray = NDArray[np.bool_]
 
 FEET = ("right", "left")
 SIDES = ("r", "l")
+LEG_SEGMENTS = tuple(f"{part}_{side}" for side in SIDES for part in ("thigh", "shank", "foot"))
+"""Without markers on these there are no joint torques of a leg."""
 
 
 @dataclass(frozen=True)

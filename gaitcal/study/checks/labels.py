@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitcal.study.checks.evidence import TrialEvidence
+from gaitcal.study.checks.evidence import LEG_SEGMENTS, TrialEvidence
 from gaitcal.study.checks.finding import Finding, error, info, listed, warning
 
 LIGHT = 0.1
@@ -98,6 +98,28 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
             trial.name,
             f"one trajectory under two labels: {listed(same)}",
             "one of the two is wrong: label the trial again, or give it no weight",
+            trial.source,
+        )
+
+
+def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
+    if trial.trial.role != "gait" or trial.model is None:
+        return
+    seen = {m for m in trial.place if trial.seen[:, trial.place[m]].any() and trial.weight(m) > 0}
+    markers = trial.model.markers
+    wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
+    for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
+        if weight > 0:
+            wanted.setdefault(segment, []).append(label)
+    bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
+    if bare:
+        torques = "; no torque is valid" if not set(LEG_SEGMENTS).isdisjoint(bare) else ""
+        yield warning(
+            "labels",
+            trial.name,
+            f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
+            "label them in this trial, or see [markers] rename and weights of the study",
             trial.source,
         )
 

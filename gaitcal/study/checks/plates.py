@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.dynamics.plate_outline import OUTSIDE_SHARE, share_outside
 from gaitcal.model.build import GRAVITY
 from gaitcal.recording import still_window
 from gaitcal.recording.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
@@ -24,8 +25,6 @@ CLIPPED = 5
 CLIPPED_N = 200.0
 ASLANT = 0.5
 """Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2."""
-OUTSIDE_SHARE = 0.1
-"""Share of the load outside the corners that is told."""
 MASS = 0.05
 """Difference of body mass and static force that is told."""
 STANCE_SHARE = (0.55, 1.25)
@@ -100,34 +99,16 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
     for plate in trial.recording.plates:
         if plate.corners is None:
             continue
-        loaded = plate.force[:, 1] > BODY_N
-        if not loaded.any():
-            continue
-        away = -inside(plate.corners, plate.point[loaded])
-        share = float(np.average(away > OUTSIDE_M, weights=plate.force[loaded, 1]))
+        share, farthest = share_outside(plate, plate.corners, BODY_N)
         if share > OUTSIDE_SHARE:
             yield warning(
                 "plates",
                 trial.name,
                 f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
-                f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * float(away.max()):.0f} mm)",
+                f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
                 "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
                 trial.source,
             )
-
-
-def inside(corners_: Array, point: Array) -> Array:
-    """(n,) m, how far points (n, 3) lie inside the horizontal outline of a plate; negative outside."""
-    outline = corners_[:, [0, 2]]
-    middle = outline.mean(axis=0)
-    nearest = np.full(len(point), np.inf)
-    for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-        along = (b - a) / np.linalg.norm(b - a)
-        normal = np.array([-along[1], along[0]])
-        if normal @ (middle - a) < 0:
-            normal = -normal
-        nearest = np.minimum(nearest, (point[:, [0, 2]] - a) @ normal)
-    return nearest
 
 
 def body_mass(trial: TrialEvidence) -> Iterator[Finding]:

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from gaitcal.errors import InputError
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import still_window
-from gaitcal.recording.still import STILL_M_S
+from gaitcal.recording.still import LAG_S, STILL_M_S
 from gaitcal.study.checks.evidence import TrialEvidence
-from gaitcal.study.checks.finding import Finding, Severity, info, warning
+from gaitcal.study.checks.finding import Finding, Severity, error, info, warning
 from gaitcal.study.person import Study
 from gaitcal.study.prepare import nominal_of
 
+FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
+"""Of a static trial: speed is told over that time."""
 RESTLESS = 0.5
 """Share of the allowed speed above which the stillest window is not so still."""
 
@@ -31,9 +33,24 @@ def fault_of(fault: InputError, where: str, source: str, topic: str) -> Finding:
     return Finding(Severity.ERROR, topic, where, text, "", source)
 
 
+def length(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the static trial is long enough to tell that anybody stands still."""
+    time = trial.recording.time
+    if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
+        return
+    yield error(
+        "static trial",
+        trial.name,
+        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s; at least {FEWEST_FRAMES} frames over "
+        f"{SHORTEST_S:g} s are needed to tell standing still from moving",
+        "record the person standing still for some seconds",
+        trial.source,
+    )
+
+
 def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     """How still the person stood."""
-    if not trial.is_static or trial.model is None:
+    if not trial.is_static or trial.model is None or any(length(trial)):
         return
     try:
         window = still_window(trial.recording, trial.marker_set.labels)

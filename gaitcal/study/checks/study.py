@@ -6,10 +6,26 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from gaitcal.errors import InputError
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.checks import contacts, direction, exchanged, labels, lengths, plates, sampling, standing, visibility
+from gaitcal.settings import CalibrationSettings
+from gaitcal.study.checks import (
+    contacts,
+    direction,
+    exchanged,
+    force_direction,
+    labels,
+    lengths,
+    momentum,
+    plates,
+    sampling,
+    standing,
+    twice,
+    visibility,
+)
 from gaitcal.study.checks.evidence import Evidence, TrialEvidence
 from gaitcal.study.checks.finding import Finding, Severity
 from gaitcal.study.person import Study, StudyTrial, read_trial
@@ -26,6 +42,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     labels.never_seen,
     labels.unknown,
     labels.doubled,
+    labels.bare_segments,
     direction.upright,
     direction.heading,
     direction.sides,
@@ -34,6 +51,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     visibility.gaps,
     visibility.frozen,
     visibility.flat,
+    standing.length,
     standing.stillness,
     lengths.body_height,
     sampling.rate,
@@ -46,6 +64,9 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.body_mass,
     contacts.covered,
     contacts.contacts,
+    force_direction.horizontal,
+    force_direction.beside_feet,
+    momentum.carried_mass,
 )
 
 
@@ -61,7 +82,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     unreadable: list[Finding] = []
     for trial in file.trials:
         try:
-            trials.append(read_trial(trial, file, marker_set))
+            trials.append(read_trial(trial, file.markers.rename, marker_set))
         except InputError as fault:
             unreadable.append(standing.fault_of(fault, trial.name, str(trial.file), "reading"))
     if unreadable:
@@ -73,6 +94,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     return check_study(study)
 
 
+@np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     marker_set = study.marker_set.with_weights(study.weights)
@@ -88,7 +110,17 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         own = [*(faults if trial.is_static else ()), *_trial(trial)]
         findings += sorted(own, key=lambda finding: list(Severity).index(finding.severity))
     findings += sampling.rates_differ(Evidence(trials))
+    findings += twice.same_recording(Evidence(trials))
     return tuple(findings)
+
+
+@np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
+def check_further(
+    trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
+) -> tuple[Finding, ...]:
+    """All findings on one further trial against a saved model and its marker set, the worst first."""
+    found = _trial(TrialEvidence(trial, marker_set, model.subject, settings, model))
+    return tuple(sorted(found, key=lambda finding: list(Severity).index(finding.severity)))
 
 
 def _trial(trial: TrialEvidence) -> list[Finding]:

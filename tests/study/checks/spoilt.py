@@ -92,3 +92,102 @@ def plate(number: int, change: Callable[[ForcePlate], ForcePlate]) -> Change:
         return replace(recording, plates=plates)
 
     return spoil
+
+
+def scaled(factor: float) -> Change:
+    return lambda r: replace(r, markers=factor * r.markers)
+
+
+def gone(frames: slice) -> Change:
+    return moved("R.Thigh.Front", lambda x: put(x, frames, np.nan))
+
+
+def put(x: np.ndarray, where: object, value: object) -> np.ndarray:
+    x[where] = value
+    return x
+
+
+def held(x: np.ndarray) -> np.ndarray:
+    x[60:100] = x[60]
+    return x
+
+
+def spiked(x: np.ndarray) -> np.ndarray:
+    x[[40, 90, 140], 1] += 0.1
+    return x
+
+
+def later(seconds: float) -> Change:
+    def spoil(recording: Recording) -> Recording:
+        moved_ = tuple(_resampled(p, seconds) for p in recording.plates)
+        return replace(recording, plates=moved_)
+
+    return spoil
+
+
+def _resampled(p: ForcePlate, seconds: float) -> ForcePlate:
+    """The plate's signal `seconds` later on the same clock."""
+    shift = round(seconds / float(p.time[1] - p.time[0]))
+    return replace(
+        p, force=np.roll(p.force, shift, 0), point=np.roll(p.point, shift, 0), moment=np.roll(p.moment, shift, 0)
+    )
+
+
+def slower(recording: Recording) -> Recording:
+    return replace(recording, time=recording.time * 200.0)
+
+
+def torn(recording: Recording) -> Recording:
+    return replace(recording, time=recording.time + np.where(recording.time > 0.5, 0.2, 0.0), plates=())
+
+
+def backwards(recording: Recording) -> Recording:
+    return replace(recording, markers=recording.markers[::-1].copy(), plates=())
+
+
+def lying(recording: Recording) -> Recording:
+    return replace(recording, markers=recording.markers[:, :, [1, 0, 2]] * [1.0, -1.0, 1.0], plates=())
+
+
+def mirrored(recording: Recording) -> Recording:
+    order = [
+        recording.labels.index(label[0].translate(str.maketrans("RL", "LR")) + label[1:])
+        if label[:2] in ("R.", "L.") and "ASIS" not in label
+        else i
+        for i, label in enumerate(recording.labels)
+    ]
+    return replace(recording, markers=recording.markers[:, order])
+
+
+def clipped(p: ForcePlate) -> ForcePlate:
+    return replace(p, force=np.where(p.force > 600.0, 600.0, p.force))
+
+
+def offset(p: ForcePlate) -> ForcePlate:
+    return replace(p, force=p.force + [0.0, 25.0, 0.0])
+
+
+def half(p: ForcePlate) -> ForcePlate:
+    return replace(p, force=0.4 * p.force, moment=0.4 * p.moment)
+
+
+def pulling(p: ForcePlate) -> ForcePlate:
+    return replace(p, force=p.force * np.where(p.time > 0.4, -1.0, 1.0)[:, None])
+
+
+def aslant(p: ForcePlate) -> ForcePlate:
+    return replace(p, force=p.force[:, [1, 1, 2]])
+
+
+def elsewhere(p: ForcePlate) -> ForcePlate:
+    return replace(p, point=p.point + [0.0, 0.0, 0.8])
+
+
+def sunk(p: ForcePlate) -> ForcePlate:
+    return replace(p, point=p.point - [0.0, 0.4, 0.0])
+
+
+def with_corners(x_end: float) -> Change:
+    """Plate 1 ends at x_end m."""
+    corners = np.column_stack([np.minimum(CORNERS[:, 0], x_end), CORNERS[:, 1:]])
+    return plate(1, lambda p: replace(p, corners=corners))

@@ -1,0 +1,123 @@
+"""Which frames are valid: every foot on the ground wholly on a plate, told by geometry and motion, not by force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.ground_contact import (
+    RESTING,
+    FootPoints,
+    GroundReactions,
+    ground_reactions_on_feet,
+    ground_velocity,
+)
+from gaitcal.dynamics.plate_outline import FOOT_LENGTH, OVERHANG_M, foot_tip, inside, outside
+from gaitcal.recording.recording import ForcePlate
+
+TIME = np.arange(0.0, 1.0, 0.01)
+STANCE = (TIME >= 0.2) & (TIME <= 0.8)
+HEEL_ONLY = (TIME >= 0.2) & (TIME < 0.3)
+"""The heel is down, the toes still move."""
+HEIGHT = 1.8
+
+
+def square(x: float, name: str = "1", load: float = 700.0, pressed: float = 0.25) -> ForcePlate:
+    """A plate of 0.5 m from x on, loaded in stance `pressed` m from its edge."""
+    corners = np.array([[x, 0.0, -0.25], [x + 0.5, 0.0, -0.25], [x + 0.5, 0.0, 0.25], [x, 0.0, 0.25]])
+    force = np.zeros((len(TIME), 3))
+    force[STANCE, 1] = load
+    point = np.tile([x + pressed, 0.0, 0.0], (len(TIME), 1))
+    return ForcePlate(name, TIME, force, point, np.zeros_like(force), corners)
+
+
+def right_foot(toe: float) -> FootPoints:
+    """The right foot stands with its toe marker at x = `toe`; the left swings high above."""
+    nf = len(TIME)
+    heel, toes = np.zeros((nf, 2, 3)), np.zeros((nf, 2, 3))
+    heel[:, 0, 0], toes[:, 0, 0] = toe - 0.2, toe
+    heel[:, 1], toes[:, 1] = (9.0, 1.0, 9.0), (9.2, 1.0, 9.0)
+    heel_speed, toe_speed = np.full((nf, 2), 2.0), np.full((nf, 2), 2.0)
+    heel_speed[STANCE, 0] = 0.0
+    toe_speed[STANCE & ~HEEL_ONLY, 0] = 0.0
+    return FootPoints(heel, toes, foot_tip(heel, toes, HEIGHT), heel_speed, toe_speed)
+
+
+def found(toe: float, *plates: ForcePlate) -> GroundReactions:
+    return ground_reactions_on_feet(plates, TIME, right_foot(toe), cutoff=None)
+
+
+def test_a_foot_wholly_on_its_plate_is_valid_throughout() -> None:
+    np.testing.assert_array_equal(found(0.35, square(0.0)).valid, STANCE)
+
+
+def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
+    reactions = found(0.49, square(0.0))
+    np.testing.assert_array_equal(reactions.valid, HEEL_ONLY)
+    told = [warning for warning in reactions.warnings if "beside the plate" in warning]
+    away = 1e3 * (0.29 + FOOT_LENGTH * HEIGHT - 0.5)
+    assert len(told) == 1
+    assert f"toes of the right foot rest up to {away:.0f} mm" in told[0]
+
+
+def test_a_foot_across_two_plates_is_measured() -> None:
+    np.testing.assert_array_equal(found(0.49, square(0.0), square(0.5, "2", pressed=0.03)).valid, STANCE)
+
+
+def test_the_size_of_the_force_plays_no_part() -> None:
+    np.testing.assert_array_equal(found(0.35, square(0.0, load=100.0)).valid, STANCE)
+
+
+def test_corners_that_the_pressure_leaves_are_not_used() -> None:
+    elsewhere = replace(square(0.0), corners=square(0.9).corners)
+    reactions = found(0.35, elsewhere)
+    np.testing.assert_array_equal(reactions.valid, STANCE)
+    assert any("corners not used" in warning for warning in reactions.warnings)
+
+
+def test_without_corners_nothing_is_known_of_the_outline() -> None:
+    np.testing.assert_array_equal(found(0.6, replace(square(0.0), corners=None)).valid, STANCE)
+
+
+@given(
+    angle=st.floats(-3.0, 3.0),
+    along=st.floats(-0.4, 0.4),
+    across=st.floats(-0.4, 0.4),
+    turned=st.booleans(),
+)
+def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turned: bool) -> None:
+    half = np.array([0.3, 0.2])
+    c, s = np.cos(angle), np.sin(angle)
+
+    def at(x: float, z: float) -> NDArray[np.float64]:
+        return np.array([1.0 + c * x - s * z, 0.0, -2.0 + s * x + c * z])
+
+    corners = np.array([at(*half), at(-half[0], half[1]), at(*-half), at(half[0], -half[1])])
+    depth = inside(corners[::-1] if turned else corners, at(along, across)[None])[0]
+    assert depth == pytest.approx(min(half[0] - abs(along), half[1] - abs(across)), abs=1e-12)
+
+
+def test_outside_is_judged_over_all_plates() -> None:
+    point = np.array([[0.7, 0.0, 0.0], [1.1, 0.0, 0.0]])
+    np.testing.assert_allclose(outside([square(0.0), square(0.5, "2")], point), [-0.2, 0.1], atol=1e-12)
+    assert OVERHANG_M < 0.1
+
+
+@pytest.mark.parametrize("belt", [0.0, 0.2, 1.3])
+def test_a_moving_belt_is_found_under_the_feet(belt: float) -> None:
+    """The stance foot is the lower one; below the speed of a resting foot there is no belt to speak of."""
+    nf = len(TIME)
+    points, velocity = np.zeros((nf, 4, 3)), np.zeros((nf, 4, 3))
+    velocity[:, :, 0] = 2.0
+    stance = np.where((TIME * 5).astype(int) % 2 == 0, 0, 3)
+    points[:, :, 1] = 0.1
+    points[np.arange(nf), stance, 1] = 0.0
+    velocity[np.arange(nf), stance, 0] = -belt
+    expected = -belt if belt > RESTING else 0.0
+    np.testing.assert_allclose(ground_velocity(points, velocity), [expected, 0.0, 0.0])
+    np.testing.assert_array_equal(ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3))
