@@ -7,6 +7,9 @@ lock on it (`flock`, which the system drops when the process dies). A folder of 
 killed run left: the next run on the same target removes it. An existing target folder changes places with the sibling
 in one step (Linux, `renameat2` with RENAME_EXCHANGE). Where system or file system cannot do that, two renames do it,
 the old folder waiting as `.gaitcal-old-DIGEST`; killed between the two, the next run on this target puts it back.
+
+What may be replaced at all is told in `ownership`. Folders of the old result that are kept are in both until the
+exchange, by hard links (copies, where the file system has none), so that at no moment they are in neither.
 """
 
 from __future__ import annotations
@@ -19,14 +22,13 @@ import os
 import secrets
 import shutil
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from gaitcal.errors import InputError
-
-MANIFEST = "manifest.json"
-"""The file that marks a folder as a result of gaitcal; it holds the text `"gaitcal"`, quotes included."""
+from gaitcal.ownership import OLD, UNFINISHED, ResultKind, refuse_others, sign
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
@@ -34,28 +36,74 @@ _WINDOWS_LEFTOVER_S = 86_400.0  # no flock there: what nobody touched for a day 
 
 
 @contextlib.contextmanager
-def atomic_directory(target: Path | str) -> Iterator[Path]:
-    """Yield an empty folder; on success it becomes `target`, replacing what an earlier run wrote there.
+def atomic_directory(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """Yield an empty folder; on success it becomes `target`, replacing what an earlier run of this kind wrote there.
 
-    The body should write `manifest.json` (see `MANIFEST`): without it the next run refuses to replace the folder.
+    To the `manifest.json` that the body writes are added the kind and the list of files. Folders that later commands
+    put into the earlier result (`ownership.KEPT`) go on into the new one.
 
     Raises
     ------
     InputError
-        `target` is a file, or a folder that holds other files than gaitcal's; it cannot be written; the disk is full.
+        `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files that gaitcal
+        did not write there; it cannot be written; the disk is full.
     """
-    target = _real(target)
+    target, inputs = _real(target), tuple(inputs)
     with contextlib.ExitStack() as stack:
         with _disk_errors(target):
             _recover(target)
-            _refuse_foreign(target)
+            refuse_others(target, kind, inputs)
             content = stack.enter_context(_sibling(target)) / "content"
             content.mkdir()
         with _disk_errors(target, only=_FULL):
             yield content
         with _disk_errors(target):
-            _refuse_foreign(target)
+            kept = refuse_others(target, kind, inputs)
+            sign(content, kind, kept)
+            for name in kept:
+                also_at(target / name, content / name)
             _put(content, target)
+
+
+def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
+    """Tell before long work what `atomic_directory` would tell after it; leaves nothing behind.
+
+    An exchange that was killed half way is put back first. Returns the names of the folders of an earlier result that
+    the new one will keep.
+
+    Raises
+    ------
+    InputError
+        As of `atomic_directory`.
+    """
+    target = _real(target)
+    with _disk_errors(target):
+        _recover(target)
+        kept = refuse_others(target, kind, inputs)
+        with contextlib.suppress(FileNotFoundError):
+            target.lstat()  # a name too long, a file where a folder should be
+        parent = next(folder for folder in target.parents if folder.exists())
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
+            pass
+    return tuple(name for name in kept if not name.startswith(OLD))
+
+
+def also_at(source: Path, target: Path) -> None:
+    """Make the file or folder `source` be at `target` too: by hard links, or copies where there are none."""
+    if source.is_symlink():
+        target.symlink_to(source.readlink())
+    elif source.is_dir():
+        shutil.copytree(source, target, symlinks=True, copy_function=_link_or_copy)
+    else:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _link_or_copy(str(source), str(target))
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 @contextlib.contextmanager
@@ -103,24 +151,6 @@ def _disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[N
         raise InputError(f"cannot be written: {error.strerror}", source=target) from error
 
 
-def _refuse_foreign(target: Path) -> None:
-    if not target.exists():
-        return
-    if not target.is_dir():
-        raise InputError("is a file; the output needs a folder", source=target)
-    if not any(target.iterdir()):
-        return
-    try:
-        with (target / MANIFEST).open(encoding="utf-8") as stream:
-            ours = '"gaitcal"' in stream.read()
-    except (OSError, UnicodeDecodeError):
-        ours = False
-    if not ours:
-        raise InputError(
-            "folder exists and holds other files than results of gaitcal; name a new or an empty folder", source=target
-        )
-
-
 # ------------------------------------------------------------------------------------------------------- sibling
 
 
@@ -144,7 +174,7 @@ def _sibling(target: Path) -> Iterator[Path]:
 
 def _locked_folder(target: Path) -> tuple[Path, int | None]:
     while True:
-        folder = target.parent / f".gaitcal-tmp-{_digest(target)}-{secrets.token_hex(6)}"
+        folder = target.parent / f"{UNFINISHED}{_digest(target)}-{secrets.token_hex(6)}"
         folder.mkdir()
         try:
             return folder, _lock(folder)
@@ -180,7 +210,7 @@ def _lock(folder: Path) -> int | None:
 
 
 def _remove_leftovers(target: Path) -> None:
-    for folder in target.parent.glob(f".gaitcal-tmp-{_digest(target)}-*"):
+    for folder in target.parent.glob(f"{UNFINISHED}{_digest(target)}-*"):
         try:
             lock = _lock(folder)
         except OSError:
@@ -195,7 +225,7 @@ def _remove_leftovers(target: Path) -> None:
 
 
 def _old(target: Path) -> Path:
-    return target.parent / f".gaitcal-old-{_digest(target)}"
+    return target.parent / f"{OLD}{_digest(target)}"
 
 
 def _recover(target: Path) -> None:

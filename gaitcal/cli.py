@@ -74,14 +74,21 @@ def dynamics(
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
     forces: Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")] = None,
+    plates: Annotated[
+        str | None, typer.Option(help="Feet on the plates of a single TRIAL, 1=r,2=l or none; else found.")
+    ] = None,
+    time: Annotated[str | None, typer.Option(help="Part of a single TRIAL to use, start,end in seconds.")] = None,
+    filter_hz: Annotated[
+        str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; DIR/dynamics unless given.")] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
-    from gaitcal.commands.dynamics import run
+    from gaitcal.commands.dynamics import Options, run
 
-    run(result, trials, forces, out, quiet=quiet, verbose=verbose)
+    run(result, trials, Options(forces, plates, time, filter_hz), out, quiet=quiet, verbose=verbose)
 
 
 @app.command()

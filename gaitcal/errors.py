@@ -10,6 +10,7 @@ class GaitcalError(Exception):
     """Root of every error that gaitcal raises on purpose. `exit_code` is what the command line returns."""
 
     exit_code = 1
+    """1: the input is at fault."""
 
 
 class InputError(GaitcalError):
@@ -21,10 +22,18 @@ class InputError(GaitcalError):
         super().__init__(f"{where}: {text}" if where else text)
 
 
+class UsageError(InputError):
+    """An option of the command line is at fault. The message is one line: option, what was found, what is allowed."""
+
+    exit_code = 2
+    """2: usage, as for options that the command line's own parser refuses."""
+
+
 class ConvergenceError(GaitcalError):
     """An iteration ended without reaching its tolerance and without a usable result."""
 
     exit_code = 3
+    """3: did not converge."""
 
 
 def nearest(name: str, allowed: Iterable[str], count: int = 1) -> str:

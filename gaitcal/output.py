@@ -12,17 +12,19 @@ from zipfile import BadZipFile
 import numpy as np
 import pandas as pd
 
-from gaitcal.atomic import MANIFEST, atomic_directory
+from gaitcal.atomic import atomic_directory
 from gaitcal.calibration.influence import Influence
 from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.model.inertial_parameters import impossible_bodies
+from gaitcal.model.marker_set_file import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.ownership import MANIFEST, ResultKind
 from gaitcal.recording import write_trc
-from gaitcal.report import write_report
+from gaitcal.report import write_figures, write_report
 from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.study.summary import Json, summary, trial_summary
+from gaitcal.study.summary import Json, summary
 from gaitcal.study.tables import (
     MOMENT_HEADER,
     coordinate_table,
@@ -33,23 +35,34 @@ from gaitcal.study.tables import (
 from gaitcal.study.uncertainty import Uncertainty
 from gaitcal.view import save_scene, scene_of, write_view
 
+MARKER_SET = "marker_set.toml"
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
 def write_results(calibration: Calibration, folder: Path | str, settings: Mapping[str, Json] | None = None) -> Path:
-    """Write everything a calibration gives into `folder` (replaced if an earlier result is there).
+    """Write everything a calibration gives into `folder`, whole or not at all. Returns the folder.
+
+    Parameters
+    ----------
+    calibration : from `gaitcal.calibrate`.
+    folder : replaced if an earlier calibration is there; what `gaitcal montecarlo`, `dynamics` and `export` put into
+        it is kept.
+    settings : further entries of `manifest.json`, beside those of the study.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds files that are not ours.
+        The folder cannot be written, or holds an input of the study, another kind of result, or files that are not
+        ours.
     """
     folder = Path(folder)
     made = manifest(calibration, settings)
-    with atomic_directory(folder) as out:
-        (out / MANIFEST).write_text(_json(made), encoding="utf-8")
-        (out / "summary.json").write_text(_json(summary(calibration)), encoding="utf-8")
+    with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
+        (out / MANIFEST).write_text(json_text(made), encoding="utf-8")
+        (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
         _csv(parameter_table(calibration), out / "parameters.csv")
+        own = calibration.study.marker_set.with_weights(calibration.study.weights)
+        (out / MARKER_SET).write_text(marker_set_text(own), encoding="utf-8")
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out)
@@ -59,6 +72,7 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
         save_scene(scene, out / "scene.npz")
         write_view(scene, out / "view.html")
         write_report(calibration, out / "report.html", manifest=made)
+        write_figures(calibration, out / "figures")
     return folder
 
 
@@ -66,8 +80,8 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
     """Versions, settings and input hashes of a result."""
     subject = calibration.model.subject
     return {
-        "gaitcal": _version("gaitcal"),
-        "versions": {name: _version(name) for name in VERSIONED} | {"python": platform.python_version()},
+        "gaitcal": package_version("gaitcal"),
+        "versions": {name: package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
         "subject": {
             "name": subject.name,
             "mass_kg": subject.mass,
@@ -75,19 +89,22 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
             "sex": subject.sex,
         },
         "marker_set": calibration.study.marker_set.name,
+        "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),
         "inputs_sha256": dict(calibration.study.inputs),
     }
 
 
-def _version(name: str) -> str:
+def package_version(name: str) -> str:
+    """Version of an installed package, or `unknown`."""
     try:
         return version(name)
     except PackageNotFoundError:
         return "unknown"
 
 
-def _json(content: Json) -> str:
+def json_text(content: Json) -> str:
+    """The text of a JSON file, as results have it."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -112,9 +129,12 @@ def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
     body = trial.body
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
     _csv(
-        coordinate_table(body),
+        coordinate_table(body, trial.coordinate_errors),
         out / "motion" / f"{trial.name}.csv",
-        ("coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",),
+        (
+            "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
+            "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
+        ),
     )
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     _csv(
@@ -140,14 +160,6 @@ def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, ou
         comments=tuple(line for line in MOMENT_HEADER if line.startswith("valid")),
     )
     write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
-
-
-def write_trials_summary(trials: Sequence[TrialResult], model: SubjectModel, out: Path) -> None:
-    """`summary.json` and `manifest.json` of further trials."""
-    content: dict[str, Json] = {"trials": {t.name: trial_summary(t, model.subject.bwh) for t in trials}}
-    (out / "summary.json").write_text(_json(content), encoding="utf-8")
-    made: dict[str, Json] = {"gaitcal": _version("gaitcal"), "subject": model.subject.name}
-    (out / MANIFEST).write_text(_json(made), encoding="utf-8")
 
 
 def save_splines(trials: Sequence[TrialResult], path: Path) -> None:

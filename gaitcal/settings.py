@@ -19,13 +19,13 @@ class CalibrationSettings(Table):
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
         default="weak",
-        description="pull of joint parameters towards what is known before a phase (nominal, then isolated trials): "
-        "20 mm or 10 deg weigh as much as four independent marker samples of 5 mm",
+        description="pull of joint parameters towards what is known before a phase: 20 mm or 10 deg from the values "
+        "before weigh as much as four independent marker samples of 5 mm, and gait adds to what isolated trials know; "
+        "none: every phase by itself, as published",
     )
     gait_parameters: Literal["published", "leg"] = Field(
         default="published",
-        description="what gait trials may move in each leg: the published 17 joint parameters, or all 27 (then gait, "
-        "which hardly shows the other ten, may undo what isolated trials found)",
+        description="what gait trials may move in each leg: the published 17 joint parameters, or all 27",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"

@@ -13,14 +13,15 @@ from pathlib import Path
 import pytest
 
 from gaitcal import atomic
-from gaitcal.atomic import atomic_directory, atomic_file, atomic_text
+from gaitcal.atomic import atomic_directory, atomic_file, atomic_text, require_room
 from gaitcal.errors import InputError
+from gaitcal.ownership import ResultKind
 
 OURS = '{"gaitcal": "0.1.0"}'
 
 
 def write_result(target: Path, content: str) -> None:
-    with atomic_directory(target) as folder:
+    with atomic_directory(target, ResultKind.CALIBRATION) as folder:
         (folder / "manifest.json").write_text(OURS)
         (folder / "motion").mkdir()
         (folder / "motion" / "walk.mot").write_text(content)
@@ -47,7 +48,7 @@ def test_new_then_replaced(tmp_path: Path) -> None:
     target = tmp_path / "deep" / "out"
     write_result(target, "one")
     assert result(target) == "one"
-    (target / "stale.csv").touch()
+    (target / "motion" / ".DS_Store").touch()
     write_result(target, "two")
     assert result(target) == "two"
     assert names(target) == ["manifest.json", "motion"]
@@ -75,7 +76,7 @@ def test_exchange_is_one_step_here(tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
 def test_failure_leaves_the_old_or_none(tmp_path: Path, error: BaseException) -> None:
     def fail(target: Path) -> None:
-        with atomic_directory(target) as folder:
+        with atomic_directory(target, ResultKind.CALIBRATION) as folder:
             (folder / "half").touch()
             raise error
 
@@ -111,7 +112,7 @@ def test_killed_between_the_two_renames_is_put_back_by_the_next_run(tmp_path: Pa
     target = tmp_path / "out"
     write_result(target, "one")
     target.rename(atomic._old(target))
-    with pytest.raises(ValueError), atomic_directory(target):
+    with pytest.raises(ValueError), atomic_directory(target, ResultKind.CALIBRATION):
         raise ValueError
     assert names(tmp_path) == ["out"]
     assert result(target) == "one"
@@ -124,7 +125,7 @@ def test_foreign_folder_is_refused_and_kept(tmp_path: Path, content: dict[str, s
     target.mkdir()
     for name, text in content.items():
         (target / name).write_text(text)
-    with pytest.raises(InputError, match="holds other files"):
+    with pytest.raises(InputError, match="gaitcal did not write there"):
         write_result(target, "one")
     assert {name: (target / name).read_text() for name in names(target)} == content
     assert names(tmp_path) == ["out"]
@@ -155,9 +156,23 @@ def test_unwritable_places_end_in_one_line(tmp_path: Path) -> None:
         assert len(str(caught.value).splitlines()) == 1
         with pytest.raises(InputError):
             atomic_text(target / "deeper" / "file.txt", "text")
+        with pytest.raises(InputError) as early:
+            require_room(target, ResultKind.CALIBRATION)
+        assert str(early.value).splitlines() == [str(early.value)]
     with pytest.raises(InputError, match="no usable path"):
         write_result(tmp_path / "nul\0", "one")
     assert names(tmp_path) == ["file"]
+
+
+def test_room_is_looked_for_without_a_trace(tmp_path: Path) -> None:
+    write_result(tmp_path / "out", "one")
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis/chapter.tex").touch()
+    for target in ("out", "new", "deeper/new"):
+        require_room(tmp_path / target, ResultKind.CALIBRATION)
+    with pytest.raises(InputError, match="holds 'chapter.tex'"):
+        require_room(tmp_path / "thesis", ResultKind.CALIBRATION)
+    assert names(tmp_path) == ["out", "thesis"]
 
 
 @pytest.mark.skipif(os.geteuid() == 0 if hasattr(os, "geteuid") else True, reason="root may write everywhere")
@@ -168,9 +183,9 @@ def test_folder_without_write_permission(tmp_path: Path) -> None:
 
 
 def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No space left"), atomic_directory(tmp_path / "out"):
+    with pytest.raises(InputError, match="No space left"), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    with pytest.raises(PermissionError), atomic_directory(tmp_path / "out"):
+    with pytest.raises(PermissionError), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
         raise PermissionError(errno.EACCES, "an input file")
     assert names(tmp_path) == []
 
@@ -178,7 +193,8 @@ def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_
 KILLED = """
 import os, signal, sys
 from gaitcal.atomic import atomic_directory
-with atomic_directory(sys.argv[1]) as folder:
+from gaitcal.ownership import ResultKind
+with atomic_directory(sys.argv[1], ResultKind.CALIBRATION) as folder:
     (folder / "manifest.json").write_text('{"gaitcal": 0}')
     print(folder.parent.name, flush=True)
     {wait}

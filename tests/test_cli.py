@@ -29,6 +29,8 @@ FILES = (
     "moments/walk.csv",
     "marker_errors/walk.csv",
     "report.html",
+    "figures/01_walk_moments.png",
+    "figures/01_walk_moments.svg",
     "view.html",
     "manifest.json",
 )
@@ -49,6 +51,25 @@ def test_help_shows_the_commands_in_order() -> None:
 def test_usage_errors_end_with_2() -> None:
     assert gaitcal("calibrate").returncode == 2
     assert gaitcal("no-such-command").returncode == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("montecarlo", ".", "--levels", "abc"),
+        ("montecarlo", ".", "--vary", "foo"),
+        ("montecarlo", ".", "--jobs", "0"),
+        ("montecarlo", ".", "--parameters", "20"),
+        ("montecarlo", ".", "--grf", "x"),
+        ("export", ".", "--format", "foo"),
+        ("export", ".", "--format", ","),
+    ],
+)
+def test_options_that_we_refuse_end_with_2_too(words: tuple[str, ...]) -> None:
+    done = gaitcal(*words)
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith(f"gaitcal: {words[2]}: found ")
 
 
 def test_readme_tells_every_command_and_setting() -> None:
@@ -91,6 +112,9 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
     assert more.returncode == 0, more.stderr
     again = pd.read_csv(out / "dynamics/moments/subject01_walk1.csv", comment="#")
     valid = moments["valid"] == 1
+    told = json.loads((out / "dynamics/summary.json").read_text(encoding="utf-8"))
+    assert any("right foot, by its centre of pressure" in note for note in told["notes"])
+    assert told["warnings"] == []
     gap = (again["knee_angle_r"] - moments["knee_angle_r"])[valid]
     assert gap.abs().max() < 1e-3
 
@@ -104,5 +128,5 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
 def test_demo_recovers_its_subject(tmp_path: Path) -> None:
     done = gaitcal("demo", "--out", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stderr
-    assert "report.html" in done.stdout
+    assert "report.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"
     assert (tmp_path / "demo/result/view.html").exists()

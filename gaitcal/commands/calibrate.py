@@ -5,18 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from gaitcal.atomic import require_room
 from gaitcal.commands.check import as_warnings, stop_on_errors
-from gaitcal.commands.console import Talk, print_calibration
+from gaitcal.commands.console import Talk, print_calibration, tell_kept
 from gaitcal.errors import ConvergenceError
 from gaitcal.output import write_results
+from gaitcal.ownership import ResultKind
 from gaitcal.study.checks import check_study
-from gaitcal.study.person import Study
+from gaitcal.study.person import Study, input_files
 from gaitcal.study.pipeline import calibrate
+from gaitcal.study_file import load_study_file
 
 
 def run(study: Path, out: Path, *, force: bool = False, hold_out: bool = False, quiet: bool, verbose: bool) -> None:
     """Check and calibrate a study and write its result folder; `force` goes on past errors that the checks find."""
     talk = Talk(quiet=quiet, verbose=verbose)
+    kept = require_room(out, ResultKind.CALIBRATION, input_files(load_study_file(study), study))
     with talk.working() as step:
         step("reading the recordings")
         loaded = Study.load(study)
@@ -29,6 +33,7 @@ def run(study: Path, out: Path, *, force: bool = False, hold_out: bool = False, 
         step("writing the results")
         write_results(calibration, out)
     print_calibration(talk, calibration)
+    tell_kept(talk, kept)
     talk.line(f"report: {out / 'report.html'}")
     talk.line(f"view:   {out / 'view.html'}")
     if not calibration.converged:

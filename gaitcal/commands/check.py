@@ -50,12 +50,13 @@ def _table(findings: Sequence[Finding]) -> Table:
     return table
 
 
-def stop_on_errors(findings: Sequence[Finding], study: Path) -> None:
-    """InputError with the first error, and how many more there are."""
+def stop_on_errors(findings: Sequence[Finding], study: Path | None = None) -> None:
+    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them)."""
     errors = [f for f in findings if f.severity is Severity.ERROR]
     if not errors:
         return
-    more = f" (and {len(errors) - 1} more errors: 'gaitcal check {study}' shows all)" if len(errors) > 1 else ""
+    shown = f": 'gaitcal check {study}' shows all" if study else ""
+    more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
     raise InputError(errors[0].line + more)
 
 

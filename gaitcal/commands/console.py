@@ -53,10 +53,21 @@ class Step:
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, warnings."""
     print_trials(talk, calibration.trials)
-    for warning in calibration.warnings:
+    print_told(talk, calibration.warnings, calibration.notes)
+
+
+def tell_kept(talk: Talk, kept: Sequence[str]) -> None:
+    """Which folders of an earlier result are still there."""
+    if kept:
+        talk.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
+
+
+def print_told(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> None:
+    """Warnings, and with -v what was assumed."""
+    for warning in warnings:
         talk.line(f"warning: {warning}")
     if talk.verbose:
-        for note in calibration.notes:
+        for note in notes:
             talk.line(f"note: {note}")
 
 
@@ -65,7 +76,7 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("trial", no_wrap=True)
     for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", min_width=max(map(len, name.split())))  # no word of it is cut
     for trial in trials:
         rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
         for name, segments in rows.items():

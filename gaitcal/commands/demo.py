@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.commands.console import Talk, print_calibration
+from gaitcal.atomic import require_room
+from gaitcal.commands.console import Talk, print_calibration, tell_kept
 from gaitcal.output import write_results
+from gaitcal.ownership import ResultKind
 from gaitcal.study.person import Study
 from gaitcal.study.pipeline import calibrate
 from gaitcal.study.synthetic_subject import synthesize
@@ -22,6 +24,8 @@ def run(out: Path, *, quiet: bool, verbose: bool) -> None:
     """Write a noisy synthetic subject as C3D, calibrate it, and compare with the truth."""
     talk = Talk(quiet=quiet, verbose=verbose)
     folder, result = out / "subject", out / "result"
+    require_room(folder, ResultKind.SYNTHETIC)
+    kept = require_room(result, ResultKind.CALIBRATION)
     with talk.working() as step:
         step("writing C3D files of a synthetic subject with marker noise and wrong nominal parameters")
         path = synthesize(folder, seed=SEED, noise=True, perturb=True)
@@ -43,5 +47,6 @@ def run(out: Path, *, quiet: bool, verbose: bool) -> None:
         before, after = (float(np.sqrt(np.mean((rows[c].to_numpy() - true) ** 2))) for c in ("nominal", "fitted"))
         name = f"{kind}s against the truth (RMS over {len(rows)})"
         talk.line(f"{name}: nominal {before:.2f} {unit}, calibrated {after:.2f} {unit}")
+    tell_kept(talk, kept)
     talk.line(f"report: {result / 'report.html'}")
     talk.line(f"view:   {result / 'view.html'}")

@@ -2,67 +2,100 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gaitcal.atomic import atomic_directory
-from gaitcal.commands.console import Talk, print_trials
-from gaitcal.errors import InputError
-from gaitcal.model.model_file import load_model
+from gaitcal.atomic import require_room
+from gaitcal.commands.check import as_warnings, stop_on_errors
+from gaitcal.commands.console import Talk, print_told, print_trials
+from gaitcal.commands.trial_options import filter_of, only_for_one, plates_of, time_of
+from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.output import load_uncertainty, write_trial, write_trials_summary
-from gaitcal.recording import read_recording
-from gaitcal.settings import CalibrationSettings
+from gaitcal.ownership import ResultKind
+from gaitcal.saved_result import SavedResult, load_result
+from gaitcal.study.checks import Finding, check_further
 from gaitcal.study.further import analyse
-from gaitcal.study.person import StudyTrial
+from gaitcal.study.person import StudyTrial, read_trial
+from gaitcal.study.result import TrialResult
+from gaitcal.study_file import Trial
+from gaitcal.trials_folder import write_trials
 
 
-def run(result: Path, trials: list[Path], forces: Path | None, out: Path | None, *, quiet: bool, verbose: bool) -> None:
-    """Take further trials through the model of a result folder."""
+@dataclass(frozen=True)
+class Options:
+    """The options of the command line, as they were written."""
+
+    forces: Path | None = None
+    plates: str | None = None
+    time: str | None = None
+    filter_hz: str | None = None
+
+
+def run(result: Path, trials: list[Path], options: Options, out: Path | None, *, quiet: bool, verbose: bool) -> None:
+    """Check further trials and take them through the model of a result folder."""
     talk = Talk(quiet=quiet, verbose=verbose)
-    if forces is not None and len(trials) != 1:
-        raise InputError(f"found {len(trials)} trials; allowed: one, whose ground reactions it names", field="--forces")
+    only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
         raise InputError("found two trials with one name; a trial's name is its file's, without the ending")
-    model = load_model(result / "model.toml")
-    settings = _settings(result)
-    spread = load_uncertainty(result / "uncertainty.npz")
-    done = []
+    folder = out or result / "dynamics"
+    inputs = [*trials, *([options.forces] if options.forces else [])]
+    require_room(folder, ResultKind.DYNAMICS, inputs)
+    saved = load_result(result)
     with talk.working() as step:
+        read = []
         for path in trials:
-            step(f"{path.name}: tracking and inverse dynamics")
-            recording = read_recording(path, forces=forces)
-            _check_markers(model, recording.labels, path)
-            trial = StudyTrial(path.stem, "gait", None, recording, {})
-            done.append(analyse(model, trial, settings, spread))
-        folder = out or result / "dynamics"
-        with atomic_directory(folder) as target:
-            for trial_result in done:
-                write_trial(trial_result, model, target)
-            write_trials_summary(done, model, target)
+            step(f"{path.name}: reading and checking")
+            read.append(_read(path, options, saved))
+        findings = [found for trial in read for found in _check(trial, saved)]
+        stop_on_errors(findings)
+        done = []
+        for trial in read:
+            step(f"{trial.name}: tracking and inverse dynamics")
+            done.append(analyse(saved.model, trial, saved.settings, saved.spread))
+        warnings = [*as_warnings(findings), *(_not_converged(t.name) for t in done if not t.calibrated.converged)]
+        stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
     print_trials(talk, done)
+    print_told(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
+    _stop_where_late(done)
 
 
-def _settings(result: Path) -> CalibrationSettings:
-    path = result / "manifest.json"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))["settings"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=result) from None
-    known: Mapping[str, object] = {k: v for k, v in content.items() if k in CalibrationSettings.model_fields}
-    return CalibrationSettings.model_validate(known)
+def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:
+    """A recording as a study would have it: labels renamed, time cut out, plates given to feet."""
+    trial = Trial(name="trial", role="gait", file=path, forces=options.forces).model_copy(
+        update={
+            "name": path.stem,
+            "plates": plates_of(options.plates),
+            "time": time_of(options.time),
+            "filter_hz": filter_of(options.filter_hz),
+        }
+    )
+    return read_trial(trial, saved.rename, saved.marker_set)
 
 
-def _check_markers(model: SubjectModel, labels: tuple[str, ...], path: Path) -> None:
-    shared = np.isin(model.markers.labels, labels).sum()
-    if not shared:
+def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:
+    _check_markers(saved.model, trial)
+    return check_further(trial, saved.model, saved.marker_set, saved.settings)
+
+
+def _check_markers(model: SubjectModel, trial: StudyTrial) -> None:
+    if not np.isin(model.markers.labels, trial.recording.labels).any():
         raise InputError(
             f"found none of the model's {len(model.markers.labels)} markers, such as {model.markers.labels[0]}",
-            source=path,
+            source=trial.recording.source,
             field="markers",
         )
+
+
+def _not_converged(name: str) -> str:
+    return f"{name}: tracking did not converge; its angles and torques are not to be trusted"
+
+
+def _stop_where_late(done: Sequence[TrialResult]) -> None:
+    late = [trial.name for trial in done if not trial.calibrated.converged]
+    if late:
+        raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")

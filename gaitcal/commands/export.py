@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaitcal.commands.console import Talk
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.export import write_mjcf, write_osim, write_urdf
 from gaitcal.model.model_file import load_model
 
@@ -16,9 +16,11 @@ def run(result: Path, formats: str, out: Path | None, *, quiet: bool, verbose: b
     """Write the fitted model of a result folder in other programs' formats."""
     talk = Talk(quiet=quiet, verbose=verbose)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
+    if not chosen:
+        raise UsageError(f"found nothing; at least one of {', '.join(WRITERS)} is needed", field="--format")
     for name in chosen:
         if name not in WRITERS:
-            raise InputError(f"found '{name}'; allowed: {', '.join(WRITERS)}{nearest(name, WRITERS)}", field="--format")
+            raise UsageError(f"found '{name}'; allowed: {', '.join(WRITERS)}{nearest(name, WRITERS)}", field="--format")
     model = load_model(result / "model.toml")
     folder = out or result / "export"
     try:

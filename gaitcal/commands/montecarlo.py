@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Iterator
@@ -16,14 +17,15 @@ from rich.text import Text
 
 from gaitcal.atomic import atomic_file
 from gaitcal.commands.console import Talk
-from gaitcal.errors import ConvergenceError, InputError, nearest
+from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.report.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
+from gaitcal.report.monte_carlo_section import add_monte_carlo
 from gaitcal.study.monte_carlo.cluster import Cluster
 from gaitcal.study.monte_carlo.conclusions import PUBLISHED, TORQUE_WORDS, beside, conclusions
 from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.expectation import expect
 from gaitcal.study.monte_carlo.leg_torques import TORQUES
-from gaitcal.study.monte_carlo.result_folder import case_from
+from gaitcal.study.monte_carlo.result_folder import MODEL, case_from
 from gaitcal.study.monte_carlo.settings import (
     MOST_LEVEL,
     MonteCarloSettings,
@@ -32,14 +34,14 @@ from gaitcal.study.monte_carlo.settings import (
     ReactionFrame,
     Varied,
 )
-from gaitcal.study.monte_carlo.statistics import FEWEST, levels_of, statistics, unconverged
+from gaitcal.study.monte_carlo.statistics import FEWEST, left_out, levels_of, statistics, unconverged
 from gaitcal.study.monte_carlo.store import Store
 from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
 from gaitcal.study.monte_carlo.study import Progress as DrawProgress
 from gaitcal.study.monte_carlo.variance import linear_agreement, variance_contributions
 from gaitcal.study.monte_carlo.workers import LocalProcesses, Workers
 
-FOLDER = "montecarlo"
+FOLDER, REPORT, SUMMARY = "montecarlo", "report.html", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
 SHOWN_SIDE = "l"
 """The left leg is shown, as published; both are in the tables."""
@@ -68,10 +70,10 @@ class Options:
         sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(self.vary)]
         for level in _split(self.levels):
             if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
-                raise InputError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
+                raise UsageError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
         levels = tuple(int(level) for level in _split(self.levels))
         if not sets or not levels:
-            raise InputError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
+            raise UsageError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
         return Plan(tuple(Varied(name) for name in sets), levels, self.draws)
 
     @property
@@ -91,7 +93,7 @@ class Options:
         if self.cluster is not None:
             return Cluster(self.cluster)
         if self.jobs == 0 or self.jobs < -1:
-            raise InputError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
         return LocalProcesses(self.jobs)
 
 
@@ -101,6 +103,8 @@ def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: boo
     store = Store(folder / FOLDER)
     plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
     if expected_mm is not None and not (there := store.read()).empty:
+        if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
+            store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
         _print_expectation(talk, statistics(there), expected_mm)
         return
     with talk.working() as step:
@@ -126,14 +130,27 @@ def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: boo
         contributions = variance_contributions(context)
         with atomic_file(store.folder / "contributions.csv") as path:
             contributions.to_csv(path, index=False, lineterminator="\n")
-        write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
+        figures = write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
+        report = folder / REPORT
+        told = report.exists() and add_monte_carlo(report, study, figures, _marker_rms(folder, case.name), SHOWN_SIDE)
     _print_study(talk, study, frame)
     _print_linearity(talk, context, study)
     if expected_mm is not None:
         _print_expectation(talk, study.statistics, expected_mm)
     talk.line(f"tables and figures: {store.folder}")
+    if told:
+        talk.line(f"report: {report}, section Monte Carlo")
     if options.until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
+
+
+def _marker_rms(folder: Path, trial: str) -> float | None:
+    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the report tells it."""
+    try:
+        told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
+        return float((told.get("pelvis_and_legs_mm") or told["rms_mm"])["calibrated"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # a study folder, or a trial without markers
 
 
 def _split(text: str) -> list[str]:
@@ -142,7 +159,7 @@ def _split(text: str) -> list[str]:
 
 def _one_of(name: str, allowed: list[str], option: str) -> str:
     if name not in allowed:
-        raise InputError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option)
+        raise UsageError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option)
     return name
 
 
@@ -188,9 +205,14 @@ def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> No
     table = study.statistics
     talk.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
     _print_errors(talk, table, frame)
+    for note in study.notes:
+        talk.line(note)
+    if told := [
+        f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}" for row in left_out(table).itertuples()
+    ]:
+        talk.line(f"left out of all these figures, as they did not converge: {'; '.join(told)} draws")
     for found in conclusions(table, SHOWN_SIDE):
-        verdict = "holds" if found.holds else "does not hold"
-        talk.line(f"{found.claim} ({found.frame.value}): {verdict}. {found.numbers}")
+        talk.line(f"{found.claim} ({found.frame.value}): {found.verdict}. {found.numbers}")
     for figure in PUBLISHED:
         if ours := beside(table, figure, study.settings, SHOWN_SIDE):
             name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"

@@ -9,9 +9,10 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.atomic import atomic_directory
+from gaitcal.atomic import atomic_directory, require_room
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
+from gaitcal.ownership import ResultKind
 from gaitcal.study.reproduction.folder import write_tables
 from gaitcal.study.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
 from gaitcal.study.reproduction.rows import Claim, TableRow, Verdict
@@ -27,7 +28,8 @@ def run(out: Path, *, draws: int, noise_seeds: int, seed: int, quiet: bool, verb
     talk = Talk(quiet=quiet, verbose=verbose)
     settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
     kept = out.with_name(out.name + KEPT) if draws else None
-    with talk.working() as step, atomic_directory(out) as folder:
+    require_room(out, ResultKind.REPRODUCTION)
+    with talk.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
         found = reproduce(settings, kept, step)
         step("writing the tables")
         write_tables(found, folder)

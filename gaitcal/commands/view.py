@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaitcal.commands.console import Talk
-from gaitcal.view import load_scene, serve, write_view
+from gaitcal.view import left_out, load_scene, serve, write_view
 
 
 def run(result: Path, html: Path | None, *, quiet: bool, verbose: bool) -> None:
     """Show a result in the browser, or write the page."""
     talk = Talk(quiet=quiet, verbose=verbose)
     scene = load_scene(result / "scene.npz")
+    for sentence in left_out(scene):
+        talk.line(sentence)
     if html is not None:
         write_view(scene, html)
         talk.line(f"wrote {html}")

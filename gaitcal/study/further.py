@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import rigid_floor
 from gaitcal.settings import CalibrationSettings
 from gaitcal.study.ground import measured_reactions
 from gaitcal.study.person import StudyTrial
-from gaitcal.study.pipeline import forces_of, track_problem
+from gaitcal.study.pipeline import forces_of, torque_errors_of, track_problem
 from gaitcal.study.prepare import prepare_trial
-from gaitcal.study.result import LoadedTrial, TorqueErrors, TrialResult
+from gaitcal.study.result import LoadedTrial, TrialResult
 from gaitcal.study.uncertainty import Uncertainty
 
 
@@ -28,18 +28,16 @@ def analyse(model: SubjectModel, trial: StudyTrial, settings: CalibrationSetting
     nominal = track_problem(prepared.body, model.nominal)
     motion = track_problem(prepared.body, model.parameters)
     loads = None
+    moves = marker_moves(prepared.body, motion.nodes, model.parameters, spread.joint)
     if prepared.recording.plates:
         r = measured_reactions(prepared, model, model.parameters, motion, settings)
-        errors = torque_standard_errors(
-            prepared.body, motion.nodes, model.parameters, r.wrench, spread.joint, spread.inertial
-        )
         loads = LoadedTrial(
             r,
             forces_of(model.nominal, nominal, r),
             None,
             forces_of(model.parameters, motion, r),
             None,
-            TorqueErrors(errors[:, :27], errors[:, 27:]),
+            torque_errors_of(prepared.body, motion, model.parameters, r, spread, moves),
         )
     return TrialResult(
         trial.name,
@@ -52,4 +50,5 @@ def analyse(model: SubjectModel, trial: StudyTrial, settings: CalibrationSetting
         rigid_floor(prepared.body),
         motion,
         loads,
+        coordinate_standard_errors(prepared.body, moves),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,14 +42,23 @@ class Study:
     """Who, which markers mean what, which trials, and how to calibrate."""
 
     subject: Subject
+    """The person."""
     marker_set: MarkerSet
+    """Which marker is which landmark, and which segment it follows."""
     trials: tuple[StudyTrial, ...]
+    """The static trial and all others, in the order of the study file."""
     settings: CalibrationSettings
+    """The study file's table `[calibration]`, defaults filled in."""
     weights: Mapping[str, float]
     """Marker label -> weight, where the study overrides the marker set."""
     inputs: Mapping[str, str]
     """File -> SHA-256 of every input."""
     source: str = "study"
+    """The study file, for messages."""
+    files: tuple[Path, ...] = ()
+    """Paths of every input: a result must not take their place."""
+    rename: Mapping[str, str] = field(default_factory=dict)
+    """Label in the files -> label in the marker set."""
 
     @classmethod
     def load(cls, path: Path | str) -> Study:
@@ -63,14 +72,14 @@ class Study:
         path = Path(path)
         file = load_study_file(path)
         marker_set = load_marker_set(file.markers.set)
-        return cls.assemble(file, marker_set, tuple(read_trial(t, file, marker_set) for t in file.trials), path)
+        return cls.assemble(
+            file, marker_set, tuple(read_trial(t, file.markers.rename, marker_set) for t in file.trials), path
+        )
 
     @classmethod
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
-        files = [path, *(t.file for t in file.trials), *(t.forces for t in file.trials if t.forces)]
-        if file.markers.set_path:
-            files.append(file.markers.set_path)
+        files = input_files(file, path)
         s = file.subject
         _check_weights(file, marker_set, path)
         _check_renamed(file, trials, path)
@@ -82,6 +91,8 @@ class Study:
             dict(file.markers.weights),
             {_shown(f, path.parent): hashlib.sha256(f.read_bytes()).hexdigest() for f in dict.fromkeys(files)},
             str(path),
+            files,
+            dict(file.markers.rename),
         )
 
     @property
@@ -93,6 +104,13 @@ class Study:
     def moving(self) -> tuple[StudyTrial, ...]:
         """All other trials."""
         return tuple(trial for trial in self.trials if trial.role != "static")
+
+
+def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
+    """The study file at `path`, its recordings and forces, and a marker set of one's own."""
+    forces = (trial.forces for trial in file.trials if trial.forces)
+    own_set = [file.markers.set_path] if file.markers.set_path else []
+    return (path, *(trial.file for trial in file.trials), *forces, *own_set)
 
 
 def _shown(file: Path, folder: Path) -> str:
@@ -125,8 +143,10 @@ def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path)
             )
 
 
-def read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTrial:
+def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -> StudyTrial:
     """Read one trial of a study file, its labels put into those of the marker set.
+
+    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
 
     Raises
     ------
@@ -135,7 +155,7 @@ def read_trial(trial: Trial, study: StudyFile, marker_set: MarkerSet) -> StudyTr
     """
     recording = read_recording(trial.file, forces=trial.forces)
     own = recording.labels
-    recording = marker_set.renamed(_rename(recording, study.markers.rename))
+    recording = marker_set.renamed(_rename(recording, rename))
     for name in trial.plates:
         known = [plate.name for plate in recording.plates]
         if name not in known:

@@ -16,6 +16,7 @@ from gaitcal.calibration.joint_phases import (
     Phase,
 )
 from gaitcal.calibration.joint_step import JointStepFit, JointStepSettings, JointStepTrial, joint_step
+from gaitcal.calibration.marker_moves import MarkerMoves, coordinate_standard_errors, marker_moves
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces
@@ -27,6 +28,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.settings import CalibrationSettings
+from gaitcal.study.doubts import disagreements, large_residuals
 from gaitcal.study.ground import measured_reactions
 from gaitcal.study.joint_stage import joint_stage, parameters_for
 from gaitcal.study.person import Study
@@ -44,6 +46,12 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
     study : from `Study.load`.
     progress : called with a line of text at the beginning of each step.
     leave_out : find the held-out error too (`study/hold_out.py`), which takes four more fits of the joint parameters.
+
+    Raises
+    ------
+    InputError
+        The recordings do not allow it: landmarks missing in the static trial, too few markers of a segment, forces
+        that fit no foot. A phase that stops early is no error: see `Calibration.converged` and `phases`.
     """
     settings = study.settings
     progress("nominal model from the static trial")
@@ -68,7 +76,9 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
     spread = uncertainty_of(joint, inertial)
     results = []
     for t in trials:
-        loads = None
+        loads, moves = None, None
+        if t.joint is None:
+            moves = marker_moves(t.body, motions[t.name].nodes, final, spread.joint)
         if t.name in reactions:
             r = reactions[t.name]
             loads = LoadedTrial(
@@ -77,7 +87,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
                 forces_of(parameters, after_jp[t.name], r) if joint else None,
                 forces_of(after_ip, after_jp[t.name], r) if inertial else None,
                 forces_of(final, motions[t.name], r) if third else None,
-                _errors(t.body, motions[t.name], final, r, spread),
+                torque_errors_of(t.body, motions[t.name], final, r, spread, moves),
             )
         own = parameters_for(joint, t.name, final)
         calibrated = motions[t.name] if t.joint is None else track_problem(t.fitted, own)
@@ -95,11 +105,12 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
                 floor,
                 motions[t.name],
                 loads,
+                None if moves is None else coordinate_standard_errors(t.body, moves),
                 stage.held_out.get(t.name),
             )
         )
     phases = _phases(joint, inertial, third, reactions)
-    done = _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread, trials, reactions)
+    done = _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread)
     return replace(done, warnings=(*stage.warnings, *done.warnings))
 
 
@@ -116,13 +127,20 @@ def forces_of(parameters: Parameters, motion: Motion, reactions: GroundReactions
     return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, reactions.wrench)
 
 
-def _errors(
-    body: TrialProblem, motion: Motion, parameters: Parameters, reactions: GroundReactions, spread: Uncertainty
+def torque_errors_of(
+    body: TrialProblem,
+    motion: Motion,
+    parameters: Parameters,
+    reactions: GroundReactions,
+    spread: Uncertainty,
+    moves: MarkerMoves | None,
 ) -> TorqueErrors | None:
-    """None for impossible bodies, whose mass matrix has no meaning."""
+    """Standard errors of `forces_of`; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
         return None
-    errors = torque_standard_errors(body, motion.nodes, parameters, reactions.wrench, spread.joint, spread.inertial)
+    errors = torque_standard_errors(
+        body, motion.nodes, parameters, reactions.wrench, spread.joint, spread.inertial, moves
+    )
     return TorqueErrors(errors[:, :27], errors[:, 27:])
 
 
@@ -223,30 +241,22 @@ def _calibration(
     joint: JointCalibration | None,
     inertial: InertialFit | None,
     spread: Uncertainty,
-    trials: list[PreparedTrial],
-    reactions: dict[str, GroundReactions],
 ) -> Calibration:
     notes = list(nominal.notes)
-    notes += [f"{t.name}: {note}" for t in trials for note in t.recording.notes]
-    notes += [f"{name}: {note}" for name, r in reactions.items() for note in r.notes]
+    notes += [note for t in results for note in t.notes]
     warnings = list(joint.warnings) if joint else []
-    warnings += [
-        f"{name}: no frame has every foot on the ground on a force plate; no torques, no inertial calibration"
-        for name, r in reactions.items()
-        if not r.valid.any()
-    ]
+    warnings += [warning for t in results for warning in t.warnings]
+    loads = [t.loads for t in results if t.loads is not None]
+    if loads and not any(load.reactions.valid.any() for load in loads):
+        warnings.append("inertial parameters keep their nominal values: no trial has a valid frame")
     if bodies := impossible_bodies(final.inertial):
         left_out = "; the third step needs possible ones and was left out" if study.settings.joint_step else ""
         warnings.append(
             f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
             f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
         )
-    warnings += [
-        f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
-        f"({1e3 * first:.1f} mm): gait and this trial disagree; mode = 'simultaneous' weighs them together"
-        for t in results
-        if (first := t.nominal.errors.rms()) is not None and (last := t.final.errors.rms()) is not None and last > first
-    ]
+    warnings += disagreements(results, study.settings.mode)
+    warnings += large_residuals(results, final)
     return Calibration(
         study,
         nominal,

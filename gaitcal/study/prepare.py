@@ -123,4 +123,5 @@ def joint_settings(settings: CalibrationSettings) -> JointSettings:
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
         prior_position=WEAK_POSITION if weak else np.inf,
         prior_orientation=WEAK_ORIENTATION if weak else np.inf,
+        cumulative=weak,
     )

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.atomic import MANIFEST, atomic_directory
+from gaitcal.atomic import atomic_directory
 from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import (
@@ -36,6 +36,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
+from gaitcal.ownership import MANIFEST, ResultKind
 from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.settings import CalibrationSettings
 from gaitcal.study.frames_of_truth import Frame, joint_parameters_in, segment_frames
@@ -125,7 +126,17 @@ def _inertial_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Fram
 def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
     """Write a synthetic subject as a study folder: C3D files, `study.toml`, `truth.csv`. Returns the study file.
 
-    The same seed gives the same files. Noise is that of the paper (`synthetic_data.py`); the static trial has none.
+    Parameters
+    ----------
+    out : the folder, replaced if an earlier one is there.
+    seed : the same seed gives the same files.
+    noise : add the paper's marker noise, up to 10 mm (`synthetic_data.py`); the static trial has none.
+    perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or holds files that are not ours.
     """
     folder = Path(out)
     streams = np.random.SeedSequence(seed).spawn(2)
@@ -134,7 +145,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     moving = published_model()
     trials = {"static": static_motion(), **{joint: isolated_motion(joint) for joint in ISOLATED_JOINTS}}
     trials["gait"] = gait_motion()
-    with atomic_directory(folder) as target:
+    with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
         for name, motion in trials.items():
             markers = subject.model.markers if name == "static" else moving.markers
@@ -150,6 +161,12 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
+
+
+def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:
+    """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
+    subject = synthetic_subject(np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0]), perturb=True)
+    return subject.model.parameters, _on_the_floor(subject.model, gait_motion())
 
 
 def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:

@@ -26,7 +26,12 @@ MOMENT_HEADER = (
 
 
 def parameter_table(calibration: Calibration) -> pd.DataFrame:
-    """One row a parameter: name, kind, segment, joint, unit, nominal, fitted, standard error, status."""
+    """One row for each of the 98 joint and 84 inertial parameters, as in `parameters.csv`.
+
+    Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of inertia), `segment` whose
+    axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`, `fitted`, `standard_error` (NaN where none),
+    `status`: `fitted`, `fixed`, or `unidentifiable` (kept, as these trials do not show it).
+    """
     nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
     joint_free = set(calibration.joint.free) if calibration.joint else set()
     inertial_free = _free_inertial(calibration)
@@ -67,12 +72,14 @@ def _status(calibration: Calibration, name: str, free: set[str]) -> str:
     return "fitted" if name in free else "fixed"
 
 
-def coordinate_table(motion: Motion) -> pd.DataFrame:
-    """time, then each coordinate (deg, m), its velocity and its acceleration."""
+def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFrame:
+    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error."""
     names = [name for name in FILE_COORDINATES if name in motion.coordinates]
     order = [motion.coordinates.index(name) for name in names]
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
     parts = {"": motion.q, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
+    if errors is not None:
+        parts["_se"] = errors
     columns = {"time": motion.time}
     for suffix, values in parts.items():
         for k, name in enumerate(names):

@@ -1,0 +1,152 @@
+"""Whose files lie in an output folder: what a run may replace, what it keeps, and what it must not touch.
+
+The manifest of a folder says what kind of result it is and lists the files that were written. A folder may be replaced
+only by a result of the same kind, only while every file in it is in that list, and never while it holds an input of
+the run. What later commands added to it (`KEPT`) is not replaced but goes on into the new result.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from pathlib import Path, PurePosixPath
+
+from gaitcal.errors import InputError
+
+MANIFEST = "manifest.json"
+"""The file that marks a folder as a result of gaitcal."""
+OLD, UNFINISHED = ".gaitcal-old-", ".gaitcal-tmp-"
+"""Beginnings of hidden names beside a target: what waits for an interrupted exchange, and what a killed run left."""
+_LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # written by file browsers, into any folder they show
+
+
+class ResultKind(Enum):
+    """What an output folder holds."""
+
+    CALIBRATION = "calibration"
+    DYNAMICS = "further trials"
+    SYNTHETIC = "synthetic study"
+    REPRODUCTION = "reproduction"
+
+
+KEPT: dict[ResultKind, tuple[str, ...]] = {
+    ResultKind.CALIBRATION: ("montecarlo", "dynamics", "export"),
+    ResultKind.DYNAMICS: (),
+    ResultKind.SYNTHETIC: ("montecarlo",),
+    ResultKind.REPRODUCTION: (),
+}
+"""Folders that later commands put into a result: another run of the first command keeps them."""
+
+_TRIAL_FILES = (
+    *("motion/*.mot", "motion/*.csv", "moments/*.sto", "moments/*.csv", "marker_errors/*.csv", "markers/*.trc"),
+    *("forces/*.mot", "forces/*.xml", "summary.json"),
+)
+_KNOWN: dict[ResultKind, tuple[str, ...]] = {
+    ResultKind.CALIBRATION: (
+        *_TRIAL_FILES,
+        *("parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "report.html", "view.html"),
+        *("splines.npz", "scene.npz", "uncertainty.npz", "figures/*.png", "figures/*.svg"),
+    ),
+    ResultKind.DYNAMICS: _TRIAL_FILES,
+    ResultKind.SYNTHETIC: (
+        *("study.toml", "truth.csv", "static.c3d", "gait.c3d"),
+        *(f"{joint}_{side}.c3d" for joint in ("hip", "knee", "ankle") for side in "rl"),
+    ),
+    ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
+}
+"""Names that results had whose manifest lists no files."""
+
+
+def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
+    """Make sure that `target` may become a result of this kind; returns the folders in it that are to be kept.
+
+    Raises
+    ------
+    InputError
+        It is a file, holds one of the inputs, another kind of result, or a file that gaitcal did not write there.
+    """
+    if not target.exists():
+        return ()
+    if not target.is_dir():
+        raise InputError("is a file; the output needs a folder", source=target)
+    for path in inputs:
+        if path.resolve().is_relative_to(target.resolve()):
+            shown = path.resolve().relative_to(target.resolve()).as_posix()
+            raise InputError(f"holds '{shown}', an input of this run; name another folder", source=target)
+    kept = tuple(sorted(entry.name for entry in target.iterdir() if _is_kept(entry, kind)))
+    found = list(_files(target, kept))
+    if not found and not kept:
+        return ()
+    manifest = read_object(target / MANIFEST)
+    own = _kind_of(manifest)
+    if own is None:
+        raise InputError(_foreign(found[0] if found else kept[0]), source=target)
+    if own is not kind:
+        told = f"holds another kind of result ({own.value}, this would be {kind.value})"
+        raise InputError(f"{told}; name a new or an empty folder", source=target)
+    listed = manifest.get("files")
+    for name in found:
+        if not (name in listed if isinstance(listed, list) else _known(name, kind)) and name != MANIFEST:
+            raise InputError(_foreign(name), source=target)
+    return kept
+
+
+def _foreign(name: str) -> str:
+    return f"holds '{name}', which gaitcal did not write there; move it away, or name a new or an empty folder"
+
+
+def sign(content: Path, kind: ResultKind, kept: Iterable[str]) -> None:
+    """Put the kind, the list of files, and what was kept of an earlier result into the manifest in `content`."""
+    made = read_object(content / MANIFEST)
+    own = [name for name in sorted(_files(content, ())) if name != MANIFEST]
+    told: dict[str, object] = {"gaitcal": "", **made, "kind": kind.value, "files": own}
+    if names := [name for name in kept if not name.startswith(OLD)]:
+        told["kept_from_earlier_result"] = names
+    text = json.dumps(told, indent=1, ensure_ascii=False) + "\n"
+    (content / MANIFEST).write_text(text, encoding="utf-8")
+
+
+def read_object(path: Path) -> dict[str, object]:
+    """The JSON object in a manifest or summary; empty where there is none, which is then no result of ours."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _kind_of(manifest: dict[str, object]) -> ResultKind | None:
+    """The kind that a manifest tells; of manifests that tell none, the one that wrote such keys."""
+    if "gaitcal" not in manifest:
+        return None
+    told = manifest.get("kind")
+    if told is not None:
+        return next((kind for kind in ResultKind if kind.value == told), None)
+    if manifest["gaitcal"] == "synthetic subject":
+        return ResultKind.SYNTHETIC
+    if "inputs_sha256" in manifest:
+        return ResultKind.CALIBRATION
+    return ResultKind.DYNAMICS if set(manifest) == {"gaitcal", "subject"} else None
+
+
+def _is_kept(entry: Path, kind: ResultKind) -> bool:
+    return entry.is_dir() and (entry.name in KEPT[kind] or entry.name.startswith(OLD))
+
+
+def _files(folder: Path, besides: Iterable[str], prefix: str = "") -> Iterator[str]:
+    """Every file below `folder` as `motion/walk.mot`; a link is a file, whatever it points to."""
+    left_out = set(besides)
+    for entry in sorted(folder.iterdir()):
+        if entry.name in left_out or entry.name in _LITTER or entry.name.startswith(UNFINISHED):
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            yield from _files(entry, (), f"{prefix}{entry.name}/")
+        else:
+            yield prefix + entry.name
+
+
+def _known(name: str, kind: ResultKind) -> bool:
+    path = PurePosixPath(name)
+    patterns = map(PurePosixPath, _KNOWN[kind])
+    return any(len(path.parts) == len(p.parts) and path.match(str(p)) for p in patterns)
