@@ -14,8 +14,8 @@ from gaitcal.report.figures.parameters import parameters_chart
 from gaitcal.report.figures.residuals import residuals_chart
 from gaitcal.report.moments import MomentNumbers, moment_numbers
 from gaitcal.report.parameters import joint_groups
-from gaitcal.report.residual_limits import Limits, Stage, residual_limits, stages
 from gaitcal.report.strides import Layout, cycle_sentence, layout
+from gaitcal.study.residual_limits import Limits, Stage, residual_limits, stages
 from gaitcal.study.result import Calibration, TrialResult
 
 

@@ -1,4 +1,4 @@
-"""Each figure as a file for papers: PNG at 200 dpi and SVG."""
+"""Each figure as a file for papers: PNG at 300 dpi and SVG."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from gaitcal.report.charts import charts_of
 from gaitcal.report.figures.chart import chart_figure
 from gaitcal.study.result import Calibration
 
-DPI = 200
+DPI = 300
+"""What journals ask for."""
 
 
 def write_figures(calibration: Calibration, folder: Path | str) -> list[Path]:
-    """Write every figure of the report into `folder` (made if missing) as PNG (200 dpi) and SVG.
+    """Write every figure of the report into `folder` (made if missing) as PNG (300 dpi) and SVG.
 
     File names are plain ASCII: the number and a simplified name of the trial, then what is shown.
 

@@ -73,7 +73,7 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         return ShownChart(chart, panels, tuple((swatch(key), key.label) for key in chart.keys), wide)
 
     made = dict(manifest) if manifest is not None else default_manifest(calibration)
-    template = _environment().get_template("report.html")
+    template = environment().get_template("report.html")
     return template.render(
         calibration=calibration,
         subject=calibration.model.subject,
@@ -172,7 +172,8 @@ def _dashes(key: Key) -> Markup:
     return Markup(' stroke-dasharray="{}"').format(" ".join(f"{1.6 * key.width * v:.1f}" for v in key.dashes))
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """Templates of the report, with its filters; everything is escaped."""
     environment = Environment(
         loader=PackageLoader("gaitcal.report"),
         autoescape=True,

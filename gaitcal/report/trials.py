@@ -98,6 +98,8 @@ class TrialFit:
     final: Fit | None
     """With the model at the end of the whole calibration, where later phases changed the fit of this trial."""
     segments: tuple[Fit, ...]
+    few: str
+    """Segments with fewer than three markers, in words; empty where there are none."""
     markers: tuple[MarkerFit, ...]
     """Largest error first, those with little weight last."""
     largest: float | None
@@ -127,11 +129,17 @@ def _trial_fit(trial: TrialResult) -> TrialFit:
         leg_fit(trial),
         _final_fit(trial),
         tuple(segment_fits(trial)),
+        _few(trial),
         _markers(trial),
         1e3 * after[0] if after else None,
         after[1] if after else "",
         1e3 * before[0] if before else None,
     )
+
+
+def _few(trial: TrialResult) -> str:
+    few = [fit.label for fit in segment_fits(trial) if not fit.rigid]
+    return " and ".join(", ".join(few).rsplit(", ", 1))
 
 
 def _final_fit(trial: TrialResult) -> Fit | None:

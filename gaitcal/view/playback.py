@@ -29,10 +29,7 @@ _FULL = 32767
 
 def scene_json(scene: Scene, body: BodyMeshes) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`."""
-    markers = len(scene.labels)
-    bytes_a_frame = 14 * len(scene.segments) + 6 * markers + 64
-    total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
-    thin = max(1, -(-total // MOST_BYTES))
+    thin = _thinning(scene)
     used = sorted({garment.mesh for garment in scene.garments})
     content = {
         "subject": scene.subject,
@@ -51,6 +48,25 @@ def scene_json(scene: Scene, body: BodyMeshes) -> str:
         "trials": [_trial(trial, thin) for trial in scene.trials],
     }
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def left_out(scene: Scene) -> tuple[str, ...]:
+    """A sentence for every trial of which the page holds some frames only; empty where it holds all."""
+    thin = _thinning(scene)
+    strides = ((trial, trial.stride * thin) for trial in scene.trials)
+    return tuple(
+        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, one in {stride}; "
+        "poses between are interpolated"
+        for trial, stride in strides
+        if stride > 1
+    )
+
+
+def _thinning(scene: Scene) -> int:
+    """1, or which frames of every trial stay for all to have room: every second, third, ..."""
+    bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
+    total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
+    return max(1, -(-total // MOST_BYTES))
 
 
 def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:

@@ -27,6 +27,8 @@ from gaitcal.study.result import Calibration, LoadedTrial, TorqueErrors, TrialRe
 from gaitcal.study.uncertainty import Uncertainty
 
 FRAMES, RATE = 241, 100.0
+ANGLE_ERROR = 0.02
+"""rad."""
 STRIDE = 1.0
 HOSTILE = (
     '<script>alert("x")</script> & $\\frac{1}{0}$ ${7*7} {{7*7}} '
@@ -191,6 +193,7 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
         floor=floor,
         body=after,
         loads=loads,
+        coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
     )
 
 

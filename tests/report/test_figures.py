@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -17,7 +18,6 @@ from gaitcal.report.charts import charts_of
 from gaitcal.report.figures.chart import chart_figure, panel_figure
 from gaitcal.report.figures.style import plain
 from gaitcal.report.moments import moment_names
-from gaitcal.report.residual_limits import residual_limits
 from gaitcal.report.words import (
     coordinate_words,
     explained,
@@ -26,9 +26,10 @@ from gaitcal.report.words import (
     parameter_words,
     segment_words,
 )
+from gaitcal.study.residual_limits import residual_limits
 from gaitcal.study.result import Calibration
 from gaitcal.study.summary import summary
-from tests.report.fake import HOSTILE, Names, fake_calibration
+from tests.report.fake import ANGLE_ERROR, HOSTILE, Names, fake_calibration
 
 SAME = 1e-9
 """Relative: the same sums in another order."""
@@ -74,11 +75,34 @@ def test_frames_that_are_not_valid_stay_empty(whole: Calibration) -> None:
         assert np.isfinite(values[(at < 1.49) | (at > 1.70)]).all()
 
 
+def test_angles_have_the_band_of_their_standard_error(whole: Calibration) -> None:
+    chart = charts_of(whole).gait[0].angles
+    assert "±1 standard error" in [key.label for key in chart.keys]
+    knee = next(p for p in chart.panels if p.label.startswith("Knee flexion"))
+    bands = [c for c in panel_figure(knee).axes[0].collections if isinstance(c, PolyCollection)]
+    assert len(bands) == 2
+    for band in bands:
+        corners = band.get_paths()[0].vertices
+        at = np.isclose(corners[:, 0], 50.0)
+        assert np.ptp(corners[at, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-6)
+    without = charts_of(fake_calibration(errors=False)).gait[0].angles
+    assert "±1 standard error" not in [key.label for key in without.keys]
+
+
 def test_all_axes_have_units(whole: Calibration) -> None:
     for chart in charts_of(whole).all():
         for axes in chart_figure(chart).axes:
             assert axes.get_xlabel().endswith((")", "%)"))
             assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
+
+
+def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
+    for chart in charts_of(whole).all():
+        figure = chart_figure(chart)
+        legend = figure.legends[0].get_window_extent()
+        assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1, chart.name
+        drawn = [axes.get_tightbbox() for axes in figure.axes]
+        assert legend.y0 >= 0 and legend.y1 <= min(box.y0 for box in drawn if box is not None), chart.name
 
 
 def test_right_and_left_keep_their_colours(whole: Calibration) -> None:

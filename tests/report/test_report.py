@@ -8,9 +8,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from gaitcal.model.linkage import SEGMENTS
 from gaitcal.report import report_html, write_report
+from gaitcal.report.trials import trial_fits
+from gaitcal.report.words import segment_words
 from gaitcal.study.result import Calibration
 from tests.report.fake import HOSTILE, Names, fake_calibration, with_phase
 
@@ -73,6 +77,21 @@ def whole() -> Calibration:
 @pytest.fixture(scope="module")
 def page(whole: Calibration) -> Page:
     return Page(report_html(whole))
+
+
+def test_one_marker_has_no_ratio_and_long_notes_are_folded() -> None:
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    floor = replace(trial.floor, distance=np.full_like(trial.floor.distance, 1e-14))
+    kept = trial.calibrated.errors.kept
+    few = [s for s in SEGMENTS if 0 < int(kept(s).sum()) < 3]
+    assert few, "a segment with one or two markers"
+    fits = trial_fits(replace(whole, trials=(replace(trial, floor=floor),)))[0]
+    assert {f.label for f in fits.segments if f.ratio is None} == {segment_words(s) for s in few}
+    assert all(segment_words(s) in fits.few for s in few)
+    text = report_html(replace(whole, notes=("short", "long " * 80)))
+    assert text.count('<details class="more">') == 1
+    assert "long " * 79 in text
 
 
 def test_every_section_is_there_in_order(page: Page) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -73,8 +74,8 @@ def chart_figure(chart: Chart) -> Figure:
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
     heights = [max(p.size.height for p in row) for row in rows]
     width = max(sum(p.size.width for p in row) for row in rows)
-    per_row = max(1, int(width / 1.35))
-    legend = LEGEND_INCHES * -(-len(chart.keys) // per_row) if chart.keys else 0.0
+    columns = _legend_columns(chart.keys, width)
+    legend = LEGEND_INCHES * -(-len(chart.keys) // columns)
     figure = _figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
@@ -84,14 +85,29 @@ def chart_figure(chart: Chart) -> Figure:
             left += panel.size.width
         top -= height
     if chart.keys:
-        figure.legend(
-            handles=[_handle(key) for key in chart.keys],
-            loc="lower center",
-            ncols=min(per_row, len(chart.keys)),
-            frameon=False,
-            prop={"family": FONT, "size": NORMAL},
-        )
+        _legend(figure, chart.keys, columns)
     return figure
+
+
+def _legend(figure: Figure, keys: tuple[Key, ...], columns: int) -> Legend:
+    return figure.legend(
+        handles=[_handle(key) for key in keys],
+        loc="lower center",
+        ncols=columns,
+        frameon=False,
+        prop={"family": FONT, "size": NORMAL},
+    )
+
+
+def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
+    """As many columns as fit a figure of that width (inches)."""
+    figure = _figure(width, 1.0)
+    for columns in range(len(keys), 1, -1):
+        legend = _legend(figure, keys, columns)
+        if legend.get_window_extent().width <= figure.bbox.width:
+            return columns
+        legend.remove()
+    return 1
 
 
 def _figure(width: float, height: float) -> Figure:

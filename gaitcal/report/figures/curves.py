@@ -77,7 +77,8 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
     def trace(name: str) -> Trace:
         column = trial.body.coordinates.index(name)
         old = trial.nominal.coordinates.index(name)
-        return Trace(split_side(name)[1], after[:, column], before[:, old], None)
+        error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, column])
+        return Trace(split_side(name)[1], after[:, column], before[:, old], error)
 
     names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
     signals = _signals(names, trace, "deg", LEAST_ANGLE, moment=False)
@@ -87,7 +88,7 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
         "The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are against "
         "the laboratory, trunk angles against the pelvis" + (", over the right cycle." if layout.by_cycle else "."),
         tuple(_panel(signal, layout) for signal in signals),
-        ANGLE_KEYS,
+        ANGLE_KEYS if trial.coordinate_errors is None else (*ANGLE_KEYS[:3], BAND_KEY, *ANGLE_KEYS[3:]),
         subject=trial.name,
     )
 

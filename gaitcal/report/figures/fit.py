@@ -22,6 +22,8 @@ KEYS = (
 ROW, LEFT = 0.19, 1.42
 LOWER_BODY = tuple(s for s in SEGMENTS if split_side(s)[0] in ("pelvis", "thigh", "shank", "talus", "foot"))
 WIDTH = 3.6
+FEWEST_MARKERS = 3
+"""That make the floor of a segment say how rigid it is."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,15 @@ class Fit:
     nominal: float | None
     calibrated: float | None
     floor: float | None
+    rigid: bool = True
+    """False for one segment with fewer than three markers: whatever they do, it follows them nearly exactly."""
 
     @property
     def ratio(self) -> float | None:
-        """Calibrated over floor."""
-        return self.calibrated / self.floor if self.calibrated is not None and self.floor else None
+        """Calibrated over floor; None where the floor says nothing of the person."""
+        if self.calibrated is None or not self.floor or not self.rigid:
+            return None
+        return self.calibrated / self.floor
 
 
 def trial_fit(trial: TrialResult, *segments: str) -> Fit:
@@ -47,7 +53,8 @@ def trial_fit(trial: TrialResult, *segments: str) -> Fit:
         return None if value is None else 1e3 * value
 
     name = segment_words(segments[0]) if len(segments) == 1 else trial.name
-    return Fit(name, mm(trial.nominal.errors), mm(trial.calibrated.errors), mm(trial.floor))
+    rigid = len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
+    return Fit(name, mm(trial.nominal.errors), mm(trial.calibrated.errors), mm(trial.floor), rigid)
 
 
 def leg_fit(trial: TrialResult) -> Fit:
@@ -55,9 +62,9 @@ def leg_fit(trial: TrialResult) -> Fit:
     return trial_fit(trial, *LOWER_BODY)
 
 
-def segment_fits(trial: TrialResult) -> list[Fit]:
-    """Fit of each segment that has markers in this trial."""
-    return [trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.kept(s).any()]
+def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[Fit]:
+    """Fit of each of these segments that has markers in this trial."""
+    return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
 
 
 def fit_chart(calibration: Calibration) -> Chart | None:
@@ -70,8 +77,7 @@ def fit_chart(calibration: Calibration) -> Chart | None:
         panels.append(_panel(overall, "RMS marker error of each trial", "All trials"))
     for trial in calibration.trials:
         if trial.joint is None:
-            title = f"Segments, trial {plain(trial.name, 20)}"
-            panels.append(_panel(segment_fits(trial), "RMS marker error of each segment", title))
+            panels += [_panel(*part) for part in _parts(trial)]
     return Chart(
         "marker_errors",
         "Marker errors before and after calibration",
@@ -82,6 +88,17 @@ def fit_chart(calibration: Calibration) -> Chart | None:
         KEYS,
         columns=2,
     )
+
+
+def _parts(trial: TrialResult) -> list[tuple[list[Fit], str, str]]:
+    """Legs and the rest apart, each on a scale of its own: errors of arms would squeeze those of legs to nothing."""
+    parts = {"Pelvis and legs": LOWER_BODY, "Trunk and arms": tuple(s for s in SEGMENTS if s not in LOWER_BODY)}
+    of = {title: segment_fits(trial, segments) for title, segments in parts.items()}
+    return [
+        (fits, f"RMS marker error of each segment, {title.lower()}", f"{title}, {plain(trial.name, 12)}")
+        for title, fits in of.items()
+        if fits
+    ]
 
 
 def _panel(fits: list[Fit], label: str, title: str) -> Panel:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gaitcal.report.figures.chart import Chart, Panel, Size
 from gaitcal.report.figures.forces import INVALID_KEY, shade_invalid, thinned
 from gaitcal.report.figures.style import INK, NOMINAL, STEP, WHOLE, Key, dress, write
-from gaitcal.report.residual_limits import Limits, Stage
+from gaitcal.study.residual_limits import Limits, Stage
 from gaitcal.study.result import LoadedTrial, TrialResult
 
 Array = NDArray[np.float64]
