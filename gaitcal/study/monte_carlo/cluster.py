@@ -12,8 +12,8 @@ from importlib import import_module
 from itertools import islice
 from typing import Any, TypeVar
 
+from gaitcal.allocator import keep_freed_memory
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.study.monte_carlo.allocator import keep_freed_memory
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -1,11 +1,12 @@
 """The published conclusions, put to the test with our own numbers, for either frame of the ground reactions.
 
-All compare mean RMS torque errors of one leg at the highest level studied (%BW*H). Limits are ours, chosen before
-the numbers were known, except where the paper names one.
+All compare mean RMS torque errors of one leg at the highest level studied (%BW*H). Limits are ours, except where the
+paper names one. Fewer than `FEWEST` draws are not judged, nor is a difference that chance alone could bring about.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,16 +15,18 @@ from numpy.typing import NDArray
 
 from gaitcal.study.monte_carlo.leg_torques import TORQUES
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ReactionFrame, Varied
-from gaitcal.study.monte_carlo.statistics import levels_of
+from gaitcal.study.monte_carlo.statistics import FEWEST, levels_of
 
 Array = NDArray[np.float64]
 
 IP_LIMIT = 0.25
-"""%BW*H: the paper's own limit for inertial parameters at +-10 %."""
+"""%BW*H: the paper's own limit for inertial parameters at +-10 %; that of marker noise too, which the paper calls small
+without a number."""
 INTERACTION_LIMIT = 0.15
 """Relative difference of JP + IP and what both alone add up to that would be called an interaction."""
 SAMPLING = 3.0
-"""Standard errors of the averages by which that difference may be larger with few draws."""
+"""Standard errors of the averages within which chance lies. Where they are wider than `INTERACTION_LIMIT`, the draws
+cannot tell an interaction from chance."""
 TORQUE_WORDS = {
     "hip_flexion": "hip flexion",
     "hip_adduction": "hip adduction",
@@ -60,9 +63,19 @@ class Conclusion:
 
     claim: str
     frame: ReactionFrame
-    holds: bool
+    holds: bool | None
+    """None where the draws are too few to judge."""
     numbers: str
     """A sentence with the figures behind it."""
+    draws: int
+    """Draws that the smallest of its sets has, failed ones left out."""
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if self.holds is None:
+            return f"not judged: {self.draws} draws"
+        return "holds" if self.holds else "does not hold"
 
 
 def beside(
@@ -89,6 +102,12 @@ def top_errors(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: 
     return np.array([float(rows["average"].iloc[-1]) for rows in found])
 
 
+def _draws(table: pd.DataFrame, sets: Iterable[Varied], frame: ReactionFrame, side: str) -> int:
+    """Draws behind the averages at the highest level, of the set that has the fewest."""
+    last = (levels_of(table, varied.value, f"{TORQUES[0]}_{side}", frame.value).iloc[-1] for varied in sets)
+    return min(int(row["draws"]) for row in last)
+
+
 def _relative_error(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: str) -> Array:
     """(7,) standard errors of the averages at the highest level, relative to them."""
     rows = [levels_of(table, varied.value, f"{torque}_{side}", frame.value).iloc[-1] for torque in TORQUES]
@@ -98,12 +117,20 @@ def _relative_error(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, s
 def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conclusion]:
     jp, ip, both, noise = (top_errors(table, varied, frame, side) for varied in Varied)
     out: list[Conclusion] = []
+
+    def conclude(
+        claim: str, sets: tuple[Varied, ...], holds: np.bool_, numbers: str, *, told_apart: bool = True
+    ) -> None:
+        draws = _draws(table, sets, frame, side)
+        judged = draws >= FEWEST and told_apart
+        out.append(Conclusion(claim, frame, bool(holds) if judged else None, numbers, draws))
+
     if jp is not None and ip is not None:
         numbers = f"JP / IP, torque by torque: {_range(jp / ip)}; mean over torques {jp.mean():.3f} and {ip.mean():.3f}"
-        out.append(Conclusion("joint parameters dominate", frame, bool((jp > ip).all()), numbers + " %BW*H"))
+        conclude("joint parameters dominate", (Varied.JP, Varied.IP), (jp > ip).all(), numbers + " %BW*H")
     if ip is not None:
         numbers = f"largest IP error {ip.max():.3f} %BW*H ({_name(ip.argmax())}), limit {IP_LIMIT}{_moved(table, side)}"
-        out.append(Conclusion("inertial parameters matter little", frame, bool(ip.max() < IP_LIMIT), numbers))
+        conclude("inertial parameters matter little", (Varied.IP,), ip.max() < IP_LIMIT, numbers)
     if jp is not None and both is not None and ip is not None:
         apart = both / np.hypot(jp, ip) - 1.0
         chance = SAMPLING * np.hypot(
@@ -111,14 +138,19 @@ def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conc
         )
         numbers = (
             f"JP + IP against JP: {_range(both / jp)}; against the root of the sum of squares, as without "
-            f"interaction: {_range(1.0 + apart)}"
+            f"interaction: {_range(1.0 + apart)}, limit {1 - INTERACTION_LIMIT:g} to {1 + INTERACTION_LIMIT:g}, chance "
+            f"{chance.max():.2f}"
         )
-        out.append(
-            Conclusion("no interaction", frame, bool((np.abs(apart) < INTERACTION_LIMIT + chance).all()), numbers)
-        )
+        little = (np.abs(apart) < INTERACTION_LIMIT).all()
+        sure = bool((chance < INTERACTION_LIMIT).all())
+        conclude("no interaction", (Varied.JP, Varied.IP, Varied.BOTH), little, numbers, told_apart=sure)
     if jp is not None and noise is not None:
-        numbers = f"noise / JP: {_range(noise / jp)}; largest noise error {noise.max():.3f} %BW*H"
-        out.append(Conclusion("marker noise matters little", frame, bool((noise < jp).all()), numbers))
+        numbers = (
+            f"noise / JP: {_range(noise / jp)}; largest noise error {noise.max():.3f} %BW*H "
+            f"({_name(noise.argmax())}), limit {IP_LIMIT}"
+        )
+        little = (noise < jp).all() & (noise.max() < IP_LIMIT)
+        conclude("marker noise matters little", (Varied.JP, Varied.NOISE), little, numbers)
     return out
 
 

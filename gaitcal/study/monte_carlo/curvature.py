@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.motion.banded import Assembler
-from gaitcal.motion.marker_residual import FrameEquations, MarkerData, VariablePairs, frame_equations
+from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations
 from gaitcal.motion.trial_problem import FRAMES_AT_ONCE, TrialProblem
 
 Array = NDArray[np.float64]
@@ -50,16 +50,17 @@ class RefitEquations:
         for group in self._assembler.spans(FRAMES_AT_ONCE):
             frames = self._assembler.frames(group)
             part = data.frames(frames)
-            equations = frame_equations(self.chain, constants, self._pairs, part, q[frames])
+            matrices = frame_equations(self.chain, constants, self._pairs, part, q[frames]).products()
             if curved:
-                matrix = equations.hessian + curvature(self.chain, constants, self._pairs, part, q[frames])
-                equations = FrameEquations(equations.cost, equations.gradient, matrix)
-            self._assembler.add(sums, equations, group)
+                matrices += curvature(self.chain, constants, part, q[frames])
+            self._assembler.add_matrices(sums, matrices, group)
         return self._assembler.finish(sums, 0.0).band
 
 
-def curvature(chain: Chain, constants: ChainConstants, pairs: VariablePairs, data: MarkerData, q: Array) -> Array:
-    """(nf, npairs) what the markers' curvature adds to the Gauss-Newton matrices of the frames, at `pairs`."""
+def curvature(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> Array:
+    """(nf, nk, nk) what the markers' curvature adds to the Gauss-Newton matrices of the frames; valid at (k, l) where
+    l comes after k.
+    """
     poses = forward(chain, constants, q)
     axes, origins = segment_poses(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
@@ -75,8 +76,7 @@ def curvature(chain: Chain, constants: ChainConstants, pairs: VariablePairs, dat
         j, k = (i + 1) % 3, (i + 2) % 3
         pull[:, i] = v[:, j] * force[:, k] - v[:, k] * force[:, j] - trace * w[:, i]
         pull[:, i] += first[:, i, 0] * w[:, 0] + first[:, i, 1] * w[:, 1] + first[:, i, 2] * w[:, 2]
-    products = np.matmul(np.ascontiguousarray(w.transpose(2, 0, 1)), np.ascontiguousarray(pull.transpose(2, 1, 0)))
-    out: Array = products.reshape(nf, nk * nk)[:, pairs.shallow * nk + pairs.deep]
+    out: Array = np.matmul(np.ascontiguousarray(w.transpose(2, 0, 1)), np.ascontiguousarray(pull.transpose(2, 1, 0)))
     return out
 
 

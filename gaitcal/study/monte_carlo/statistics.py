@@ -23,7 +23,7 @@ PERCENTILES = (10, 25, 50, 75, 90)
 TOLERANCE_PERCENT = 2.0
 LAST_PART = 0.1
 FEWEST = 20
-"""Draws below which convergence is not claimed."""
+"""Draws below which nothing is claimed: neither convergence nor a conclusion."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +111,12 @@ def unconverged(table: pd.DataFrame) -> pd.DataFrame:
     torques = table[(table["measure"] == "rms") & table["grf"].ne("")]
     met = (torques["mean_settles"] <= TOLERANCE_PERCENT) & (torques["cv_settles"] <= TOLERANCE_PERCENT)
     return torques[~met]
+
+
+def left_out(table: pd.DataFrame) -> pd.DataFrame:
+    """Columns `set`, `level`, `draws` (in the distributions), `failed`: cells with draws that did not converge."""
+    cells: pd.DataFrame = table[["set", "level", "draws", "failed"]].drop_duplicates(ignore_index=True)
+    return cells[cells["failed"] > 0]
 
 
 def levels_of(table: pd.DataFrame, varied: str, quantity: str, frame: str = "", measure: str = "rms") -> pd.DataFrame:

@@ -37,8 +37,10 @@ class Store:
         self.folder = folder
         self.draws = folder / "draws"
 
-    def open(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
+    def open(self, case: MonteCarloCase, settings: MonteCarloSettings) -> tuple[str, ...]:
         """Make the store, or make sure that it holds draws of this case with these settings.
+
+        Returns notes: libraries of other versions than those that the store was made with.
 
         Raises
         ------
@@ -48,14 +50,30 @@ class Store:
         wanted = {"format": FORMAT, "settings": dict(settings.as_json()), "model": dict(case.fingerprint())}
         path = self.folder / "settings.json"
         if path.exists():
-            _refuse_other(_read_json(path), wanted, path)
-            return
+            found = _read_json(path)
+            _refuse_other(found, wanted, path)
+            return _other_versions(found)
         if any(self.draws.glob("*.parquet")):
             raise InputError(
                 "found draws without the settings they were made with; remove the folder", source=self.folder
             )
         content = {**wanted, "case": case.name, "versions": {name: _version(name) for name in _VERSIONED}}
         atomic_text(path, json.dumps(content, indent=1) + "\n")
+        return ()
+
+    @property
+    def case_name(self) -> str | None:
+        """The trial whose draws are here; None where there are none yet."""
+        path = self.folder / "settings.json"
+        found = _read_json(path).get("case") if path.exists() else None
+        return found if isinstance(found, str) else None
+
+    def require_model_of(self, case: MonteCarloCase) -> None:
+        """Make sure, before draws are read, that they are of this case; InputError as of `open`."""
+        path = self.folder / "settings.json"
+        if path.exists():
+            found = _read_json(path)
+            _refuse_other(found, {**found, "model": dict(case.fingerprint())}, path)
 
     def write(self, result: ChunkResult) -> None:
         """Keep the records of a chunk."""
@@ -128,6 +146,19 @@ def _refuse_other(found: Mapping[str, object], wanted: Mapping[str, object], pat
             f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder",
             source=path.parent,
         )
+
+
+def _other_versions(found: Mapping[str, object]) -> tuple[str, ...]:
+    """A note where libraries changed since: draws of one seed may then differ in their last digits, no more."""
+    held = found.get("versions")
+    told = [
+        f"{name} {held[name]}, now {_version(name)}"
+        for name in _VERSIONED
+        if isinstance(held, dict) and name in held and held[name] != _version(name)
+    ]
+    if not told:
+        return ()
+    return (f"draws kept here were begun with {'; '.join(told)}: old and new ones may differ in their last digits",)
 
 
 def _version(name: str) -> str:

@@ -39,6 +39,8 @@ class MonteCarloStudy:
     """See `statistics.statistics`."""
     computed: int
     """Draws that this run computed; the others were there."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know of the draws that were there."""
 
     @property
     def converged(self) -> bool:
@@ -66,9 +68,13 @@ def monte_carlo(
 
     Parameters
     ----------
-    case : `nominal_case()`, `case_of(calibration)` or `case_from(folder)`.
+    case : `nominal_case()` or `case_of(calibration)` of `gaitcal.study.monte_carlo.case`, or `case_from(folder)` of
+        `gaitcal.study.monte_carlo.result_folder`.
     folder : where draws are kept and a later run goes on, and where `montecarlo.csv` goes; None keeps nothing.
-    workers : `LocalProcesses()` unless given.
+    settings : seed and bounds: what a draw depends on; as published unless given.
+    plan : which sets are disturbed, at which levels, how often; as published unless given.
+    workers : who computes; `LocalProcesses()` unless given.
+    progress : called with the numbers of draws done and to be done.
     until_converged : raise the number of draws until the published criterion is met (or `MOST_DRAWS` is reached).
     chunk_draws : draws computed and stored together; the results do not depend on it.
 
@@ -80,8 +86,7 @@ def monte_carlo(
     settings, plan = settings or MonteCarloSettings(), plan or Plan()
     workers, progress = workers or LocalProcesses(), progress or _silent
     store = _Memory() if folder is None else Store(Path(folder))
-    if isinstance(store, Store):
-        store.open(case, settings)
+    notes = store.open(case, settings) if isinstance(store, Store) else ()
     computed = 0
     while True:
         chunks = list(store.missing(plan, chunk_draws))
@@ -94,7 +99,7 @@ def monte_carlo(
     if isinstance(store, Store):
         with atomic_file(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
-    return MonteCarloStudy(case, settings, plan, draws, table, computed)
+    return MonteCarloStudy(case, settings, plan, draws, table, computed, notes)
 
 
 def _silent(done: int, todo: int) -> None:

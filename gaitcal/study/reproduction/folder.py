@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.atomic import MANIFEST
+from gaitcal.ownership import MANIFEST
 from gaitcal.study.reproduction.inertial_recovery import InertialRecovery
 from gaitcal.study.reproduction.noise_seed import SeedResult
 from gaitcal.study.reproduction.reproduce import Reproduction
@@ -73,7 +73,6 @@ def _manifest(found: Reproduction) -> str:
     settings = found.settings
     content = {
         "gaitcal": _version("gaitcal"),
-        "kind": "reproduction",
         "versions": {name: _version(name) for name in names} | {"python": platform.python_version()},
         "settings": {
             "noise_seeds": settings.noise_seeds,

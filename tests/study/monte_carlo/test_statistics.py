@@ -11,9 +11,9 @@ from gaitcal.study.monte_carlo.draw import COLUMNS
 from gaitcal.study.monte_carlo.expectation import expect
 from gaitcal.study.monte_carlo.leg_torques import LEG_TORQUES, TORQUES
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ReactionFrame, Varied
-from gaitcal.study.monte_carlo.statistics import levels_of, settling, statistics, unconverged
+from gaitcal.study.monte_carlo.statistics import FEWEST, left_out, levels_of, settling, statistics, unconverged
 
-SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.3}
+SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.1}
 
 
 def made_up(
@@ -101,8 +101,9 @@ def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
     table = statistics(made_up())
     found = conclusions(table)
     assert len(found) == 8
-    assert {c.claim for c in found if not c.holds} == set()
+    assert {c.verdict for c in found} == {"holds"}
     assert "10.0" in next(c.numbers for c in found if c.claim == "joint parameters dominate")
+    assert "limit 0.25" in next(c.numbers for c in found if c.claim == "marker noise matters little")
     worse = table.copy()
     worse.loc[worse["set"] == "ip", ["average"]] *= 20
     assert {c.claim for c in conclusions(worse) if not c.holds} == {
@@ -111,9 +112,44 @@ def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
         "no interaction",
     }
     noisy = table.copy()
-    noisy.loc[(noisy["set"] == "noise") & (noisy["quantity"] == "hip_flexion_l"), "average"] *= 5
+    noisy.loc[(noisy["set"] == "noise") & (noisy["quantity"] == "hip_flexion_l"), "average"] *= 3
     assert {c.claim for c in conclusions(noisy) if not c.holds} == {"marker noise matters little"}
+    assert (noisy[noisy["set"] == "noise"]["average"].max()) < table[table["set"] == "jp"]["average"].max()
+    smaller = table.copy()  # noise is far below the IP's limit, but joint parameters are smaller still
+    smaller.loc[smaller["set"].isin(("jp", "both")), "average"] *= 0.05
+    assert "marker noise matters little" in {c.claim for c in conclusions(smaller) if not c.holds}
+    mingled = table.copy()
+    mingled.loc[mingled["set"] == "both", "average"] *= 1.17
+    assert {c.claim for c in conclusions(mingled) if not c.holds} == {"no interaction"}
     assert conclusions(statistics(made_up(sets=("noise",)))) == ()
+
+
+def test_few_draws_are_not_judged() -> None:
+    few = conclusions(statistics(made_up(FEWEST - 1)))
+    assert {(c.holds, c.verdict) for c in few} == {(None, f"not judged: {FEWEST - 1} draws")}
+    assert all(c.numbers for c in few)
+    assert {c.verdict for c in conclusions(statistics(made_up(FEWEST)))} == {"holds"}
+    draws = made_up(FEWEST)
+    draws.loc[(draws["set"] == "noise") & (draws["draw"] == 0), "failure"] = "did not settle"
+    told = {c.claim: c.verdict for c in conclusions(statistics(draws))}
+    assert told["marker noise matters little"] == f"not judged: {FEWEST - 1} draws"
+    assert told["no interaction"] == "holds"
+
+
+def test_an_interaction_that_chance_could_make_is_not_judged() -> None:
+    """Far more scatter than in `made_up`, so that three standard errors are wider than the limit."""
+    table = statistics(made_up(FEWEST))
+    table.loc[table["set"] == "both", "sd"] = 0.5 * table["average"]
+    told = {c.claim: c.verdict for c in conclusions(table)}
+    assert told["no interaction"] == f"not judged: {FEWEST} draws"
+    assert told["joint parameters dominate"] == "holds"
+
+
+def test_draws_left_out_are_counted_by_cell() -> None:
+    draws = made_up(10)
+    assert left_out(statistics(draws)).empty
+    draws.loc[(draws["set"] == "jp") & (draws["level"] == 50) & (draws["draw"] < 3), "failure"] = "did not settle"
+    assert left_out(statistics(draws)).to_dict("records") == [{"set": "jp", "level": 50, "draws": 7, "failed": 3}]
 
 
 def test_published_figures_stand_beside_ours_only_where_they_mean_the_same() -> None:

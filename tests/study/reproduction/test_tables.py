@@ -155,7 +155,7 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.delenv("GAITCAL_DATA", raising=False)
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="other files"):
+    with pytest.raises(InputError, match="holds 'notes.txt'"):
         command.run(tmp_path, draws=0, noise_seeds=2, seed=0, quiet=True, verbose=False)
 
 
