@@ -11,6 +11,7 @@ import pytest
 from gaitcal.data_files import models_path
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from tests.export.peer_programs import peer
 
 _SEGMENT = {"headtrunk": "head_trunk", "upperarm": "upper_arm", "forearmhand": "forearm_hand"}
 
@@ -35,10 +36,16 @@ def published_markers() -> MarkerPlacement:
 @pytest.fixture
 def osim() -> Any:
     """OpenSim, told to be quiet and to leave no log file behind."""
-    opensim = pytest.importorskip("opensim")
+    opensim = peer("opensim")
     opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Error")
     return opensim
+
+
+@pytest.fixture
+def mujoco() -> Any:
+    """MuJoCo."""
+    return peer("mujoco")
 
 
 @pytest.fixture(scope="session")

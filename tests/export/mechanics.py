@@ -20,6 +20,10 @@ FORCE_TOLERANCE = 1e-6
 """N, N·m: what the exports promise."""
 POSITION_TOLERANCE = 1e-9
 """m: likewise."""
+PRINTED = 1e-6
+"""N, N·m: OpenSim's tool writes eight decimals; accelerations come from its own splines on both sides."""
+IK_TOLERANCE = 0.2e-3
+"""m: likewise promised, RMS over markers of the distance between OpenSim's pose and our per-frame optimum."""
 FEET = ("foot_r", "foot_l")
 SEEDS = range(4)
 STATES = 8

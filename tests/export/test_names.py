@@ -17,6 +17,7 @@ from gaitcal.export import original_name, read_osim, safe_name, write_mjcf, writ
 from gaitcal.export.xml_text import plain_text
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
+from tests.export.peer_programs import peer
 
 NASTY = (
     "<script>alert(1)</script>",
@@ -112,7 +113,7 @@ def test_opensim_finds_every_marker(osim: Any, nasty: SubjectModel, tmp_path: Pa
 
 @pytest.mark.peers
 def test_mujoco_finds_every_marker(nasty: SubjectModel, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = peer("mujoco")
     write_mjcf(nasty, tmp_path / "m.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
     assert {original_name(model.site(i).name) for i in range(model.nsite)} == set(NASTY)

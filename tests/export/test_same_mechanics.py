@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export import safe_name, write_mjcf, write_osim, write_urdf
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.export import write_mjcf, write_osim, write_urdf
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import (
-    FEET,
     FORCE_TOLERANCE,
     POSITION_TOLERANCE,
     SEEDS,
+    State,
     our_forces,
     our_markers,
     perturbed,
     random_states,
 )
 from tests.export.opensim_model import OpenSimModel
+from tests.export.peers import Answers, mujoco_answers, opensim_answers, urdf_answers
 
 URDF_TOLERANCE = 1e-9
 """N, N·m: the same library on both sides, so only rounding of the placements differs."""
@@ -51,61 +49,34 @@ def variant(model: SubjectModel, seed: int) -> SubjectModel:
     return with_talus_marker(perturbed(model, 1)) if seed < 0 else perturbed(model, seed)
 
 
+def assert_same(model: SubjectModel, states: list[State], answers: Answers, force: float = FORCE_TOLERANCE) -> None:
+    tau, markers = answers
+    np.testing.assert_allclose(tau, [our_forces(model, s) for s in states], rtol=0, atol=force)
+    np.testing.assert_allclose(markers, [our_markers(model, s.q) for s in states], rtol=0, atol=POSITION_TOLERANCE)
+
+
 @pytest.mark.peers
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_opensim(osim: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
-    model = variant(published, seed)
+    model, states = variant(published, seed), random_states(abs(seed))
     write_osim(model, tmp_path / "model.osim")
-    peer = OpenSimModel(osim, tmp_path / "model.osim")
-    for state in random_states(abs(seed)):
-        peer.set(state)
-        np.testing.assert_allclose(peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
-        found = peer.markers(model.markers.labels)
-        np.testing.assert_allclose(found, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE)
+    assert_same(model, states, opensim_answers(osim, tmp_path / "model.osim", model.markers.labels, states))
 
 
 @pytest.mark.peers
 @pytest.mark.parametrize("seed", VARIANTS)
-def test_mujoco(published: SubjectModel, tmp_path: Path, seed: int) -> None:
-    mujoco = pytest.importorskip("mujoco")
-    model = variant(published, seed)
-    check_mujoco(mujoco, model, tmp_path / "model.xml", random_states(abs(seed)))
-
-
-def check_mujoco(mujoco: SimpleNamespace, model: SubjectModel, path: Path, states: list) -> None:
-    write_mjcf(model, path)
-    peer = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(peer)
-    assert tuple(peer.joint(i).name for i in range(peer.njnt)) == COORDINATES
-    for state in states:
-        data.qpos[:], data.qvel[:], data.qacc[:] = state.q, state.v, state.a
-        mujoco.mj_inverse(peer, data)
-        ground = np.zeros(27)
-        for foot, wrench in zip(FEET, state.wrenches, strict=True):
-            body = peer.body(foot).id
-            mujoco.mj_applyFT(peer, data, wrench[:3], wrench[3:], np.zeros(3), body, ground)
-        tau = data.qfrc_inverse - ground
-        np.testing.assert_allclose(tau, our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
-        found = np.array([data.site(safe_name(label)).xpos for label in model.markers.labels])
-        np.testing.assert_allclose(found, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE)
+def test_mujoco(mujoco: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
+    model, states = variant(published, seed), random_states(abs(seed))
+    write_mjcf(model, tmp_path / "model.xml")
+    assert_same(model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states))
 
 
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_urdf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
-    model = variant(published, seed)
+    model, states = variant(published, seed), random_states(abs(seed))
     write_urdf(model, tmp_path / "model.urdf")
-    peer = pin.buildModelFromUrdf(str(tmp_path / "model.urdf"))
-    peer.gravity.linear = np.array([0.0, -9.81, 0.0])
-    data = peer.createData()
-    assert tuple(peer.names)[1:] == COORDINATES
-    for state in random_states(abs(seed)):
-        tau = pin.rnea(peer, data, state.q, state.v, state.a).copy()
-        unloaded = replace(state, wrenches=np.zeros((2, 6)))
-        np.testing.assert_allclose(tau, our_forces(model, unloaded), rtol=0, atol=URDF_TOLERANCE)
-        pin.framesForwardKinematics(peer, data, state.q)
-        names = [f"marker_{safe_name(label)}" for label in model.markers.labels]
-        found = np.array([data.oMf[peer.getFrameId(name, pin.FrameType.BODY)].translation for name in names])
-        np.testing.assert_allclose(found, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE)
+    answers = urdf_answers(tmp_path / "model.urdf", model.markers.labels, states)
+    assert_same(model, states, answers, URDF_TOLERANCE)
 
 
 @pytest.mark.peers
@@ -121,10 +92,10 @@ def test_opensim_with_coordinates_held_at_zero(osim: Any, published: SubjectMode
 
 
 @pytest.mark.peers
-def test_mujoco_with_coordinates_held_at_zero(published: SubjectModel, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
-    model = replace(published, frozen=ARM)
-    check_mujoco(mujoco, model, tmp_path / "model.xml", random_states(7, still=ARM))
+def test_mujoco_with_coordinates_held_at_zero(mujoco: Any, published: SubjectModel, tmp_path: Path) -> None:
+    model, states = replace(published, frozen=ARM), random_states(7, still=ARM)
+    write_mjcf(model, tmp_path / "model.xml")
+    assert_same(model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states))
 
 
 @pytest.mark.peers
