@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
             study = run(told.out, cluster.scheduler_address, told.draws)
     for found in conclusions(study.statistics):
-        print(f"{found.claim} ({found.frame.value}): {'holds' if found.holds else 'does not hold'}. {found.numbers}")
+        print(f"{found.claim} ({found.frame.value}): {found.verdict}. {found.numbers}")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
     python scripts/benchmark.py                      # every section
     python scripts/benchmark.py track ip --json out.json
 
-One BLAS thread, one process (start-up commands run in their own). References: SciPy's `least_squares` on the plain
-problem with the sparse analytic Jacobian and with finite differences; OpenSim's inverse kinematics and inverse
-dynamics on our exported model and the same markers (where `opensim` is installed); and, as a lower bound, the bare
-Pinocchio calls that a frame and an iteration cannot avoid: one forward kinematics and one CRBA.
+One BLAS thread and one process, unless a figure says otherwise (whole programs run in their own). References: SciPy's
+`least_squares` on the plain problem with the sparse analytic Jacobian, and with finite differences on a part of it;
+OpenSim's inverse kinematics and inverse dynamics on our exported model and the same markers (where `opensim` is
+installed); and, as a lower bound, the bare Pinocchio calls that a pass over the frames cannot avoid.
 """
 
 from __future__ import annotations
@@ -17,38 +17,69 @@ import os
 import platform
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 
 for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ[_name] = "1"  # read when NumPy is loaded, which the next import does
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from benchmark_tasks import SECTIONS, Timing  # noqa: E402
+from benchmarks.figure import Amount, Timing, exponent  # noqa: E402
+from benchmarks.tasks import SECTIONS  # noqa: E402
+
+PACKAGES = ("pin", "numpy", "scipy", "opensim")
 
 
-def timed(task: Callable[[], object], runs: int) -> list[float]:
-    """Seconds of `runs` runs after one warm-up."""
-    task()
+def timed(task: Callable[[], object], runs: int) -> list[tuple[float, float]]:
+    """Seconds, and seconds of processor time, of `runs` runs after one warm-up; a single run has none."""
+    if runs > 1:
+        task()
     out = []
     for _ in range(runs):
-        start = perf_counter()
+        start, used = perf_counter(), processor_time()
         task()
-        out.append(perf_counter() - start)
+        out.append((perf_counter() - start, processor_time() - used))
     return out
+
+
+def processor_time() -> float:
+    """Seconds of this process and of the children that have ended: what other work on the machine disturbs least."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return process_time()
+    parts = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(part.ru_utime + part.ru_stime for part in parts)
 
 
 def machine() -> dict[str, object]:
     """What the figures were measured on."""
     return {
-        "processor": platform.processor() or platform.machine(),
+        "processor": _processor(),
         "cores": os.cpu_count(),
+        "load_average": round(os.getloadavg()[0], 2),
         "python": platform.python_version(),
         "blas_threads": 1,
-        "versions": {name: version(name) for name in ("pin", "numpy", "scipy")},
+        "worker_threads": 1,
+        "versions": {name: found for name in PACKAGES if (found := _version(name))},
     }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def main(arguments: list[str] | None = None) -> dict[str, object]:
@@ -62,32 +93,48 @@ def main(arguments: list[str] | None = None) -> dict[str, object]:
     if unknown:
         parser.error(f"unknown section {unknown[0]}; allowed: {', '.join(SECTIONS)}")
     results: dict[str, object] = {"machine": machine()}
+    print(json.dumps(results["machine"]))
     for name in chosen.sections or SECTIONS:
-        print(f"\n{name}")
-        figures = {}
-        for timing in SECTIONS[name]():
-            seconds = timed(timing.task, chosen.runs if timing.runs is None else timing.runs)
-            figures[timing.name] = _figure(timing, seconds)
-        _print(figures)
-        results[name] = figures
+        print(f"\n{name}: seconds and processor time, median of {chosen.runs} runs unless told otherwise", flush=True)
+        results[name] = _section(SECTIONS[name](), chosen.runs)
+    results["load_average_after"] = round(os.getloadavg()[0], 2)
     if chosen.json:
         chosen.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
 
 
-def _figure(timing: Timing, seconds: list[float]) -> dict[str, object]:
-    figure: dict[str, object] = {"seconds": median(seconds), "least": min(seconds), "runs": len(seconds)}
-    if timing.note:
-        figure["note"] = timing.note() if callable(timing.note) else timing.note
-    return figure
-
-
-def _print(figures: dict[str, dict[str, object]]) -> None:
-    first = next(iter(figures.values()))["seconds"]
-    for name, figure in figures.items():
-        seconds = float(figure["seconds"])  # type: ignore[arg-type]
-        ratio = seconds / float(first)  # type: ignore[arg-type]
-        print(f"  {name:<46}{seconds:12.4f} s   x {ratio:<9.3g}{figure.get('note', '')}")
+def _section(parts: list[Timing] | list[Timing | Amount], runs: int) -> dict[str, dict[str, object]]:
+    """Measure and print the figures of a section, and the exponents of its series."""
+    figures: dict[str, dict[str, object]] = {}
+    series: dict[str, list[tuple[float, float]]] = {}
+    for part in parts:
+        if isinstance(part, Timing):
+            both = timed(part.task, runs if part.runs is None else min(part.runs, runs))
+            seconds = [wall for wall, _ in both]
+            value, used = median(seconds), median(used for _, used in both)
+            said = part.note(value) if callable(part.note) else part.note
+            figures[part.name] = {
+                "seconds": value,
+                "least": min(seconds),
+                "processor_seconds": used,
+                "runs": len(both),
+                "note": said,
+            }
+            first = next(float(f["seconds"]) for f in figures.values() if "seconds" in f)  # type: ignore[arg-type]
+            print(f"  {part.name:<50}{value:10.4f} s {used:10.4f} s  x {value / first:<9.3g}{said}", flush=True)
+            value /= part.share() if part.share else 1.0
+        else:
+            value = part.measure()
+            figures[part.name] = {"value": value, "unit": part.unit, "note": part.note}
+            print(f"  {part.name:<50}{value:10.4f} {part.unit:<26}{part.note}", flush=True)
+        if part.series:
+            series.setdefault(part.series, []).append((part.size, value))
+    for name, points in series.items():
+        if len(points) > 1:
+            found = exponent(*zip(*points, strict=True))
+            figures[f"exponent: {name}"] = {"value": found, "unit": "", "note": f"over {len(points)} sizes"}
+            print(f"  exponent: {name:<40}{found:10.3f}")
+    return figures
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class Usage:
     peak_gib: float
     before_gib: float
     """Peak before tracking: libraries and the recording."""
+    libraries_gib: float
+    """Peak before there was a recording."""
 
 
 def long_recording(frames: int, rate: float) -> Recording:
@@ -55,19 +58,27 @@ def long_recording(frames: int, rate: float) -> Recording:
 
 
 def peak_gib() -> float:
-    """Largest memory of this process so far."""
+    """Largest memory of this process so far.
+
+    On Linux from /proc: what `getrusage` tells is at least what the process that started this one had then.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        peak = next(line for line in status.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM"))
+        return int(peak.split()[1]) * 1024 / GIB
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / GIB
 
 
 def measured(frames: int, rate: float) -> Usage:
     """Make, track and measure in this process."""
+    libraries = peak_gib()
     recording = long_recording(frames, rate)
     before = peak_gib()
     began = time.perf_counter()
     motion = track(published_model(), recording, rule=NodeRule())
     rms = motion.errors.rms() or float("nan")
-    return Usage(frames, 1e3 * rms, time.perf_counter() - began, peak_gib(), before)
+    return Usage(frames, 1e3 * rms, time.perf_counter() - began, peak_gib(), before, libraries)
 
 
 def usage(frames: int, rate: float) -> Usage:

@@ -18,6 +18,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -39,6 +40,7 @@ from gaitcal.recording import (
     write_trc,
 )
 from gaitcal.recording.force_plate import plate_from_moment
+from gaitcal.recording.plates_csv import with_corners, write_plates_csv
 from gaitcal.study.checks import check_file
 from gaitcal.study.synthetic_data import ground_reactions, synthetic_markers
 from gaitcal.study.synthetic_motion import gait_motion, static_motion
@@ -147,6 +149,9 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
         path = folder / f"forces{suffix}"
         write_forces(path, recording.plates)
         yield Kind(f"forces {suffix}", path.read_bytes(), suffix, read_forces, 500)
+    write_plates_csv(folder / "corners_plates.csv", recording.plates)
+    corners = (folder / "corners_plates.csv").read_bytes()
+    yield Kind("corners .csv", corners, ".csv", read_damaged_corners, 300)
     study = b'[subject]\nname = "x"\nmass_kg = 70\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n' + (
         b'[[trial]]\nname = "static"\nrole = "static"\nfile = "made.csv"\n[[trial]]\nname = "walk"\nrole = "gait"\n'
         b'file = "made.trc"\nforces = "forces.mot"\nplates = { 1 = "r" }\ntime = [0.0, 1.0]\n[calibration]\n'
@@ -163,6 +168,12 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     yield Kind("marker set .toml", sets[0].read_bytes(), ".toml", load_marker_set, 3000)
     save_model(published_model(), folder / "model.toml")
     yield Kind("model .toml", (folder / "model.toml").read_bytes(), ".toml", load_model, 4000)
+
+
+def read_damaged_corners(path: Path) -> object:
+    """Plates with the damaged table beside their forces."""
+    path.with_name("torn_plates.csv").write_bytes(path.read_bytes())
+    return with_corners(small_recording().plates, path.with_name("torn_forces.csv"))
 
 
 def check_damaged_static(path: Path) -> object:
@@ -188,6 +199,7 @@ def real_kinds() -> Iterator[Kind]:
             yield Kind(f"real {path.name}", path.read_bytes()[:60_000].rpartition(b"\n")[0], path.suffix, read, 1500)
 
 
+@cache
 def small_recording() -> Recording:
     """Some frames of the published subject's walk, with two plates."""
     model, motion = published_model(), gait_motion()

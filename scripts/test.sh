@@ -3,7 +3,7 @@
 #   sh scripts/test.sh                  the newest versions, in .venv
 #   sh scripts/test.sh -m 'not slow'    the quick tests only
 #   GAITCAL_LOWEST=1 sh scripts/test.sh the quick tests on the lowest versions pyproject.toml allows, in .venv-lowest
-# GAITCAL_EXTRAS=test,peers,cluster installs more, for the tests that need it.
+# GAITCAL_EXTRAS=test,peers,cluster,docs installs more, for the tests that need it.
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/venv.sh
@@ -12,7 +12,7 @@ if [ -n "${GAITCAL_LOWEST:-}" ]; then
     sed -n '/^dependencies = \[/,/^\]/s/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\).*/\1==\2/p' pyproject.toml >.venv-lowest.txt
     make_venv .venv-lowest test .venv-lowest.txt
     # Old versions warn of what newer ones changed: here that is no failure.
-    exec "$venv_python" -m pytest -q -W default -m 'not slow and not peers and not browser' "$@"
+    exec "$venv_python" -m pytest -q -n auto --dist loadfile -W default -m 'not slow and not peers and not browser' "$@"
 fi
 
 make_venv .venv "${GAITCAL_EXTRAS:-test}"
@@ -28,5 +28,6 @@ check ruff check .
 check ruff format --check .
 check mypy
 check lint-imports
-check pytest "$@"
+# Whole files go to one process each, as their fixtures are made once a file.
+check pytest -n auto --dist loadfile "$@"
 [ -z "$failed" ] || die "FAILED:$failed"

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
+import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
+import gaitcal
+from tests.scripts import script
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS = ROOT / "scripts"
 
 
 def test_benchmark_runs_a_section_and_writes_its_figures(
@@ -32,3 +40,139 @@ def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -
         benchmark.main(["nonsense"])
     assert stopped.value.code == 2
     assert "benchmark" in sys.modules
+
+
+@pytest.mark.slow
+def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script("01_calibrate").main([str(tmp_path)])
+    said = capsys.readouterr().out
+    assert {"report.html", "view.html", "figures", "model.osim"} <= {p.name for p in (tmp_path / "result").iterdir()}
+    nominal, calibrated, floor = (float(word) for word in re.findall(r"^gait +(.*)$", said, re.M)[0].split())
+    assert floor < calibrated < nominal
+    assert (tmp_path / "result" / "report.html").as_posix() in said
+
+
+@pytest.mark.slow
+def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Path) -> None:
+    from tests.study.real_studies import write_study
+
+    study = write_study("subject01", data_dir.resolve(), tmp_path)
+    script("01_calibrate").main([str(tmp_path / "out"), str(study)])
+    assert not (tmp_path / "out" / "subject").exists()
+    assert "subject01" in (tmp_path / "out" / "result" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_uncertainty_script_sets_errors_beside_standard_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script("02_uncertainty").main([str(tmp_path)])
+    said = capsys.readouterr().out
+    within, of = map(int, re.findall(r"within 2 standard errors of the truth: (\d+) of (\d+)", said)[0])
+    assert of == 54
+    assert within > 0.8 * of
+    table = pd.read_csv(tmp_path / "parameters.csv", index_col="name")
+    assert (table["standard_error"] > 0).all()
+    assert table["true"].notna().all()
+    assert float(re.findall(r"gait +knee_angle_r +\S+ +(\S+)", said)[0]) > 0
+
+
+@pytest.mark.slow
+def test_marker_set_script_compares_two_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = script("04_own_marker_set")
+    with pytest.raises(SystemExit) as stopped:
+        own.main([str(tmp_path), "one.toml"])
+    assert stopped.value.code == 2
+    own.main([str(tmp_path)])
+    said = capsys.readouterr().out
+    assert "my_markers: 36 markers on 10 segments" in said
+    first, second = map(float, re.findall(r"gait: RMS marker error (\S+) mm, with the other set (\S+) mm", said)[0])
+    assert first != second
+    change = re.findall(r"knee_angle_r: torque differs by (\S+) %", said)
+    assert 0 < float(change[0]) < 1
+
+
+def test_monte_carlo_limits_decide_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    check = script("check_montecarlo")
+    settled = pd.DataFrame({"measure": ["rms"], "grf": ["lab"], "mean_settles": [1.0], "cv_settles": [1.0]})
+    sound = SimpleNamespace(statistics=settled, computed=80000)
+    late = SimpleNamespace(statistics=settled.assign(cv_settles=2.1), computed=80000)
+    small, large = SimpleNamespace(own=900.0, child=1000.0), SimpleNamespace(own=900.0, child=1100.0)
+    assert check.full_limits(1700.0, small, sound)
+    assert not check.full_limits(1900.0, small, sound)
+    assert not check.full_limits(1700.0, large, sound)
+    assert not check.full_limits(1700.0, small, late)
+    assert check.fast_enough(17.0, 10.0) and not check.fast_enough(16.9, 10.0)
+    for what in ("full", "scaling"):
+        for result in (True, False):
+            monkeypatch.setattr(check, what, lambda *_, result=result: result)
+            assert check.main([what]) == (0 if result else 1)
+
+
+@pytest.mark.slow
+def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
+    nbformat = pytest.importorskip("nbformat", reason="extra `docs`")
+    nbclient = pytest.importorskip("nbclient", reason="extra `docs`")
+    pytest.importorskip("ipykernel", reason="extra `docs`")
+    notebook = nbformat.read(SCRIPTS / "first_study.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert not any(cell.outputs or cell.execution_count for cell in code), "outputs are not committed"
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert (tmp_path / "first-study" / "result" / "report.html").exists()
+    assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
+    said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
+    assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 1.0
+
+
+def test_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("pdoc", reason="extra `docs`")
+    command = [sys.executable, "-W", "error", str(SCRIPTS / "api_reference.py"), str(tmp_path / "api")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+    page = (tmp_path / "api" / "gaitcal.html").read_text(encoding="utf-8")
+    assert all(f'id="{name}"' in page for name in gaitcal.__all__)
+    assert '<a href="gaitcal/study/result.html#TrialResult">' in page
+    assert "numpy.dtype" not in re.sub("<[^>]*>", "", page)
+    assert re.search(r"<strong>Raises</strong></p>\s*<ul>\s*<li><code><a href=\"#InputError\">", page)
+
+
+def test_api_reference_refuses_what_has_no_docstring_or_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pdoc", reason="extra `docs`")
+    reference = script("api_reference")
+    monkeypatch.setattr(reference, "MODULES", ("gaitcal",))
+    monkeypatch.setattr(gaitcal.track, "__doc__", None)
+    faults = reference.build(tmp_path)
+    assert "gaitcal.track has no docstring" in faults
+    assert "gaitcal.html: gaitcal.study.result.TrialResult has no page" in faults
+
+
+def test_benchmark_tells_how_a_series_grows(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    benchmark = importlib.import_module("benchmark")
+    figure = importlib.import_module("benchmarks.figure")
+    clock = iter(float(t) for t in (0, 6, 0, 12, 0, 24))  # start and end of three single runs
+    monkeypatch.setattr(benchmark, "perf_counter", lambda: next(clock))
+    parts = [
+        figure.Timing(f"task {n}", lambda: None, lambda s: f"{s:g} s in all", 1, "time", n, lambda n=n: n)
+        for n in (1, 2, 4)
+    ]
+    parts += [figure.Amount(f"amount {n}", lambda n=n: 3.0 * n**1.5, "GiB", "", "memory", n) for n in (1, 2, 4)]
+    figures = benchmark._section(parts, 5)
+    assert figures["task 4"]["seconds"] == figures["task 4"]["least"] == 24.0
+    assert (figures["task 4"]["runs"], figures["task 4"]["note"]) == (1, "24 s in all")
+    assert figures["task 4"]["processor_seconds"] < 1.0  # of a task that does nothing
+    assert figures["exponent: time"]["value"] == pytest.approx(0.0, abs=1e-12)  # twice the time, but twice the shares
+    assert figures["exponent: memory"]["value"] == pytest.approx(1.5)
+    assert "exponent: memory" in capsys.readouterr().out
+
+
+def test_benchmark_counts_the_passes_that_its_lower_bound_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    references = importlib.import_module("benchmarks.references")
+    trials = importlib.import_module("benchmarks.trials")
+    matrices, gradients = references.passes(trials.problem("gait"))
+    assert matrices >= 2
+    assert gradients >= 1

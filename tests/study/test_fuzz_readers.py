@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.study.scripts import script
+from tests.scripts import script
 
 FILES = 300
 

@@ -10,7 +10,7 @@ from types import ModuleType
 
 def script(name: str) -> ModuleType:
     """The module `scripts/NAME.py`."""
-    path = Path(__file__).parents[2] / "scripts" / f"{name}.py"
+    path = Path(__file__).parents[1] / "scripts" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

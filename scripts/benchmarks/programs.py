@@ -1,0 +1,67 @@
+"""Whole programs: the main job on the synthetic study, the Monte Carlo study, and what starting up takes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import count
+
+from benchmarks.figure import Timing
+from benchmarks.folder import temporary_folder
+from gaitcal.study.monte_carlo.case import nominal_case
+from gaitcal.study.monte_carlo.settings import Plan
+from gaitcal.study.monte_carlo.study import monte_carlo
+from gaitcal.study.monte_carlo.workers import LocalProcesses, ThisProcess, Workers
+
+DRAWS = Plan(levels=(100,), draws=100)
+
+
+def _python(*arguments: str) -> Callable[[], object]:
+    return lambda: subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+
+
+def section_startup() -> list[Timing]:
+    """The command line and the import, each in its own process."""
+    return [
+        Timing("gaitcal --help", _python("-m", "gaitcal.cli", "--help")),
+        Timing("import gaitcal", _python("-c", "import gaitcal")),
+        Timing("python alone", _python("-c", "pass")),
+    ]
+
+
+def section_calibrate_study() -> list[Timing]:
+    """`gaitcal calibrate` on the demo's synthetic study: files read, everything fitted, all results written."""
+    folder = temporary_folder()
+    _python("-m", "gaitcal.cli", "synthesize", "-q", "--out", str(folder / "study"))()
+    turn = count()
+
+    def calibrate() -> object:
+        out = folder / f"result{next(turn)}"
+        return _python(
+            "-m", "gaitcal.cli", "calibrate", "-q", str(folder / "study" / "study.toml"), "--out", str(out)
+        )()
+
+    said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, report, view, exports; its own process"
+    return [Timing("gaitcal calibrate study.toml", calibrate, said)]
+
+
+def section_montecarlo() -> list[Timing]:
+    """Draws of the Monte Carlo study: every set at its highest level, nothing kept on disk."""
+    case = nominal_case()
+
+    def study(workers: Workers) -> Callable[[], object]:
+        return lambda: monte_carlo(case, plan=DRAWS, workers=workers)
+
+    def rate(seconds: float) -> str:
+        return f"{DRAWS.total} draws, {DRAWS.total / seconds:.0f} a second"
+
+    return [
+        Timing("this process", study(ThisProcess()), lambda s: f"{rate(s)}; 3 runs", runs=3),
+        Timing(
+            "two worker processes",
+            study(LocalProcesses(2)),
+            lambda s: f"{rate(s)}, their start included; 3 runs",
+            runs=3,
+        ),
+    ]

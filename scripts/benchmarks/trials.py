@@ -1,0 +1,78 @@
+"""The trials that are timed: the published subject's gait and isolated trials, with the published noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from gaitcal.calibration.joint_calibration import JointFit, calibrate_joints
+from gaitcal.model.joint_parameters import gait_parameters
+from gaitcal.model.linkage import SEGMENTS, joint_segments
+from gaitcal.model.nominal import published_model
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.recording import Recording
+from gaitcal.study.synthetic_data import marker_noise, synthetic_markers
+from gaitcal.study.synthetic_motion import gait_motion, isolated_motion
+
+NODES = NodeRule(fixed=20)
+GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))
+CYCLE = 1.035
+
+
+@cache
+def subject() -> SubjectModel:
+    """The published subject, made once."""
+    return published_model()
+
+
+@cache
+def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording:
+    """Noisy markers of the published subject; a trial longer than recorded goes back and forth."""
+    motion = gait_motion() if trial == "gait" else isolated_motion(trial)
+    model = subject()
+    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    time = motion.basis.time
+    if frames is not None and frames > len(time):
+        back_and_forth = np.concatenate([markers, markers[-2:0:-1]])
+        markers = np.resize(back_and_forth, (frames, *markers.shape[1:]))
+        time = np.arange(frames) / 200.0
+    noise = marker_noise(time, markers.shape[1], np.random.default_rng(seed))
+    return Recording(trial, time, model.markers.labels, markers + noise)
+
+
+def first_frames(whole: Recording, frames: int) -> Recording:
+    """The beginning of a recording."""
+    return replace(whole, time=whole.time[:frames], markers=whole.markers[:frames])
+
+
+def problem(
+    trial: str,
+    free: tuple[str, ...] = (),
+    *,
+    joint_only: bool = False,
+    rule: NodeRule = NODES,
+    frames: int | None = None,
+    seed: int = 1,
+) -> TrialProblem:
+    """The trial (or its first frames) as a least-squares problem, whole body or the segments of its joint."""
+    segments = joint_segments(trial) if joint_only else SEGMENTS
+    seen = recording(trial, seed=seed)
+    seen = seen if frames is None else first_frames(seen, frames)
+    found = trial_problem(trial, subject(), seen, rule, root=segments[0], segments=segments)
+    return found.with_free(free)
+
+
+def start_of(p: TrialProblem) -> np.ndarray:
+    """(nn, nq) nodes from rigid fits."""
+    constants = p.with_free(()).constants(subject().parameters)
+    return starting_nodes(p.chain, constants, p.data, p.basis)
+
+
+def calibrated(p: TrialProblem, free: tuple[str, ...]) -> JointFit:
+    """Joint parameters and motion from rigid fits."""
+    return calibrate_joints([p], subject().parameters, free, [start_of(p)])
