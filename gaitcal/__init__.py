@@ -3,8 +3,16 @@
     import gaitcal as gc
 
     study = gc.Study.load("study.toml")
-    calibration = gc.calibrate(study)
-    print(calibration.model.parameters.joint)
+    calibration = gc.calibrate(study)           # models, motions, torques, errors
+    print(gc.parameter_table(calibration))      # where the joints lie, and how sure
+    gc.write_results(calibration, "result")     # report, view, tables, models
+    walk = calibration.trial("walk")            # a trial, before and after
+    motion = gc.track(calibration.model, gc.read_recording("walk2.c3d"))
+
+Units are m, kg, s, N, N·m and rad throughout; axes x forward, y up, z to the right, in every segment and in the
+laboratory. Arrays over frames have the frame first. `COORDINATES` names the 27 columns of every array of coordinates,
+velocities, accelerations and generalised forces: three pelvis translations (m, N), then rotations (rad, N·m).
+Faults of the input are an `InputError` of one line.
 
 Names are loaded when they are first used, so that `import gaitcal` is quick.
 """
@@ -16,6 +24,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gaitcal.dynamics.api import Moments, inverse_dynamics
+    from gaitcal.dynamics.ground_contact import GroundReactions
     from gaitcal.errors import ConvergenceError, GaitcalError, InputError
     from gaitcal.model.build import build_model
     from gaitcal.model.linkage import COORDINATES
@@ -25,18 +34,22 @@ if TYPE_CHECKING:
     from gaitcal.model.parameters import Parameters
     from gaitcal.model.subject_model import Subject, SubjectModel
     from gaitcal.motion.motion import Motion, track
+    from gaitcal.output import write_results
     from gaitcal.recording import Recording, read_recording
+    from gaitcal.study.ground import ground_reactions
     from gaitcal.study.monte_carlo.study import monte_carlo
     from gaitcal.study.person import Study
     from gaitcal.study.pipeline import calibrate
     from gaitcal.study.result import Calibration
     from gaitcal.study.synthetic_subject import synthesize
+    from gaitcal.study.tables import parameter_table
 
 _HOME = {
     "COORDINATES": "gaitcal.model.linkage",
     "Calibration": "gaitcal.study.result",
     "ConvergenceError": "gaitcal.errors",
     "GaitcalError": "gaitcal.errors",
+    "GroundReactions": "gaitcal.dynamics.ground_contact",
     "InputError": "gaitcal.errors",
     "MarkerSet": "gaitcal.model.marker_set",
     "Moments": "gaitcal.dynamics.api",
@@ -48,44 +61,51 @@ _HOME = {
     "SubjectModel": "gaitcal.model.subject_model",
     "build_model": "gaitcal.model.build",
     "calibrate": "gaitcal.study.pipeline",
+    "ground_reactions": "gaitcal.study.ground",
     "inverse_dynamics": "gaitcal.dynamics.api",
     "load_marker_set": "gaitcal.model.marker_set",
     "load_model": "gaitcal.model.model_file",
     "monte_carlo": "gaitcal.study.monte_carlo.study",
     "nominal_model": "gaitcal.model.nominal",
+    "parameter_table": "gaitcal.study.tables",
     "published_model": "gaitcal.model.nominal",
     "read_recording": "gaitcal.recording",
     "save_model": "gaitcal.model.model_file",
     "synthesize": "gaitcal.study.synthetic_subject",
     "track": "gaitcal.motion.motion",
+    "write_results": "gaitcal.output",
 }
 
 __all__ = [
-    "COORDINATES",
-    "Calibration",
-    "ConvergenceError",
-    "GaitcalError",
-    "InputError",
-    "MarkerSet",
-    "Moments",
-    "Motion",
-    "Parameters",
-    "Recording",
     "Study",
+    "calibrate",
+    "Calibration",
+    "parameter_table",
+    "write_results",
+    "synthesize",
+    "read_recording",
+    "Recording",
+    "track",
+    "Motion",
+    "ground_reactions",
+    "GroundReactions",
+    "inverse_dynamics",
+    "Moments",
+    "COORDINATES",
     "Subject",
     "SubjectModel",
-    "build_model",
-    "calibrate",
-    "inverse_dynamics",
-    "load_marker_set",
-    "load_model",
-    "monte_carlo",
+    "Parameters",
     "nominal_model",
     "published_model",
-    "read_recording",
+    "load_model",
     "save_model",
-    "synthesize",
-    "track",
+    "build_model",
+    "MarkerSet",
+    "load_marker_set",
+    "monte_carlo",
+    "GaitcalError",
+    "InputError",
+    "ConvergenceError",
 ]
 
 

@@ -1,7 +1,8 @@
 """Hip and lumbar joint centres from the pelvis markers alone, as fractions of the distance between the two ASIS.
 
-Bell, Pedersen and Brand 1990: 19.3 % behind, 30.4 % below, 35.9 % beside the middle of the ASIS (method.md, from the
-paper); OrthoTrak: 22, 34, 32 %, deduced from the differences that Reinbolt et al. 2007 print in Table II.
+Bell, Pedersen and Brand (J Biomech 23:617-621, 1990): 19.3 % behind, 30.4 % below, 35.9 % beside the middle of the
+ASIS, as Reinbolt et al. 2007 quote them; OrthoTrak: 22, 34, 32 %, deduced from the differences that the latter print in
+Table II.
 """
 
 from __future__ import annotations

@@ -90,7 +90,9 @@ class MarkerSet:
     """What the markers of a laboratory's protocol mean."""
 
     name: str
+    """Of a built-in set, or the file of one's own without its ending."""
     description: str
+    """One line."""
     landmarks: Mapping[str, tuple[str, ...]]
     """Landmark -> the markers whose mean it is."""
     tracking: Mapping[str, tuple[str, ...]]

@@ -106,7 +106,13 @@ class _File(Table):
 
 
 def save_model(model: SubjectModel, path: Path | str) -> None:
-    """Write a model; `load_model` gives back the same numbers, bit for bit."""
+    """Write a model (`model.toml`); `load_model` gives back the same numbers, bit for bit.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
     with atomic_file(path) as sibling:
         sibling.write_text(model_text(model), encoding="utf-8")
 

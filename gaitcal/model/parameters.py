@@ -20,11 +20,12 @@ class Parameters:
     """Parameters in SI units (m, rad, kg, kg m^2). Arrays are not to be changed in place."""
 
     joint: Array
-    """(98,) joint parameters in the order of `JP_NAMES`."""
+    """(98,) m, rad: joint parameters in the order of `gaitcal.model.joint_parameters.JP_NAMES`."""
     inertial: Array
-    """(84,) inertial parameters in the order of `IP_NAMES`."""
+    """(84,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.inertial_parameters.IP_NAMES`."""
     zero_angles: Array
-    """(4,) rad, in the order of `ZERO_ANGLES`."""
+    """(4,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
+    the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
 
     def with_joint(self, names: tuple[str, ...], values: Array) -> Parameters:
         """A copy with some joint parameters (m, rad) replaced."""

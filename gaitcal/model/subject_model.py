@@ -18,6 +18,7 @@ class Subject:
     """The person."""
 
     name: str
+    """Stands in every output; need not be the person's own."""
     mass: float
     """kg."""
     height: float
@@ -54,11 +55,13 @@ class SubjectModel:
     """A person's linkage model: nominal (from the static trial) or calibrated."""
 
     subject: Subject
+    """The person."""
     parameters: Parameters
     """The values in use."""
     nominal: Parameters
     """The values before calibration, for comparison and as the centre of priors and bounds."""
     markers: MarkerPlacement
+    """Where the tracking markers sit in their segments."""
     frozen: tuple[str, ...] = ()
     """Coordinates held at zero because no marker moves with them (no arms, no head)."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
