@@ -19,9 +19,9 @@ class CalibrationSettings(Table):
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
         default="weak",
-        description="pull of joint parameters towards what is known before a phase: 20 mm or 10 deg from the values "
-        "before weigh as much as four independent marker samples of 5 mm, and gait adds to what isolated trials know; "
-        "none: every phase by itself, as published",
+        description="pull of joint parameters towards what is known before a phase, 20 mm and 10 deg being a standard "
+        "deviation, against the noise that the markers show (skin movement repeats itself: few of their samples are "
+        "independent); gait adds to what isolated trials know; none: every phase by itself, as published",
     )
     gait_parameters: Literal["published", "leg"] = Field(
         default="published",

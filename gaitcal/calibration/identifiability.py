@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.influence import data_covariance
+from gaitcal.calibration.influence import MarkerEvidence
 from gaitcal.calibration.joint_calibration import JointFit
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
@@ -56,22 +56,21 @@ def largest_errors(names: Sequence[str]) -> Array:
     return np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
 
 
-def unseen_parameters(problems: Sequence[TrialProblem], fit: JointFit, unmoved: Sequence[str] = ()) -> tuple[str, ...]:
+def unseen_parameters(free: Sequence[str], evidence: MarkerEvidence, unmoved: Sequence[str] = ()) -> tuple[str, ...]:
     """Names of the free parameters that the trials of a fit do not determine, worst first; `unmoved` come first."""
-    allowed = largest_errors(fit.free)
-    covariance, null = data_covariance(problems, fit)
-    covariance = covariance / np.outer(allowed, allowed)
-    null = null / allowed[:, None]
+    allowed = largest_errors(free)
+    covariance = evidence.covariance / np.outer(allowed, allowed)
+    null = evidence.unseen / allowed[:, None]
     covariance = covariance + UNBOUNDED * null @ null.T
-    unseen = [name for name in fit.free if name in unmoved]
-    kept = [k for k, name in enumerate(fit.free) if name not in unmoved]
+    unseen = [name for name in free if name in unmoved]
+    kept = [k for k, name in enumerate(free) if name not in unmoved]
     while kept:
         variances = covariance[kept, kept]
         worst = int(np.argmax(variances))
         if variances[worst] <= 1.0:
             break
         k = kept.pop(worst)
-        unseen.append(fit.free[k])
+        unseen.append(free[k])
         covariance = covariance - np.outer(covariance[:, k], covariance[k]) / covariance[k, k]
     return tuple(unseen)
 

@@ -129,13 +129,24 @@ def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influen
     return Influence(names, error, clusters)
 
 
-def data_covariance(problems: Sequence[TrialProblem], fit: JointFit) -> tuple[Array, Array]:
-    """(np, np) covariance that the markers alone give the free parameters, priors left out, and the (np, n) directions
-    of parameters that the markers cannot see at all.
-    """
+@dataclass(frozen=True)
+class MarkerEvidence:
+    """What the markers of a fit say of its free parameters by themselves, priors left out."""
+
+    covariance: Array
+    """(np, np)."""
+    unseen: Array
+    """(np, n) directions of parameters that the markers cannot see at all."""
+    coordinates: int
+    """Marker coordinates that say something."""
+
+
+def marker_evidence(problems: Sequence[TrialProblem], fit: JointFit) -> MarkerEvidence:
+    """What the markers say at the solution of a joint calibration."""
     alone = influence_of(problems, replace(fit, prior=np.zeros((0, len(fit.free)))))
     values, vectors = np.linalg.eigh(fit.state.hessian)
-    return alone.covariance, vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
+    null = vectors[:, values <= NULL * max(float(values[-1]), 1e-300)]
+    return MarkerEvidence(alone.covariance, null, int(alone.parameters.any(axis=0).sum()))
 
 
 def _inverse(hessian: Array) -> Array:

@@ -35,15 +35,21 @@ class JointSettings:
     """m, standard deviation of a position about its nominal value; infinite: no prior."""
     prior_orientation: float = np.inf
     """rad."""
-    prior_marker: float = 0.010
-    """m: a prior one standard deviation off costs as much as this marker residual, squared and summed (four
-    independent samples of 5 mm)."""
+    marker_noise: float = 0.010
+    """m: a prior one standard deviation off costs as much as this marker residual, squared and summed."""
     cumulative: bool = False
-    """In a sequence of phases, what earlier trials know stays in the cost of later ones."""
+    """In a sequence of phases, what earlier trials know stays in the cost of later ones; and every phase finds out
+    `marker_noise` by itself, this value being where it starts."""
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
     tracking: TrackSettings = field(default_factory=TrackSettings)
+
+    def prior_deviation(self, names: Sequence[str]) -> Array:
+        """(n,) m, rad: standard deviations of the priors of joint parameters."""
+        position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
+        out: Array = np.where(position, self.prior_position, self.prior_orientation)
+        return out
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,8 @@ class JointFit:
     state: ReducedState
     prior: Array
     """(n, np) m per unit of p: rows of the prior, and of what earlier trials know."""
+    marker_noise: float
+    """m, what priors were weighed against."""
     iterations: int
     seconds: float
     converged: bool
@@ -99,7 +107,7 @@ def calibrate_joints(
     middle = (nominal or parameters).joint[index]
     reach = np.where(position, settings.position_bound, settings.orientation_bound)
     lower, upper = middle - reach, middle + reach
-    sigma = np.where(position, settings.prior_position, settings.prior_orientation)
+    sigma = settings.prior_deviation(free)
     first = parameters.joint[index] if start_values is None else start_values
     inside = np.clip(first, lower + 1e-9 * (upper - lower) if np.isfinite(reach).all() else lower, upper)
     problem = ReducedProblem(
@@ -109,7 +117,7 @@ def calibrate_joints(
         starts,
         settings.tracking,
         prior=_prior_rows(
-            settings.prior_marker / sigma, None if information is None else information[np.ix_(index, index)]
+            settings.marker_noise / sigma, None if information is None else information[np.ix_(index, index)]
         ),
         centre=parameters.joint[index],
     )
@@ -134,6 +142,7 @@ def calibrate_joints(
         tuple(trial.nodes for trial in state.trials),
         state,
         problem.prior,
+        settings.marker_noise,
         int(result.nfev),
         time.perf_counter() - began,
         bool(result.status > 0) and all(trial.converged for trial in state.trials),

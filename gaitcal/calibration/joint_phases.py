@@ -2,22 +2,23 @@
 
 Sequential, an isolated trial is fitted by its joint alone: the proximal segment is free in the laboratory, so that an
 uncalibrated neighbour joint has no say; gait trials are fitted by the whole linkage. Cumulative, gait adds to what the
-isolated trials know: their reduced Gauss-Newton matrices stay in its cost, about their own solutions. Simultaneous,
-every trial is fitted by pelvis and legs, whose joints are all free: each trial then also says what it knows of its
-neighbours, and no nominal joint is left to pull.
+isolated trials know: their reduced Gauss-Newton matrices stay in its cost, about their own solutions, each in units of
+its own independent noise (`marker_noise.py`). Simultaneous, every trial is fitted by pelvis and legs, whose joints are
+all free: each trial then also says what it knows of its neighbours, and no nominal joint is left to pull.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.identifiability import in_words, small_turns, unmoved_parameters, unseen_parameters
-from gaitcal.calibration.influence import Influence, influence_of, nominal_influence
+from gaitcal.calibration.influence import Influence, MarkerEvidence, influence_of, marker_evidence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.calibration.marker_noise import LEAST_NOISE, independent_noise
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
@@ -25,6 +26,11 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
+
+
+PRIORS_OWN = 0.5
+"""Where less than this part of the noise is found that priors were weighed against, they may have made most of it
+themselves: it is looked for again after a fit with what was found."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,8 @@ class Phase:
     seconds: float
     converged: bool
     message: str
+    marker_noise: float | None = None
+    """m, the independent noise that priors were weighed against; None where there were none."""
 
     @property
     def status(self) -> str:
@@ -85,22 +93,18 @@ class _Run:
         self.fits: list[JointFit] = []
         self.influence = nominal_influence()
         self.information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
-        """m^2 per units of p: what the trials so far know of all joint parameters together."""
+        """Per units of p: what the trials so far know of all joint parameters together, noise being 1."""
         self.unseen: list[str] = []
         self.warnings: list[str] = []
 
     def fit(
         self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None = None
     ) -> JointFit:
-        """Fit, freeze what the trials cannot see, and fit the rest again; `joint`: the one of isolated trials."""
-        fit = self._solve(problems, free)
-        unmoved = unmoved_parameters(problems, fit, joint) if joint else ()
-        unseen = unseen_parameters(problems, fit, unmoved)
-        seconds, iterations = fit.seconds, fit.iterations
+        """One phase; `joint`: the one of isolated trials."""
+        attempts, unseen = self._attempts(problems, free, joint)
+        fit = attempts[-1]
+        seconds, iterations = sum(a.seconds for a in attempts), sum(a.iterations for a in attempts)
         if unseen:
-            seen = tuple(n for n in fit.free if n not in unseen)
-            fit = self._solve(problems, seen)
-            seconds, iterations = seconds + fit.seconds, iterations + fit.iterations
             known = {n for earlier in self.fits for n in earlier.free}
             new = [n for n in unseen if n not in known]
             self.unseen += new
@@ -113,16 +117,43 @@ class _Run:
         self.fits.append(fit)
         self.influence = influence_of(problems, fit, self.influence)
         at = [JP_INDEX[n] for n in fit.free]
-        self.information[np.ix_(at, at)] += fit.state.hessian
+        self.information[np.ix_(at, at)] += fit.state.hessian / fit.marker_noise**2
         trials = tuple(p.name for p in problems)
-        self.phases.append(Phase(name, trials, len(fit.free), iterations, seconds, fit.converged, fit.message))
+        noise = fit.marker_noise if self.settings.cumulative else None
+        self.phases.append(Phase(name, trials, len(fit.free), iterations, seconds, fit.converged, fit.message, noise))
         return fit
 
-    def _solve(self, problems: Sequence[TrialProblem], free: tuple[str, ...]) -> JointFit:
-        p = self.parameters
+    def _attempts(
+        self, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None
+    ) -> tuple[list[JointFit], tuple[str, ...]]:
+        """Fit, freeze what the trials cannot see, and fit the rest again, priors weighed against the noise found."""
+        attempts = [self._solve(problems, free, self.settings.marker_noise)]
+        first = attempts[0]
+        unmoved = unmoved_parameters(problems, first, joint) if joint else ()
+        evidence = marker_evidence(problems, first)
+        unseen = unseen_parameters(first.free, evidence, unmoved)
+        if not unseen and not self.settings.cumulative:
+            return attempts, unseen
+        noise, seen = self._noise(first, evidence, unseen), tuple(n for n in first.free if n not in unseen)
+        while True:
+            before = attempts[-1].marker_noise
+            attempts.append(self._solve(problems, seen, noise))
+            if noise >= PRIORS_OWN * before or noise <= LEAST_NOISE:
+                return attempts, unseen
+            noise = self._noise(attempts[-1], marker_evidence(problems, attempts[-1]))
+
+    def _noise(self, fit: JointFit, evidence: MarkerEvidence, unseen: Sequence[str] = ()) -> float:
+        seen = [k for k, name in enumerate(fit.free) if name not in unseen]
+        if not self.settings.cumulative or not seen:
+            return self.settings.marker_noise
+        deviation = self.settings.prior_deviation([fit.free[k] for k in seen])
+        return independent_noise(fit.state.hessian, evidence, np.array(seen), deviation)
+
+    def _solve(self, problems: Sequence[TrialProblem], free: tuple[str, ...], noise: float) -> JointFit:
+        p, settings = self.parameters, replace(self.settings, marker_noise=noise)
         starts = [starting_nodes(t.chain, t.constants(p), t.data, t.basis) for t in problems]
-        known = self.information if self.settings.cumulative else None
-        return calibrate_joints(problems, p, free, starts, self.settings, nominal=self.nominal, information=known)
+        known = noise**2 * self.information if settings.cumulative else None
+        return calibrate_joints(problems, p, free, starts, settings, nominal=self.nominal, information=known)
 
     def done(self) -> JointCalibration:
         """All phases together."""

@@ -35,6 +35,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
                 "seconds": round(phase.seconds, 4),
                 "status": phase.status,
                 "message": phase.message,
+                **({} if phase.marker_noise is None else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}),
             }
             for phase in calibration.phases
         ],
