@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.blas import with_one_blas_thread
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -117,6 +118,7 @@ def _errors(problem: TrialProblem, distance: Array) -> MarkerErrors:
     return MarkerErrors(problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance))
 
 
+@with_one_blas_thread
 def track(
     model: SubjectModel,
     recording: Recording,

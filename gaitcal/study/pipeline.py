@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.blas import with_one_blas_thread
 from gaitcal.calibration.inertial_calibration import InertialFit, TorqueScale, fit_consistent, fit_published
 from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
 from gaitcal.calibration.joint_phases import (
@@ -38,6 +39,7 @@ from gaitcal.study.result import Calibration, LoadedTrial, TorqueErrors, TrialRe
 from gaitcal.study.uncertainty import Uncertainty, uncertainty_of
 
 
+@with_one_blas_thread
 def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = False) -> Calibration:
     """Fit a person's joint and inertial parameters and compute the joint torques of every gait trial.
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from gaitcal.blas import one_blas_thread
 from gaitcal.study.monte_carlo.case import MonteCarloCase
 from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.draw import draw
@@ -69,7 +69,7 @@ _kept = threading.local()
 def run_chunk(task: ChunkTask) -> ChunkResult:
     """Compute a chunk. BLAS works with one thread, wherever this runs: more would change the last bits."""
     chunk = task.chunk
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         context = _context(task.case, task.settings)
         results = [draw(context, chunk.varied, chunk.level, k) for k in range(chunk.first, chunk.stop)]
     return ChunkResult(
