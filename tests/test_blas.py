@@ -33,7 +33,8 @@ def test_one_inside_and_as_many_as_before_afterwards() -> None:
         assert asked() == {1}
         with pytest.raises(ValueError, match="a fault"):
             asked(fault=True)
-        assert threads() == before == {2}
+        assert threads() == before
+        assert 2 in before  # some library may have been built for one thread
 
 
 class _SeenError(Exception):

@@ -141,9 +141,9 @@ def test_api_reference_refuses_what_has_no_docstring_or_page(tmp_path: Path, mon
     pytest.importorskip("pdoc", reason="extra `docs`")
     reference = script("api_reference")
     monkeypatch.setattr(reference, "MODULES", ("gaitcal",))
-    monkeypatch.setattr(gaitcal.track, "__doc__", None)
+    monkeypatch.setattr(gaitcal.save_model, "__doc__", None)
     faults = reference.build(tmp_path)
-    assert "gaitcal.track has no docstring" in faults
+    assert "gaitcal.save_model has no docstring" in faults
     assert "gaitcal.html: gaitcal.study.result.TrialResult has no page" in faults
 
 

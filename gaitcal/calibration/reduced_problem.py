@@ -40,6 +40,8 @@ KEPT = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
 NULL = 1e-12
 """Eigenvalues of S below this fraction of the largest count as zero."""
+MUCH_NEARER = 0.5
+"""A trial whose cost has fallen to this part tries Gauss-Newton's steps again."""
 SLOW = 0.1
 """A motion whose steps do not each promise less than this part of the one before is tracked, with damping."""
 
@@ -129,6 +131,8 @@ class ReducedProblem:
         refused may have motions that folded up, and they would lead into valleys of their own.
         """
         self.evaluations = 0
+        self.slow_at = [np.inf] * len(self.open)
+        """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than they held."""
 
     def at(self, p: Array) -> ReducedState:
         """Solve all motions at p, warm-started from the best point so far and dN/dp."""
@@ -172,6 +176,8 @@ class ReducedProblem:
             last = self.best.trials[k]
             ahead = last.matrices.sensitivity @ (p - self.best.p)[self.columns[k]]
             predicted, matrices = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
+        if self._curved(k):
+            return self._tracked(k, predicted, values, constants, self.settings)
         nodes, before = predicted, np.inf
         while True:
             if matrices is not None and matrices.serve(values, nodes):
@@ -181,7 +187,7 @@ class ReducedProblem:
             if found.gain <= NEAR * found.cost:
                 return found.state(converged=True)
             if not found.gain <= SLOW * before:
-                return self._tracked(k, predicted, values, constants, replace(near, first_damping=0.0))
+                return self._tracked(k, predicted, values, constants, near)
             nodes, matrices, before = nodes - found.step, found.matrices, found.gain
 
     def _settled(self, k: int, trial: TrialState, p: Array, parameters: Parameters) -> TrialState:
@@ -190,13 +196,20 @@ class ReducedProblem:
         found = _linearised(problem, constants, values, trial.nodes)
         if found.gain <= self.settings.tolerance * found.cost:
             return found.state(trial.converged)
-        return self._tracked(k, trial.nodes, values, constants, replace(self.settings, first_damping=0.0))
+        return self._tracked(k, trial.nodes, values, constants, self.settings)
 
     def _tracked(
         self, k: int, nodes: Array, values: Array, constants: ChainConstants, settings: TrackSettings
     ) -> TrialState:
+        settings = replace(settings, first_damping=0.0, curved=self._curved(k))
         tracked = track_nodes(self.fixed[k], constants.without_parameters(), nodes, settings)
+        if tracked.curved and not settings.curved:
+            self.slow_at[k] = min(self.slow_at[k], tracked.cost)
         return _linearised(self.open[k], constants, values, tracked.nodes).state(tracked.converged)
+
+    def _curved(self, k: int) -> bool:
+        """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""
+        return self.best is not None and self.best.trials[k].cost > MUCH_NEARER * self.slow_at[k]
 
     def residual(self, p: Array) -> Array:
         """Compressed residuals f, followed by the prior's rows; m."""

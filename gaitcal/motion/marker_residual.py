@@ -15,6 +15,7 @@ every frame. The sums over a segment's markers are turned with the segment, not 
     sum w x x r = sum_j T_sj x (sum w [l; 1]_j r),
 
 P_s as long constant as the weights are. They are summed from the tips to the root, once per distinct set of segments.
+What Gauss-Newton leaves out (`curvature.py`) is added to Y_l J_l where it is asked for.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_transforms
+from gaitcal.motion.curvature import curvature_pulls
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -90,7 +92,7 @@ class FrameEquations:
     columns: Array
     """(nq + np, 6, nf) J_k."""
     carried: Array
-    """(nq + np, 6, nf) Y_k J_k; none where the matrix was not asked for."""
+    """(nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was."""
 
     def products(self, first: slice = ALL, second: slice = ALL) -> Array:
         """(nf, n, n') J_k . Y_l J_l for k of `first` and l of `second`: H_kl wherever l comes after k."""
@@ -153,39 +155,55 @@ def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Ar
 
 
 def frame_equations(
-    chain: Chain, constants: ChainConstants, pairs: VariablePairs, data: MarkerData, q: Array, *, hessian: bool = True
+    chain: Chain,
+    constants: ChainConstants,
+    pairs: VariablePairs,
+    data: MarkerData,
+    q: Array,
+    *,
+    hessian: bool = True,
+    curved: bool = False,
 ) -> FrameEquations:
-    """Cost, half gradient and (optionally) Gauss-Newton matrix of every frame."""
+    """Cost, half gradient and (optionally) matrix of every frame: Gauss-Newton's, or if `curved` half the Hessian."""
     poses = forward(chain, constants, q)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
-    forces, cost = _segment_forces(data, segments)
-    gradient = np.einsum("kif,kif->kf", columns, _sums(chain, forces)[chain.moved_set])
+    arms, cost = _segment_arms(data, segments)
+    forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]
+    gradient = np.einsum("kif,kif->kf", columns, forces)
     if not hessian:
         return FrameEquations(pairs, cost, gradient, columns, np.empty((0, 6, len(q))))
-    inertias = _sums(chain, _segment_inertias(data, segments))
-    return FrameEquations(pairs, cost, gradient, columns, _apply_inertia(inertias, chain.moved_set, columns))
+    carried = _apply_inertia(_sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns)
+    if curved:
+        first = np.einsum("sjaf,sjbf->sabf", segments, arms)
+        summed = _sums(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
+        carried[:, 3:] += curvature_pulls(columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1))
+    return FrameEquations(pairs, cost, gradient, columns, carried)
 
 
-def _segment_forces(data: MarkerData, segments: Array) -> tuple[Array, float]:
-    """(ns, 6, nf) force and moment of the residuals of each segment, and the cost."""
+def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
+    """(ns, 4, 3, nf) sums of w [l; 1]_j r over the markers of each segment, and the cost."""
     ns, nf = len(segments), segments.shape[-1]
     r = _place(data, segments)
     r -= data.measured
     pull = data.weight[:, None] * r
     cost = float(np.vdot(pull, r))
     arms = np.zeros((ns, 4, 3, nf))
-    """sum of w [l; 1]_j r."""
     for s, markers in data.groups:
         flat = pull[markers].reshape(-1, 3 * nf)
         np.matmul(data.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
-    out = np.empty((ns, 6, nf))
+    return arms, cost
+
+
+def _segment_forces(segments: Array, arms: Array) -> Array:
+    """(ns, 6, nf) force and moment of the residuals of each segment."""
+    out = np.empty((len(segments), 6, segments.shape[-1]))
     out[:, :3] = arms[:, 3]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         np.einsum("sjf,sjf->sf", segments[:, :, j], arms[:, :, k], out=out[:, 3 + i])
         out[:, 3 + i] -= np.einsum("sjf,sjf->sf", segments[:, :, k], arms[:, :, j])
-    return out, cost
+    return out
 
 
 def _segment_inertias(data: MarkerData, segments: Array) -> Array:

@@ -4,6 +4,9 @@ Gauss-Newton on the banded normal equations, with Levenberg's damping (relative 
 step does not lower the cost: from rigid fits it is hardly ever needed, from absolute zero it is. Near the minimum the
 matrix hardly changes from step to step, and its factor is kept: a step then costs a gradient, a third of the work.
 What ends the iteration is the same either way, the gain that a step promises.
+
+Where markers stay far from where the model has them, Gauss-Newton's steps shrink slowly, or grow: then the matrix gets
+the markers' curvature as well, as long as it is positive definite with it, and the steps are Newton's.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ KEPT = 0.1
 more to gain than the square."""
 SLOW = 0.1
 """A kept factor whose next step promises more than this part of what the last one did is formed anew."""
+MOST_TRIES = 3
+"""Times that Newton's steps are begun, where those of Gauss-Newton are slow."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,8 @@ class TrackSettings:
     most_steps: int = 100
     first_damping: float = 0.0
     """Levenberg damping of the first step; 1e-3 when starting far away."""
+    curved: bool = False
+    """Whether to begin with Newton's steps."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,8 @@ class Tracked:
     """m^2 at `nodes`."""
     steps: int
     converged: bool
+    curved: bool
+    """Whether it took Newton's steps."""
 
 
 def track_nodes(
@@ -70,17 +79,28 @@ def track_nodes(
     nodes, damping = start, settings.first_damping
     equations: NormalEquations | None = None
     factor: BandFactor | None = None
-    fresh, promised = False, np.inf
+    fresh, promised, last = False, np.inf, np.inf
+    curved, tries = settings.curved, 0 if problem.chain.free else MOST_TRIES
     converged, step_count, cost, gradient = False, 0, np.inf, np.zeros_like(start)
     while step_count < settings.most_steps:
         step_count += 1
         if factor is None:
-            equations = equations or problem.equations(nodes, constants)
+            equations = equations or problem.equations(nodes, constants, curved=curved)
             cost, gradient = equations.cost, equations.node_gradient
-            factor, equations = _factor(problem, equations, damping, nodes, constants)
+            try:
+                factor, equations = _factor(problem, equations, damping, nodes, constants, curved=curved)
+            except np.linalg.LinAlgError:
+                if not curved:
+                    raise
+                curved, equations, last = False, None, np.inf
+                continue
             fresh, promised = True, np.inf
         step = -factor.solve(gradient.ravel()).reshape(nodes.shape)
         expected = -float(np.vdot(gradient, step))
+        slow = fresh and expected > SLOW * last
+        if slow and not curved and tries:
+            curved, tries, damping, factor, equations = True, tries - 1, 0.0, None, None
+            continue
         enough = settings.tolerance * cost * (1.0 if fresh else KEPT)
         if damping == 0.0 and expected <= enough:
             nodes, converged = nodes + step, True
@@ -88,7 +108,7 @@ def track_nodes(
         if not fresh and expected > SLOW * promised:
             factor = None
             continue
-        promised = expected
+        promised, last = expected, expected if fresh else last
         near = damping == 0.0 and float(np.abs(step).max()) < NEAR
         trial: NormalEquations | None = None
         if near:
@@ -96,7 +116,7 @@ def track_nodes(
         else:
             if equations is None:
                 factor = None  # a large one makes room
-            trial = problem.equations(nodes + step, constants)
+            trial = problem.equations(nodes + step, constants, curved=curved)
             trial_cost, trial_gradient = trial.cost, trial.node_gradient
         if trial_cost <= cost + 1e-14 * small:
             fall = cost - trial_cost
@@ -113,16 +133,24 @@ def track_nodes(
                 converged = True
                 break
             factor = None
-            if fresh:
+            if curved:
+                curved, equations, last = False, None, np.inf
+            elif fresh:
                 damping = max(10 * damping, 1e-6)
             if damping > 1e12:
                 break
         del trial
-    return Tracked(nodes, cost, step_count, converged)
+    return Tracked(nodes, cost, step_count, converged, curved)
 
 
 def _factor(
-    problem: TrialProblem, equations: NormalEquations, damping: float, nodes: Array, constants: ChainConstants
+    problem: TrialProblem,
+    equations: NormalEquations,
+    damping: float,
+    nodes: Array,
+    constants: ChainConstants,
+    *,
+    curved: bool,
 ) -> tuple[BandFactor, NormalEquations | None]:
     """The factor of H_qq, and the equations if they outlive it: a large matrix is factored in its own place, and formed
     anew if that fails.
@@ -132,4 +160,4 @@ def _factor(
     try:
         return BandFactor(equations.band, damping, overwrite=True), None
     except np.linalg.LinAlgError:
-        return BandFactor(problem.equations(nodes, constants).band, damping), None
+        return BandFactor(problem.equations(nodes, constants, curved=curved).band, damping), None

@@ -63,14 +63,22 @@ class TrialProblem:
         """The same trial with other marker weights (nm, nf)."""
         return replace(self, data=replace(self.data, weight=weight))
 
-    def equations(self, nodes: Array, constants: ChainConstants) -> NormalEquations:
-        """Normal equations at `nodes` (nn, nq)."""
+    def equations(self, nodes: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
+        """Normal equations at `nodes` (nn, nq); if `curved`, with half the whole Hessian instead of Gauss-Newton's.
+
+        ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
+        parameters are not kept in that order.
+        """
+        if curved and self.chain.free:
+            raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
         assembler, cost = self._assembler, 0.0
         sums = assembler.empty()
         q = self.basis.evaluate(nodes)
         for group in assembler.spans(FRAMES_AT_ONCE):
             frames = assembler.frames(group)
-            part = frame_equations(self.chain, constants, self._pairs, self.data.frames(frames), q[frames])
+            part = frame_equations(
+                self.chain, constants, self._pairs, self.data.frames(frames), q[frames], curved=curved
+            )
             assembler.add(sums, part, group)
             cost += part.cost
         return assembler.finish(sums, cost)

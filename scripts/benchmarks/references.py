@@ -22,9 +22,9 @@ from gaitcal.study.synthetic_motion import gait_motion
 class Counted(TrialProblem):
     """A trial that counts what is asked of it."""
 
-    def equations(self, nodes: np.ndarray, constants: ChainConstants) -> NormalEquations:
+    def equations(self, nodes: np.ndarray, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
         self.counts["matrices"] += 1
-        return super().equations(nodes, constants)
+        return super().equations(nodes, constants, curved=curved)
 
     def gradient(self, nodes: np.ndarray, constants: ChainConstants) -> tuple[float, np.ndarray]:
         self.counts["gradients"] += 1

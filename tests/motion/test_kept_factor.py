@@ -34,7 +34,9 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
     for name in ("equations", "gradient"):
         plain = getattr(TrialProblem, name)
-        monkeypatch.setattr(TrialProblem, name, lambda *a, plain=plain, name=name: (calls.append(name), plain(*a))[1])
+        monkeypatch.setattr(
+            TrialProblem, name, lambda *a, plain=plain, name=name, **k: (calls.append(name), plain(*a, **k))[1]
+        )
     kept = track_nodes(problem, constants, start)  # type: ignore[arg-type]
     with_keeping = list(calls)
     calls.clear()

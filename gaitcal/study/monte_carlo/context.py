@@ -25,8 +25,8 @@ from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.monte_carlo.case import MonteCarloCase
-from gaitcal.study.monte_carlo.curvature import RefitEquations
 from gaitcal.study.monte_carlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
+from gaitcal.study.monte_carlo.refit_equations import RefitEquations
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings
 
 Array = NDArray[np.float64]

@@ -3,9 +3,9 @@
     N <- N - M^-1 g(N),        M ~ half the Hessian of the cost by the nodes, g its half gradient.
 
 g costs a third of M, so M is formed at the start (Gauss-Newton, always positive) and again only where the steps do not
-shrink fast enough; then with the curvature of the markers (`curvature.py`), as soon as the minimum is near. A step that
-would raise the cost is not taken: M is formed afresh and its diagonal raised (Levenberg), as also where the curvature
-makes M indefinite. The end is told by the size of the step.
+shrink fast enough; then with the curvature of the markers (`motion/curvature.py`), as soon as the minimum is near. A
+step that would raise the cost is not taken: M is formed afresh and its diagonal raised (Levenberg), as also where the
+curvature makes M indefinite. The end is told by the size of the step.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import ChainConstants
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.study.monte_carlo.curvature import RefitEquations
+from gaitcal.study.monte_carlo.refit_equations import RefitEquations
 from gaitcal.study.monte_carlo.settings import RefitSettings
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ import pytest
 from gaitcal.motion.track import TrackSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.monte_carlo.context import MonteCarloContext
-from gaitcal.study.monte_carlo.curvature import RefitEquations
 from gaitcal.study.monte_carlo.draw import disturb
 from gaitcal.study.monte_carlo.refit import refit
+from gaitcal.study.monte_carlo.refit_equations import RefitEquations
 from gaitcal.study.monte_carlo.settings import RefitSettings, Varied
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 
