@@ -90,7 +90,7 @@ def test_subject01_is_driven_as_the_peer_says(name: str, sign: int, data_dir: Pa
     assert correlation(name, sign, calibrated("subject01", folder, data_dir), data_dir)[1] > least
 
 
-@pytest.mark.xfail(strict=True, reason="not reached: 0.965; 0.967 at best even with the peer's own hip centres")
+@pytest.mark.xfail(strict=True, reason="not reached: 0.965; not with the peer's own hip centres either")
 def test_subject01_left_ankle_angle_reaches_the_target(data_dir: Path, folder: Path) -> None:
     assert correlation("ankle_angle_l", 1, calibrated("subject01", folder, data_dir), data_dir)[0] > 0.97
 
