@@ -34,6 +34,7 @@ KEPT = 0.1
 more to gain than the square."""
 SLOW = 0.1
 """A kept factor whose next step promises more than this part of what the last one did is formed anew."""
+MOST_DAMPING = 1e12
 MOST_TRIES = 3
 """Times that Newton's steps are begun, where those of Gauss-Newton are slow."""
 
@@ -64,7 +65,7 @@ class Tracked:
     steps: int
     converged: bool
     curved: bool
-    """Whether it took Newton's steps."""
+    """Whether it ended with Newton's steps."""
 
 
 def track_nodes(
@@ -74,90 +75,114 @@ def track_nodes(
     settings: TrackSettings | None = None,
 ) -> Tracked:
     """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq)."""
-    settings = settings or TrackSettings()
-    small = settings.floor_m**2 * float(problem.data.weight.sum())
-    nodes, damping = start, settings.first_damping
-    equations: NormalEquations | None = None
-    factor: BandFactor | None = None
-    fresh, promised, last = False, np.inf, np.inf
-    curved, tries = settings.curved, 0 if problem.chain.free else MOST_TRIES
-    converged, step_count, cost, gradient = False, 0, np.inf, np.zeros_like(start)
-    while step_count < settings.most_steps:
-        step_count += 1
-        if factor is None:
-            equations = equations or problem.equations(nodes, constants, curved=curved)
-            cost, gradient = equations.cost, equations.node_gradient
-            try:
-                factor, equations = _factor(problem, equations, damping, nodes, constants, curved=curved)
-            except np.linalg.LinAlgError:
-                if not curved:
-                    raise
-                curved, equations, last = False, None, np.inf
-                continue
-            fresh, promised = True, np.inf
-        step = -factor.solve(gradient.ravel()).reshape(nodes.shape)
-        expected = -float(np.vdot(gradient, step))
-        slow = fresh and expected > SLOW * last
-        if slow and not curved and tries:
-            curved, tries, damping, factor, equations = True, tries - 1, 0.0, None, None
-            continue
-        enough = settings.tolerance * cost * (1.0 if fresh else KEPT)
-        if damping == 0.0 and expected <= enough:
-            nodes, converged = nodes + step, True
-            break
-        if not fresh and expected > SLOW * promised:
-            factor = None
-            continue
-        promised, last = expected, expected if fresh else last
-        near = damping == 0.0 and float(np.abs(step).max()) < NEAR
-        trial: NormalEquations | None = None
-        if near:
-            trial_cost, trial_gradient = problem.gradient(nodes + step, constants)
-        else:
-            if equations is None:
-                factor = None  # a large one makes room
-            trial = problem.equations(nodes + step, constants, curved=curved)
-            trial_cost, trial_gradient = trial.cost, trial.node_gradient
-        if trial_cost <= cost + 1e-14 * small:
-            fall = cost - trial_cost
-            nodes, cost, gradient, equations = nodes + step, trial_cost, trial_gradient, trial
-            damping = damping / 30 if damping > 1e-12 else 0.0
-            fresh = False
-            if not near:
-                factor = None
-            if fall <= enough or cost <= small:
-                converged = True
-                break
-        else:
-            if expected <= max(enough, small):
-                converged = True
-                break
-            factor = None
-            if curved:
-                curved, equations, last = False, None, np.inf
-            elif fresh:
-                damping = max(10 * damping, 1e-6)
-            if damping > 1e12:
-                break
-        del trial
-    return Tracked(nodes, cost, step_count, converged, curved)
+    return _Descent(problem, constants, start, settings or TrackSettings()).run()
 
 
-def _factor(
-    problem: TrialProblem,
-    equations: NormalEquations,
-    damping: float,
-    nodes: Array,
-    constants: ChainConstants,
-    *,
-    curved: bool,
-) -> tuple[BandFactor, NormalEquations | None]:
-    """The factor of H_qq, and the equations if they outlive it: a large matrix is factored in its own place, and formed
-    anew if that fails.
-    """
-    if equations.band.nbytes <= LARGE_BYTES:
-        return BandFactor(equations.band, damping), equations
-    try:
-        return BandFactor(equations.band, damping, overwrite=True), None
-    except np.linalg.LinAlgError:
-        return BandFactor(problem.equations(nodes, constants, curved=curved).band, damping), None
+class _Descent:
+    """Where the iteration stands."""
+
+    def __init__(self, problem: TrialProblem, constants: ChainConstants, start: Array, settings: TrackSettings) -> None:
+        self.problem, self.constants, self.settings = problem, constants, settings
+        self.small = settings.floor_m**2 * float(problem.data.weight.sum())
+        self.nodes, self.cost, self.gradient = start, np.inf, np.zeros_like(start)
+        self.damping = settings.first_damping
+        self.equations: NormalEquations | None = None
+        """At `nodes`, as far as they were formed and are still needed."""
+        self.factor: BandFactor | None = None
+        self.fresh = False
+        """Whether the factor was formed at `nodes`."""
+        self.promised = np.inf
+        """m^2, what the last step on this factor promised."""
+        self.promised_fresh = np.inf
+        """m^2, what the last step on a fresh factor promised."""
+        self.curved = settings.curved
+        self.tries = 0 if problem.chain.free else MOST_TRIES
+        self.converged = False
+
+    def run(self) -> Tracked:
+        """Step until a step promises, or brings, too little."""
+        count = 0
+        while count < self.settings.most_steps and not self.converged and self.damping <= MOST_DAMPING:
+            count += 1
+            step = self._direction()
+            if step is not None:
+                self._look(step)
+        return Tracked(self.nodes, self.cost, count, self.converged, self.curved)
+
+    def _direction(self) -> Array | None:
+        """The next step, on the present factor or a new one; None where there is none."""
+        factor = self.factor or self._factorise()
+        return None if factor is None else -factor.solve(self.gradient.ravel()).reshape(self.nodes.shape)
+
+    def _factorise(self) -> BandFactor | None:
+        """Form the factor; None where curvature makes the matrix indefinite, and Gauss-Newton takes over."""
+        self.equations = self.equations or self._equations(self.nodes)
+        self.cost, self.gradient = self.equations.cost, self.equations.node_gradient
+        try:
+            self.factor, self.equations = self._factor(self.equations)
+        except np.linalg.LinAlgError:
+            if not self.curved:
+                raise
+            self._leave_newton()
+            return None
+        self.fresh, self.promised = True, np.inf
+        return self.factor
+
+    def _look(self, step: Array) -> None:
+        """End, where a step promises too little; go on with another matrix, where it promises too much; or try it."""
+        expected = -float(np.vdot(self.gradient, step))
+        if self.fresh and expected > SLOW * self.promised_fresh and not self.curved and self.tries:
+            self.curved, self.tries, self.damping, self.factor, self.equations = True, self.tries - 1, 0.0, None, None
+            return
+        enough = self.settings.tolerance * self.cost * (1.0 if self.fresh else KEPT)
+        if self.damping == 0.0 and expected <= enough:
+            self.nodes, self.converged = self.nodes + step, True
+        elif not self.fresh and expected > SLOW * self.promised:
+            self.factor = None
+        else:
+            self._try(self.nodes + step, expected, enough, near=float(np.abs(step).max()) < NEAR)
+
+    def _try(self, nodes: Array, expected: float, enough: float, *, near: bool) -> None:
+        """Take a step if it lowers the cost; else form another matrix, or damp this one more."""
+        self.promised = expected
+        if self.fresh:
+            self.promised_fresh = expected
+        there: NormalEquations | None = None
+        keep = near and self.damping == 0.0
+        if keep:
+            cost, gradient = self.problem.gradient(nodes, self.constants)
+        else:
+            if self.equations is None:
+                self.factor = None  # a large one makes room
+            there = self._equations(nodes)
+            cost, gradient = there.cost, there.node_gradient
+        if cost <= self.cost + 1e-14 * self.small:
+            self.converged = self.cost - cost <= enough or cost <= self.small
+            self.nodes, self.cost, self.gradient, self.equations = nodes, cost, gradient, there
+            self.damping = self.damping / 30 if self.damping > 1e-12 else 0.0
+            self.fresh, self.factor = False, self.factor if keep else None
+        elif expected <= max(enough, self.small):
+            self.converged = True
+        elif self.curved:
+            self._leave_newton()
+        else:
+            self.factor = None
+            if self.fresh:
+                self.damping = max(10 * self.damping, 1e-6)
+
+    def _leave_newton(self) -> None:
+        self.curved, self.factor, self.equations, self.promised_fresh = False, None, None, np.inf
+
+    def _equations(self, nodes: Array) -> NormalEquations:
+        return self.problem.equations(nodes, self.constants, curved=self.curved)
+
+    def _factor(self, equations: NormalEquations) -> tuple[BandFactor, NormalEquations | None]:
+        """The factor of H_qq, and the equations if they outlive it: a large matrix is factored in its own place, and
+        formed anew if that fails.
+        """
+        if equations.band.nbytes <= LARGE_BYTES:
+            return BandFactor(equations.band, self.damping), equations
+        try:
+            return BandFactor(equations.band, self.damping, overwrite=True), None
+        except np.linalg.LinAlgError:
+            return BandFactor(self._equations(self.nodes).band, self.damping), None
