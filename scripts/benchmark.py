@@ -1,4 +1,5 @@
 """Whole tasks, timed: the median of several runs after a warm-up, beside references measured in the same run.
+Short tasks run as often as half a second allows.
 
     python scripts/benchmark.py                      # every section
     python scripts/benchmark.py track ip --json out.json
@@ -32,12 +33,19 @@ from benchmarks.tasks import SECTIONS  # noqa: E402
 PACKAGES = ("pin", "numpy", "scipy", "opensim")
 
 
-def timed(task: Callable[[], object], runs: int) -> list[tuple[float, float]]:
-    """Seconds, and seconds of processor time, of `runs` runs after one warm-up; a single run has none."""
+SHORT_SECONDS, MOST_RUNS = 0.5, 50
+"""A task is repeated until that much time has gone, or so often: five runs of some milliseconds scatter."""
+
+
+def timed(task: Callable[[], object], runs: int, *, more: bool = False) -> list[tuple[float, float]]:
+    """Seconds, and seconds of processor time, of `runs` runs after one warm-up; a single run has none.
+
+    `more`: as many runs as `SHORT_SECONDS` allows, if those are more.
+    """
     if runs > 1:
         task()
-    out = []
-    for _ in range(runs):
+    out: list[tuple[float, float]] = []
+    while len(out) < runs or (more and len(out) < MOST_RUNS and sum(wall for wall, _ in out) < SHORT_SECONDS):
         start, used = perf_counter(), processor_time()
         task()
         out.append((perf_counter() - start, processor_time() - used))
@@ -86,7 +94,7 @@ def main(arguments: list[str] | None = None) -> dict[str, object]:
     """Run the chosen sections and print one line a figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"of {', '.join(SECTIONS)}; all unless given")
-    parser.add_argument("--runs", type=int, default=5, help="timed runs of each task (default 5)")
+    parser.add_argument("--runs", type=int, default=5, help="timed runs of each task, at least (default 5)")
     parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
@@ -95,7 +103,7 @@ def main(arguments: list[str] | None = None) -> dict[str, object]:
     results: dict[str, object] = {"machine": machine()}
     print(json.dumps(results["machine"]))
     for name in chosen.sections or SECTIONS:
-        print(f"\n{name}: seconds and processor time, median of {chosen.runs} runs unless told otherwise", flush=True)
+        print(f"\n{name}: seconds and processor time, median of at least {chosen.runs} runs unless told", flush=True)
         results[name] = _section(SECTIONS[name](), chosen.runs)
     results["load_average_after"] = round(os.getloadavg()[0], 2)
     if chosen.json:
@@ -109,7 +117,8 @@ def _section(parts: list[Timing] | list[Timing | Amount], runs: int) -> dict[str
     series: dict[str, list[tuple[float, float]]] = {}
     for part in parts:
         if isinstance(part, Timing):
-            both = timed(part.task, runs if part.runs is None else min(part.runs, runs))
+            free = part.runs is None
+            both = timed(part.task, runs if free else min(part.runs, runs), more=free and runs > 1)
             seconds = [wall for wall, _ in both]
             value, used = median(seconds), median(used for _, used in both)
             said = part.note(value) if callable(part.note) else part.note

@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
@@ -31,7 +32,7 @@ from gaitcal.study.monte_carlo.cluster import Cluster
 from gaitcal.study.monte_carlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.expectation import expect
-from gaitcal.study.monte_carlo.settings import MonteCarloSettings, Plan, Varied
+from gaitcal.study.monte_carlo.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.study.monte_carlo.statistics import unconverged
 from gaitcal.study.monte_carlo.store import Store
 from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
@@ -88,6 +89,10 @@ def full_limits(seconds: float, peak: Peak, study: MonteCarloStudy) -> bool:
     return all(met)
 
 
+def _in_words(errors: Mapping[ReactionFrame, float]) -> str:
+    return ", ".join(f"{error:.2f} ({frame.value})" for frame, error in errors.items())
+
+
 def full(out: Path, draws: int, jobs: int) -> bool:
     case, peak, started = nominal_case(), Peak(), time.monotonic()
 
@@ -114,12 +119,12 @@ def full(out: Path, draws: int, jobs: int) -> bool:
     for found in conclusions(study.statistics):
         print(f"{found.frame.value}: {found.claim}: {found.verdict}. {found.numbers}")
     for figure in PUBLISHED:
-        ours = {frame.value: round(v, 3) for frame, v in beside(study.statistics, figure, study.settings).items()}
+        ours = _in_words(beside(study.statistics, figure, study.settings))
         print(f"{figure.varied.title} {figure.torque}: published {figure.value}, here {ours or 'at another bound'}")
     fifty = MonteCarloSettings(inertial_percent=50.0)
     plan = Plan(sets=(Varied.IP,), levels=(100,), draws=draws)
     wide = monte_carlo(case, settings=fifty, plan=plan, workers=ThisProcess())
-    print(f"IP +-50 %: {beside(wide.statistics, PUBLISHED[-1], fifty)}, published {PUBLISHED[-1].value}")
+    print(f"IP +-50 %: {_in_words(beside(wide.statistics, PUBLISHED[-1], fifty))}, published {PUBLISHED[-1].value}")
     for distance in (4.0, 6.0, 8.0, 14.0):
         told = [
             f"{c.varied.title} {'>' if c.beyond else ''}{c.level:.0f} %" for c in expect(study.statistics, distance)
