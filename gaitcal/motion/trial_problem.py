@@ -63,6 +63,14 @@ class TrialProblem:
         """The same trial with other marker weights (nm, nf)."""
         return replace(self, data=replace(self.data, weight=weight))
 
+    def with_measured(self, measured: Array) -> TrialProblem:
+        """The same trial with other measured markers (nm, 3, nf), m; what does not depend on them is not worked out
+        again.
+        """
+        other = replace(self, data=replace(self.data, measured=measured))
+        other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
+        return other
+
     def equations(self, nodes: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
         """Normal equations at `nodes` (nn, nq); if `curved`, with half the whole Hessian instead of Gauss-Newton's.
 

@@ -2,10 +2,12 @@
 
 The walks move less than the random states of `test_same_mechanics.py`; what is tried here is the whole way from the
 recordings of a person to the numbers that OpenSim, MuJoCo and Pinocchio give for the files beside the report.
+The figures: pytest tests/export/test_walks_in_peers.py --log-cli-level=INFO
 """
 
 from __future__ import annotations
 
+import logging
 import shutil
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from tests.export.walks import Walk, calibrated_walk
 from tests.study.real_studies import write_study
 from tests.study.synthetic_studies import write_synthetic_study
 
+LOG = logging.getLogger(__name__)
 EVERY = 3
 """Every third frame has a reference of inverse kinematics: it takes 20 ms."""
 PEOPLE = ("synthetic", "subject01")
@@ -38,6 +41,10 @@ def walk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 def assert_ours(walk: Walk, answers: Answers) -> None:
     tau, markers = answers
+    LOG.info(
+        "%d frames: forces apart by %.1e N or N·m, markers by %.1e m",
+        len(walk.time), np.abs(tau - walk.tau).max(), np.abs(markers - walk.markers).max(),
+    )  # fmt: skip
     assert np.abs(walk.tau).max() > 50.0, "a walk has torques"
     np.testing.assert_allclose(tau, walk.tau, rtol=0, atol=FORCE_TOLERANCE)
     np.testing.assert_allclose(markers, walk.markers, rtol=0, atol=POSITION_TOLERANCE)
@@ -80,4 +87,6 @@ def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
     for accuracy, counted in ((None, weight == weight.max()), (1e-7, weight > 0)):
         theirs = run_inverse_kinematics(osim, walk.folder / "model.osim", trc, model.markers, walk.time, accuracy)
         apart = synthetic_markers(model.parameters, model.markers, theirs[frames]) - best
-        assert np.sqrt(np.mean(np.sum(apart[:, counted] ** 2, axis=2))) < IK_TOLERANCE, accuracy
+        rms = np.sqrt(np.mean(np.sum(apart[:, counted] ** 2, axis=2)))
+        LOG.info("accuracy %s, %d markers: %.4f mm RMS", accuracy or "of the tool", counted.sum(), 1e3 * rms)
+        assert rms < IK_TOLERANCE, accuracy

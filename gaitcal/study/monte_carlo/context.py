@@ -26,7 +26,6 @@ from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.monte_carlo.case import MonteCarloCase
 from gaitcal.study.monte_carlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
-from gaitcal.study.monte_carlo.refit_equations import RefitEquations
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings
 
 Array = NDArray[np.float64]
@@ -46,9 +45,8 @@ class MonteCarloContext:
         q = self.basis.evaluate(case.nodes)
         self.data, self.labels = own_markers(case, q)
         self.problem = TrialProblem(case.name, Chain(), self.basis, self.data, self.labels)
-        self.equations = RefitEquations(self.problem)
         constants = self.problem.constants(case.parameters)
-        self.undisturbed_factor = BandFactor(self.equations.band(self.data, case.nodes, constants, curved=False))
+        self.undisturbed_factor = BandFactor(self.problem.equations(case.nodes, constants).band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.sensitivity = _sensitivity(self.problem, case, self.names)
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""

@@ -5,13 +5,13 @@ A draw is a pure function of the context (case and settings), its set, its level
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.joint_parameters import SIDES
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.leg_torques import LEG_TORQUES
 from gaitcal.study.monte_carlo.refit import refit
@@ -90,23 +90,23 @@ def _without_refit(context: MonteCarloContext, inertial: Array) -> DrawResult:
 
 
 def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
-    case, chain = context.case, context.problem.chain
-    parameters, start, data = case.parameters, case.nodes, context.data
+    case = context.case
+    parameters, start, problem = case.parameters, case.nodes, context.problem
     if change.joint is not None:
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
         parameters = parameters.with_inertial(_inertial(context, change))
     if change.noise is not None:
-        data = replace(data, measured=data.measured + change.noise)
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
+        problem = problem.with_measured(problem.data.measured + change.noise)
+    constants = problem.constants(parameters)
     known = None if change.joint is not None else context.undisturbed_factor
-    fitted = refit(context.equations, data, constants, start, context.settings.refit, known)
-    placed = marker_positions(chain, constants, data, context.basis.evaluate(fitted.nodes))
+    fitted = refit(problem, constants, start, context.settings.refit, known)
+    placed = problem.positions(fitted.nodes, constants)
     leg_constants = context.legs.disturb(parameters)
     torques = context.legs.torques(leg_constants, context.basis, fitted.nodes, case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
-    return DrawResult(_record(context, errors, _distance(data, placed)), fitted.evaluations, fitted.failure)
+    return DrawResult(_record(context, errors, _distance(problem.data, placed)), fitted.evaluations, fitted.failure)
 
 
 def _distance(data: MarkerData, placed: Array) -> Array:

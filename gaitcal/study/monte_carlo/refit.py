@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import ChainConstants
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.study.monte_carlo.refit_equations import RefitEquations
+from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.monte_carlo.settings import RefitSettings
 
 Array = NDArray[np.float64]
@@ -44,8 +43,7 @@ class Refit:
 
 
 def refit(
-    equations: RefitEquations,
-    data: MarkerData,
+    problem: TrialProblem,
     constants: ChainConstants,
     start: Array,
     settings: RefitSettings,
@@ -55,13 +53,13 @@ def refit(
 
     Parameters
     ----------
-    data : the markers to fit, in the order and with the weights of those that `equations` were made for.
+    problem : the markers to fit; no joint parameter is free.
     constants : of the disturbed linkage.
     known : the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
     """
     nodes, damping = start, 0.0
-    factor = known or BandFactor(equations.band(data, nodes, constants, curved=False))
-    cost, gradient = equations.gradient(data, nodes, constants)
+    factor = known or BandFactor(problem.equations(nodes, constants).band)
+    cost, gradient = problem.gradient(nodes, constants)
     before, evaluations, longest = np.inf, 1, np.inf
     while evaluations < settings.most_evaluations:
         step = -factor.solve(gradient.ravel()).reshape(nodes.shape)
@@ -70,7 +68,7 @@ def refit(
             return Refit(nodes, evaluations, "the step is not finite")
         if longest < settings.tolerance:
             return Refit(nodes + step, evaluations, "")
-        new_cost, new_gradient = equations.gradient(data, nodes + step, constants)
+        new_cost, new_gradient = problem.gradient(nodes + step, constants)
         evaluations += 1
         refused = not new_cost <= cost
         if refused:
@@ -79,7 +77,7 @@ def refit(
             nodes, cost, gradient = nodes + step, new_cost, new_gradient
             damping = damping / LOWER if damping > NO_DAMPING else 0.0
         if refused or longest > SLOW * before:
-            found = _factor(equations, data, nodes, constants, damping, curved=refused or longest < NEAR)
+            found = _factor(problem, nodes, constants, damping, curved=refused or longest < NEAR)
             if found is None:
                 return Refit(nodes, evaluations, "the matrix of the nodes is not positive definite")
             factor, damping = found
@@ -90,8 +88,7 @@ def refit(
 
 
 def _factor(
-    equations: RefitEquations,
-    data: MarkerData,
+    problem: TrialProblem,
     nodes: Array,
     constants: ChainConstants,
     damping: float,
@@ -99,7 +96,7 @@ def _factor(
     curved: bool,
 ) -> tuple[BandFactor, float] | None:
     """A factor at `nodes` and the damping that made it positive definite; None where none does."""
-    band = equations.band(data, nodes, constants, curved=curved)
+    band = problem.equations(nodes, constants, curved=curved).band
     for _ in range(MOST_RAISES):
         try:
             return BandFactor(band, damping), damping

@@ -13,6 +13,7 @@ from gaitcal.study.monte_carlo.context import MonteCarloContext
 from gaitcal.study.monte_carlo.draw import COLUMNS, disturb, draw, marker_column, torque_column
 from gaitcal.study.monte_carlo.leg_torques import LEG_TORQUES
 from gaitcal.study.monte_carlo.settings import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
+from tests.motion.test_marker_equations import dense
 from tests.study.monte_carlo.test_leg_torques import whole_body
 
 ERROR = 1e-9
@@ -39,8 +40,8 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     constants = problem.constants(parameters)
     nodes = case.nodes
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
-        matrix = context.equations.band(data, nodes, constants, curved=False)
-        step = np.linalg.solve(_dense(matrix), problem.gradient(nodes, constants)[1].ravel())
+        matrix = dense(problem.equations(nodes, constants))
+        step = np.linalg.solve(matrix, problem.gradient(nodes, constants)[1].ravel())
         nodes = nodes - step.reshape(nodes.shape)
         if np.abs(step).max() < 1e-8:
             break
@@ -56,12 +57,6 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     )
     assert found.values[COLUMNS.index(marker_column("l", "mean"))] == pytest.approx(apart[left].mean(), abs=1e-4)
     assert found.failure == ""
-
-
-def _dense(band: np.ndarray) -> np.ndarray:
-    from tests.study.monte_carlo.test_refit import dense
-
-    return dense(band)
 
 
 def _on_leg(context: MonteCarloContext, marker: int) -> bool:
