@@ -23,8 +23,9 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gaitcal.dynamics.api import Moments, inverse_dynamics
     from gaitcal.dynamics.ground_contact import GroundReactions
+    from gaitcal.dynamics.ground_reactions import ground_reactions
+    from gaitcal.dynamics.inverse_dynamics import Moments, inverse_dynamics
     from gaitcal.errors import ConvergenceError, GaitcalError, InputError
     from gaitcal.model.build import build_model
     from gaitcal.model.linkage import COORDINATES
@@ -33,47 +34,46 @@ if TYPE_CHECKING:
     from gaitcal.model.nominal import nominal_model, published_model
     from gaitcal.model.parameters import Parameters
     from gaitcal.model.subject_model import Subject, SubjectModel
+    from gaitcal.montecarlo.study import monte_carlo
     from gaitcal.motion.motion import Motion, track
-    from gaitcal.output import write_results
+    from gaitcal.person.calibrate import calibrate
+    from gaitcal.person.result import Calibration
+    from gaitcal.person.tables import parameter_table
     from gaitcal.recording import Recording, read_recording
-    from gaitcal.study.ground import ground_reactions
-    from gaitcal.study.monte_carlo.study import monte_carlo
-    from gaitcal.study.person import Study
-    from gaitcal.study.pipeline import calibrate
-    from gaitcal.study.result import Calibration
-    from gaitcal.study.synthetic_subject import synthesize
-    from gaitcal.study.tables import parameter_table
+    from gaitcal.results.calibration import write_results
+    from gaitcal.study.study import Study
+    from gaitcal.synthetic.subject import synthesize
 
 _HOME = {
     "COORDINATES": "gaitcal.model.linkage",
-    "Calibration": "gaitcal.study.result",
+    "Calibration": "gaitcal.person.result",
     "ConvergenceError": "gaitcal.errors",
     "GaitcalError": "gaitcal.errors",
     "GroundReactions": "gaitcal.dynamics.ground_contact",
     "InputError": "gaitcal.errors",
     "MarkerSet": "gaitcal.model.marker_set",
-    "Moments": "gaitcal.dynamics.api",
+    "Moments": "gaitcal.dynamics.inverse_dynamics",
     "Motion": "gaitcal.motion.motion",
     "Parameters": "gaitcal.model.parameters",
     "Recording": "gaitcal.recording",
-    "Study": "gaitcal.study.person",
+    "Study": "gaitcal.study.study",
     "Subject": "gaitcal.model.subject_model",
     "SubjectModel": "gaitcal.model.subject_model",
     "build_model": "gaitcal.model.build",
-    "calibrate": "gaitcal.study.pipeline",
-    "ground_reactions": "gaitcal.study.ground",
-    "inverse_dynamics": "gaitcal.dynamics.api",
+    "calibrate": "gaitcal.person.calibrate",
+    "ground_reactions": "gaitcal.dynamics.ground_reactions",
+    "inverse_dynamics": "gaitcal.dynamics.inverse_dynamics",
     "load_marker_set": "gaitcal.model.marker_set",
     "load_model": "gaitcal.model.model_file",
-    "monte_carlo": "gaitcal.study.monte_carlo.study",
+    "monte_carlo": "gaitcal.montecarlo.study",
     "nominal_model": "gaitcal.model.nominal",
-    "parameter_table": "gaitcal.study.tables",
+    "parameter_table": "gaitcal.person.tables",
     "published_model": "gaitcal.model.nominal",
     "read_recording": "gaitcal.recording",
     "save_model": "gaitcal.model.model_file",
-    "synthesize": "gaitcal.study.synthetic_subject",
+    "synthesize": "gaitcal.synthetic.subject",
     "track": "gaitcal.motion.motion",
-    "write_results": "gaitcal.output",
+    "write_results": "gaitcal.results.calibration",
 }
 
 __all__ = [

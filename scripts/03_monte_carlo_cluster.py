@@ -13,11 +13,11 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-from gaitcal.study.monte_carlo.case import nominal_case
-from gaitcal.study.monte_carlo.cluster import Cluster
-from gaitcal.study.monte_carlo.conclusions import conclusions
-from gaitcal.study.monte_carlo.settings import Plan
-from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.conclusions import conclusions
+from gaitcal.montecarlo.settings import Plan
+from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.workers import Cluster
 
 
 def run(out: Path, address: str, draws: int) -> MonteCarloStudy:

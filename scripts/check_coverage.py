@@ -20,19 +20,17 @@ from numpy.typing import NDArray
 
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.torque_errors import coordinate_standard_errors, marker_moves, torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
-from gaitcal.study.synthetic_data import ground_reactions, marker_noise, synthetic_markers
-from gaitcal.study.synthetic_motion import NODES, gait_motion, isolated_motion
+from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion
 
 Array = NDArray[np.float64]
 

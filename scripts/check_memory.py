@@ -21,10 +21,10 @@ import numpy as np
 
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_data import NodeRule
+from gaitcal.motion.trial_problem import NodeRule
 from gaitcal.recording.recording import Recording
-from gaitcal.study.synthetic_data import synthetic_markers
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import gait_motion
 
 GIB = 2.0**30
 LIMIT_GIB = 1.5

@@ -26,18 +26,16 @@ from statistics import median
 
 import pandas as pd
 
-from gaitcal.report.monte_carlo_figures import write_monte_carlo_figures
-from gaitcal.study.monte_carlo.case import nominal_case
-from gaitcal.study.monte_carlo.cluster import Cluster
-from gaitcal.study.monte_carlo.conclusions import PUBLISHED, beside, conclusions
-from gaitcal.study.monte_carlo.context import MonteCarloContext
-from gaitcal.study.monte_carlo.expectation import expect
-from gaitcal.study.monte_carlo.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
-from gaitcal.study.monte_carlo.statistics import unconverged
-from gaitcal.study.monte_carlo.store import Store
-from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
-from gaitcal.study.monte_carlo.variance import variance_contributions
-from gaitcal.study.monte_carlo.workers import LocalProcesses, ThisProcess, Workers
+from gaitcal.figures.monte_carlo import write_monte_carlo_figures
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.montecarlo.statistics import expect, unconverged
+from gaitcal.montecarlo.store import Store
+from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.variance import variance_contributions
+from gaitcal.montecarlo.workers import Cluster, LocalProcesses, ThisProcess, Workers
 
 SMALL = Plan(levels=(100,), draws=80)
 SMALL_CHUNK = 4

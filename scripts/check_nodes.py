@@ -18,10 +18,10 @@ import numpy as np
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.person.prepare import prepare_trial
 from gaitcal.recording import Recording
-from gaitcal.study.person import Study
-from gaitcal.study.prepare import nominal_of, prepare_trial
+from gaitcal.study.study import Study, nominal_of
 
 RATES = (8, 10, 12, 15, 20, 25, 30, 40)
 RUNS = (1, 5)

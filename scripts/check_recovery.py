@@ -23,12 +23,12 @@ import pandas as pd
 
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.linkage import COORDINATES, REACTIONS
-from gaitcal.study.person import Study
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study.result import Calibration
-from gaitcal.study.synthetic_data import ground_reactions
-from gaitcal.study.synthetic_subject import CYCLE, synthesize, true_gait
-from gaitcal.study.tables import parameter_table
+from gaitcal.person.calibrate import calibrate
+from gaitcal.person.result import Calibration
+from gaitcal.person.tables import parameter_table
+from gaitcal.study.study import Study
+from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.subject import CYCLE, synthesize, true_gait
 
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 UNITS = {"joint position": "mm", "joint orientation": "deg"}

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.person.calibrate import calibrate
 from gaitcal.recording.recording import Recording
-from gaitcal.study.person import Study, StudyTrial
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study.synthetic_data import marker_noise
-from gaitcal.study.synthetic_subject import synthesize
+from gaitcal.study.study import Study, StudyTrial
+from gaitcal.synthetic.measurements import marker_noise
+from gaitcal.synthetic.subject import synthesize
 
 Array = NDArray[np.float64]
 Spoil = Callable[[StudyTrial, np.random.Generator], Recording]

@@ -24,8 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.data_files import models_path
+from gaitcal.checks import check_file
 from gaitcal.errors import GaitcalError, InputError
+from gaitcal.files.package_data import models_path
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
@@ -39,12 +40,11 @@ from gaitcal.recording import (
     write_markers_csv,
     write_trc,
 )
+from gaitcal.recording.csv import with_corners, write_plates_csv
 from gaitcal.recording.force_plate import plate_from_moment
-from gaitcal.recording.plates_csv import with_corners, write_plates_csv
-from gaitcal.study.checks import check_file
-from gaitcal.study.synthetic_data import ground_reactions, synthetic_markers
-from gaitcal.study.synthetic_motion import gait_motion, static_motion
-from gaitcal.study_file import load_study_file
+from gaitcal.study.study_file import load_study_file
+from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.motion import gait_motion, static_motion
 
 STATIC_STUDY = """
 [subject]

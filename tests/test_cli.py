@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gaitcal.cli import app
-from gaitcal.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings
 
 ROOT = Path(__file__).parents[1]
 ORDER = ("demo", "check", "calibrate", "dynamics", "convert", "synthesize", "montecarlo", "reproduce", "export", "view")
@@ -85,7 +85,7 @@ def test_readme_tells_every_command_and_setting() -> None:
 @pytest.mark.slow
 def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path) -> None:
     """Everything in DIR, a further trial with error bars, the model for other programs."""
-    from tests.study.real_studies import write_study
+    from tests.real_studies import write_study
 
     study, out = write_study("subject01", data_dir.resolve(), tmp_path), tmp_path / "result"
     done = gaitcal("calibrate", str(study), "--out", str(out))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal import data_files
 from gaitcal.errors import GaitcalError
+from gaitcal.files import package_data
 
 ROOT = Path(__file__).parent.parent
 
@@ -25,13 +25,13 @@ def python(code: str, cwd: Path, **environment: str) -> str:
 
 
 def test_models_of_the_checkout() -> None:
-    assert data_files.models_path() == ROOT / "models"
+    assert package_data.models_path() == ROOT / "models"
 
 
 def test_an_incomplete_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data_files, "files", lambda package: tmp_path / package)
+    monkeypatch.setattr(package_data, "files", lambda package: tmp_path / package)
     with pytest.raises(GaitcalError, match="install gaitcal again"):
-        data_files.models_path()
+        package_data.models_path()
 
 
 def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) -> None:
@@ -57,5 +57,5 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     assert data <= names
     assert "gaitcal/py.typed" in names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
-    code = "from gaitcal.data_files import models_path; print(models_path())"
+    code = "from gaitcal.files.package_data import models_path; print(models_path())"
     assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(tmp_path / "site" / "gaitcal" / "models")

@@ -54,7 +54,7 @@ def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.slow
 def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Path) -> None:
-    from tests.study.real_studies import write_study
+    from tests.real_studies import write_study
 
     study = write_study("subject01", data_dir.resolve(), tmp_path)
     script("01_calibrate").main([str(tmp_path / "out"), str(study)])
@@ -132,7 +132,7 @@ def test_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     page = (tmp_path / "api" / "gaitcal.html").read_text(encoding="utf-8")
     assert all(f'id="{name}"' in page for name in gaitcal.__all__)
-    assert '<a href="gaitcal/study/result.html#TrialResult">' in page
+    assert '<a href="gaitcal/person/result.html#TrialResult">' in page
     assert "numpy.dtype" not in re.sub("<[^>]*>", "", page)
     assert re.search(r"<strong>Raises</strong></p>\s*<ul>\s*<li><code><a href=\"#InputError\">", page)
 
@@ -144,7 +144,7 @@ def test_api_reference_refuses_what_has_no_docstring_or_page(tmp_path: Path, mon
     monkeypatch.setattr(gaitcal.save_model, "__doc__", None)
     faults = reference.build(tmp_path)
     assert "gaitcal.save_model has no docstring" in faults
-    assert "gaitcal.html: gaitcal.study.result.TrialResult has no page" in faults
+    assert "gaitcal.html: gaitcal.person.result.TrialResult has no page" in faults
 
 
 def test_benchmark_tells_how_a_series_grows(

@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gaitcal.calibration.ending import ending
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.joint_calibration import ending
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
     InertialSet,

@@ -1,4 +1,7 @@
-"""Phase 1: joint parameters and motions from markers (Reinbolt et al. 2007, eq. 1)."""
+"""Phase 1: joint parameters and motions from markers (Reinbolt et al. 2007, eq. 1).
+
+Why an iteration of SciPy's `least_squares` ended, in words that name no variable of its code.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
-from gaitcal.calibration.ending import ending
 from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
@@ -159,3 +161,18 @@ def _prior_rows(each: Array, information: Array | None) -> Array:
     values, vectors = np.linalg.eigh(information)
     kept = values > NULL * max(float(values[-1]), 1e-300)
     return np.vstack([rows, np.sqrt(values[kept])[:, None] * vectors[:, kept].T])
+
+
+STATUS = {
+    0: "stopped at the largest number of evaluations",
+    1: "the cost is stationary",
+    2: "the cost falls no further",
+    3: "the parameters move no further",
+    4: "neither cost nor parameters change any more",
+}
+"""SciPy's status numbers."""
+
+
+def ending(result: OptimizeResult) -> str:
+    """The status in words; SciPy's own message where the number is new."""
+    return STATUS.get(int(result.status), str(result.message))

@@ -3,7 +3,7 @@
 Sequential, an isolated trial is fitted by its joint alone: the proximal segment is free in the laboratory, so that an
 uncalibrated neighbour joint has no say; gait trials are fitted by the whole linkage. Cumulative, gait adds to what the
 isolated trials know: their reduced Gauss-Newton matrices stay in its cost, about their own solutions, each in units of
-its own independent noise (`marker_noise.py`). Simultaneous, every trial is fitted by pelvis and legs, whose joints are
+its own independent noise (`influence.py`). Simultaneous, every trial is fitted by pelvis and legs, whose joints are
 all free: each trial then also says what it knows of its neighbours, and no nominal joint is left to pull.
 """
 
@@ -16,9 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.identifiability import in_words, small_turns, unmoved_parameters, unseen_parameters
-from gaitcal.calibration.influence import Influence, MarkerEvidence, influence_of, marker_evidence, nominal_influence
+from gaitcal.calibration.influence import (
+    LEAST_NOISE,
+    Influence,
+    MarkerEvidence,
+    independent_noise,
+    influence_of,
+    marker_evidence,
+    nominal_influence,
+)
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
-from gaitcal.calibration.marker_noise import LEAST_NOISE, independent_noise
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from gaitcal.atomic import require_room
+from gaitcal.checks import check_study
 from gaitcal.commands.check import as_warnings, stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_kept
 from gaitcal.errors import ConvergenceError
-from gaitcal.output import write_results
-from gaitcal.ownership import ResultKind
-from gaitcal.study.checks import check_study
-from gaitcal.study.person import Study, input_files
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study_file import load_study_file
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import ResultKind
+from gaitcal.person.calibrate import calibrate
+from gaitcal.results.calibration import write_results
+from gaitcal.study.study import Study, input_files
+from gaitcal.study.study_file import load_study_file
 
 
 def run(study: Path, out: Path, *, force: bool = False, hold_out: bool = False, quiet: bool, verbose: bool) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.checks import Finding, Severity, check_file
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
-from gaitcal.study.checks import Finding, Severity, check_file
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""

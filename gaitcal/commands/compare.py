@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gaitcal.commands.console import Talk
-from gaitcal.export import compare
+from gaitcal.compare import compare
 from gaitcal.model.model_file import load_model
 
 

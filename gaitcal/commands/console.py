@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.dynamics.inverse_dynamics import residual_rms
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.study.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.study.summary import residual_rms
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 
 class Talk:

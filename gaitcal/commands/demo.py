@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.atomic import require_room
 from gaitcal.commands.console import Talk, print_calibration, tell_kept
-from gaitcal.output import write_results
-from gaitcal.ownership import ResultKind
-from gaitcal.study.person import Study
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study.synthetic_subject import synthesize
-from gaitcal.study.tables import parameter_table
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import ResultKind
+from gaitcal.person.calibrate import calibrate
+from gaitcal.person.tables import parameter_table
+from gaitcal.results.calibration import write_results
+from gaitcal.study.study import Study
+from gaitcal.synthetic.subject import synthesize
 
 SEED = 2007
 """Of the demonstration's noise and of its subject's true parameters."""

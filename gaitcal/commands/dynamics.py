@@ -8,20 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.atomic import require_room
+from gaitcal.checks import Finding, check_further
 from gaitcal.commands.check import as_warnings, stop_on_errors
 from gaitcal.commands.console import Talk, print_told, print_trials
 from gaitcal.commands.trial_options import filter_of, only_for_one, plates_of, time_of
 from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import ResultKind
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.ownership import ResultKind
-from gaitcal.saved_result import SavedResult, load_result
-from gaitcal.study.checks import Finding, check_further
-from gaitcal.study.further import analyse
-from gaitcal.study.person import StudyTrial, read_trial
-from gaitcal.study.result import TrialResult
-from gaitcal.study_file import Trial
-from gaitcal.trials_folder import write_trials
+from gaitcal.person.further_trials import analyse
+from gaitcal.person.result import TrialResult
+from gaitcal.results.calibration import SavedResult, load_result
+from gaitcal.results.trials import write_trials
+from gaitcal.study.study import StudyTrial, read_trial
+from gaitcal.study.study_file import Trial
 
 
 @dataclass(frozen=True)

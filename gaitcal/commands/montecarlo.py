@@ -15,18 +15,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressC
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.atomic import atomic_file
 from gaitcal.commands.console import Talk
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
-from gaitcal.report.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.report.monte_carlo_section import add_monte_carlo
-from gaitcal.study.monte_carlo.cluster import Cluster
-from gaitcal.study.monte_carlo.conclusions import PUBLISHED, TORQUE_WORDS, beside, conclusions
-from gaitcal.study.monte_carlo.context import MonteCarloContext
-from gaitcal.study.monte_carlo.expectation import expect
-from gaitcal.study.monte_carlo.leg_torques import TORQUES
-from gaitcal.study.monte_carlo.result_folder import MODEL, case_from
-from gaitcal.study.monte_carlo.settings import (
+from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
+from gaitcal.files.atomic import atomic_file
+from gaitcal.montecarlo.case import MODEL, case_from
+from gaitcal.montecarlo.conclusions import PUBLISHED, TORQUE_WORDS, beside, conclusions
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.leg_torques import TORQUES
+from gaitcal.montecarlo.settings import (
     MOST_LEVEL,
     MonteCarloSettings,
     ParameterChoice,
@@ -34,12 +31,13 @@ from gaitcal.study.monte_carlo.settings import (
     ReactionFrame,
     Varied,
 )
-from gaitcal.study.monte_carlo.statistics import FEWEST, left_out, levels_of, statistics, unconverged
-from gaitcal.study.monte_carlo.store import Store
-from gaitcal.study.monte_carlo.study import MonteCarloStudy, monte_carlo
-from gaitcal.study.monte_carlo.study import Progress as DrawProgress
-from gaitcal.study.monte_carlo.variance import linear_agreement, variance_contributions
-from gaitcal.study.monte_carlo.workers import LocalProcesses, Workers
+from gaitcal.montecarlo.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
+from gaitcal.montecarlo.store import Store
+from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.study import Progress as DrawProgress
+from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
+from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
+from gaitcal.page.monte_carlo import add_monte_carlo
 
 FOLDER, REPORT, SUMMARY = "montecarlo", "report.html", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")

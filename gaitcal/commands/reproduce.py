@@ -9,13 +9,13 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.atomic import atomic_directory, require_room
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
-from gaitcal.ownership import ResultKind
-from gaitcal.study.reproduction.folder import write_tables
-from gaitcal.study.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
-from gaitcal.study.reproduction.rows import Claim, TableRow, Verdict
+from gaitcal.files.atomic import atomic_directory, require_room
+from gaitcal.files.ownership import ResultKind
+from gaitcal.reproduction.folder import write_tables
+from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
+from gaitcal.reproduction.rows import Claim, TableRow, Verdict
 
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gaitcal.atomic import require_room
 from gaitcal.commands.console import Talk, tell_kept
-from gaitcal.ownership import ResultKind
-from gaitcal.study.synthetic_subject import synthesize
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import ResultKind
+from gaitcal.synthetic.subject import synthesize
 
 
 def run(out: Path, *, seed: int, noise: bool, perturb: bool, quiet: bool, verbose: bool) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal, cast, get_args
 
 from gaitcal.errors import UsageError
-from gaitcal.study_file import Side
+from gaitcal.study.study_file import Side
 
 
 def plates_of(text: str | None) -> dict[str, Side]:

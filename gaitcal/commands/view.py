@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaitcal.commands.console import Talk
-from gaitcal.view import left_out, load_scene, serve, write_view
+from gaitcal.page import left_out, load_scene, serve, write_view
 
 
 def run(result: Path, html: Path | None, *, quiet: bool, verbose: bool) -> None:

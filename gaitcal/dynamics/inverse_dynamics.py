@@ -8,6 +8,8 @@ reaction explains. Two locked joints report the knees' internal reaction moment 
 
 The derivative by a coordinate or joint parameter j keeps the wrench fixed in the laboratory: for i after j the column
 J_i turns and moves with j, d J_i / d j = J_j x J_i (the spatial cross product), and not otherwise.
+
+Inverse dynamics of a tracked motion, for scripts: `gaitcal.inverse_dynamics(model, motion, forces)`.
 """
 
 from __future__ import annotations
@@ -18,12 +20,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from gaitcal.errors import InputError
 from gaitcal.model.build import LinkageModel, build_linkage
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, placed_dynamic_parameters
 from gaitcal.model.kinematics import forward, jacobian
-from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -43,6 +48,22 @@ class GeneralisedForces:
     """(nf, 3) N, laboratory axes."""
     residual_moment: Array
     """(nf, 3) N·m about the pelvis origin, laboratory axes."""
+
+
+@dataclass(frozen=True)
+class TorqueErrors:
+    """Standard errors of the final generalised forces, from markers through joint parameters and motion, and IPs."""
+
+    tau: Array
+    """(nf, 27) N·m, N."""
+    knee_adduction: Array
+    """(nf, 2) N·m."""
+
+
+def residual_rms(forces: GeneralisedForces, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""
+    force = np.sqrt(np.mean(forces.residual_force[valid] ** 2))
+    return float(force), float(np.sqrt(np.mean(forces.residual_moment[valid] ** 2)))
 
 
 class Dynamics:
@@ -120,3 +141,75 @@ def pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
     by_tilt = rows(nothing, (-st, ct, zero), (-ct * cl, -st * cl, zero))
     by_list = rows(nothing, nothing, (st * sl, -ct * sl, cl))
     return axes, by_tilt, by_list
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Generalised forces of one trial: internal, net, positive along the coordinate of that name."""
+
+    coordinates: tuple[str, ...]
+    """The 27 names of the columns of `tau`."""
+    time: Array
+    """(nf,) s."""
+    tau: Array
+    """(nf, 27) N\u00b7m; N for the three pelvis translations."""
+    knee_adduction: Array
+    """(nf, 2) N\u00b7m, right and left: internal reaction moment about the knee frame's x axis, adduction positive."""
+    residual_force: Array
+    """(nf, 3) N, laboratory axes: what the ground reactions do not explain."""
+    residual_moment: Array
+    """(nf, 3) N\u00b7m about the pelvis origin, laboratory axes."""
+    bwh: float
+    """Body weight times height, N\u00b7m."""
+
+    def percent_bwh(self, coordinate: str) -> Array:
+        """(nf,) torque of a coordinate in percent of body weight times height.
+
+        Raises
+        ------
+        ValueError
+            The coordinate is a translation of the pelvis (a force), or none of the 27.
+        """
+        if is_translation(coordinate):
+            raise ValueError(f"'{coordinate}' is a force, not a torque")
+        return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
+
+
+def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Moments:
+    """Joint torques of a whole-body motion.
+
+    Parameters
+    ----------
+    model : the person's model; its parameters should be those the motion was tracked with.
+    motion : from `gaitcal.track`, all 27 coordinates.
+    forces : (nf, 2, 6) ground on right and left foot at the frames of the motion: force (N) and moment (N\u00b7m) about
+        the laboratory origin, laboratory axes; zeros where a foot is in the air: the `wrench` that
+        `gaitcal.ground_reactions` makes of a recording's plates.
+
+    Raises
+    ------
+    InputError
+        The forces are no array: force plates must be given to the feet first.
+    ValueError
+        The motion is of a part of the body only, or there is not one row of forces for every frame.
+    """
+    if motion.coordinates != COORDINATES:
+        raise ValueError("inverse dynamics needs a motion of the whole body, with all 27 coordinates")
+    if not isinstance(forces, np.ndarray):
+        raise InputError(
+            f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "
+            "gaitcal.ground_reactions(model, motion, recording).wrench gives it for force plates",
+            field="forces",
+        )
+    if forces.shape != (len(motion.time), 2, 6):
+        raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
+    found = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, forces)
+    return Moments(
+        COORDINATES,
+        motion.time,
+        found.tau,
+        found.knee_adduction,
+        found.residual_force,
+        found.residual_moment,
+        model.subject.bwh,
+    )

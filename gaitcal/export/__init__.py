@@ -1,14 +1,12 @@
-"""Taking results to other programs: OpenSim, MuJoCo, URDF readers; and reading an OpenSim model to compare with.
+"""Taking results to other programs: OpenSim, MuJoCo, URDF readers.
 
 Everything written here describes the same mechanical system, with the same 27 coordinates (names, signs, zeros).
 """
 
-from gaitcal.export.compare import ComparisonRow, compare
 from gaitcal.export.mjcf import write_mjcf
 from gaitcal.export.motion_files import write_external_loads, write_mot, write_sto_moments
 from gaitcal.export.names import original_name, safe_name
 from gaitcal.export.osim import write_osim
-from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.urdf import write_urdf
 
 __all__ = [
@@ -18,9 +16,6 @@ __all__ = [
     "write_mot",
     "write_sto_moments",
     "write_external_loads",
-    "compare",
-    "ComparisonRow",
-    "read_osim",
     "safe_name",
     "original_name",
 ]

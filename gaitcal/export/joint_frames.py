@@ -6,10 +6,22 @@ coordinates, then constants. With J the joint frame, the pose of the child in th
     X_parent_child(q) = X_parent_J  M_1(q_1) ... M_n(q_n)  X_J_child,
 
 X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep sign and zero.
+
+Rotations as the three angles that OpenSim and URDF write.
+
+Body-fixed x-y-z: R = Rx(a) Ry(b) Rz(c). With a = atan2(-R_12, R_22) taken off first, Rx(-a) R = Ry(b) Rz(c) gives b
+and c from well-conditioned pairs, so the three angles bring R back to rounding even where a and c are not unique.
+
+Ranges of the coordinates, for sliders and documentation: what living people reach, generously.
+
+They are written as they are but enforced nowhere (OpenSim: unclamped; MuJoCo: unlimited), because a calibrated
+linkage may pass them and the exported model must stay the same mechanical system. Names and signs of Rajagopal et al.
+2016, whose ranges these contain; the lengths are those of a laboratory.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +31,7 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Source, root_elements
+from gaitcal.model.linkage import COORDINATES, JOINTS, ZERO_ANGLES, Element, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -99,3 +111,54 @@ def _constant(element: Element, parameters: Parameters) -> pin.SE3:
     translation = np.zeros(3)
     translation[element.axis] = amount
     return pin.SE3(np.eye(3), translation)
+
+
+def body_fixed_xyz(rotation: Array) -> Array:
+    """(3,) rad: a, b, c of R = Rx(a) Ry(b) Rz(c), as in OpenSim's `orientation`."""
+    a = np.arctan2(-rotation[1, 2], rotation[2, 2])
+    rest = axis_rotation(0, -float(a)) @ rotation
+    return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
+
+
+def space_fixed_xyz(rotation: Array) -> Array:
+    """(3,) rad: roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF's `rpy`."""
+    return -body_fixed_xyz(rotation.T)
+
+
+def from_body_fixed_xyz(angles: Array) -> Array:
+    """(3, 3) rotation Rx(a) Ry(b) Rz(c)."""
+    a, b, c = (float(angle) for angle in angles)
+    rotation: Array = axis_rotation(0, a) @ axis_rotation(1, b) @ axis_rotation(2, c)
+    return rotation
+
+
+_DEGREES = {
+    "pelvis_tilt": (-90.0, 90.0),
+    "pelvis_list": (-90.0, 90.0),
+    "pelvis_rotation": (-180.0, 180.0),
+    "hip_flexion": (-40.0, 130.0),
+    "hip_adduction": (-60.0, 40.0),
+    "hip_rotation": (-50.0, 50.0),
+    "knee_angle": (-15.0, 150.0),
+    "ankle_angle": (-60.0, 40.0),
+    "subtalar_angle": (-40.0, 40.0),
+    "lumbar_extension": (-90.0, 90.0),
+    "lumbar_bending": (-90.0, 90.0),
+    "lumbar_rotation": (-90.0, 90.0),
+    "arm_flex": (-90.0, 180.0),
+    "arm_add": (-150.0, 90.0),
+    "elbow_flex": (-15.0, 160.0),
+}
+_METRES = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
+
+
+def coordinate_range(coordinate: str) -> tuple[float, float]:
+    """Lowest and highest usual value, m or rad."""
+    if is_translation(coordinate):
+        return _METRES[coordinate]
+    low, high = _DEGREES[coordinate[:-2] if coordinate.endswith(("_r", "_l")) else coordinate]
+    return math.radians(low), math.radians(high)
+
+
+COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: coordinate_range(name) for name in COORDINATES}
+"""All 27, m or rad."""

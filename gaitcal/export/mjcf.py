@@ -23,8 +23,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from gaitcal.errors import InputError
-from gaitcal.export.coordinate_ranges import COORDINATE_RANGES
-from gaitcal.export.joint_frames import GROUND, JointFrames, axis_vector, joint_frames, segment_inertia
+from gaitcal.export.joint_frames import (
+    COORDINATE_RANGES,
+    GROUND,
+    JointFrames,
+    axis_vector,
+    joint_frames,
+    segment_inertia,
+)
 from gaitcal.export.names import safe_name
 from gaitcal.export.xml_text import child, numbers, write_xml
 from gaitcal.model.build import GRAVITY

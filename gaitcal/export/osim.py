@@ -16,9 +16,15 @@ from pathlib import Path
 
 import pinocchio as pin
 
-from gaitcal.export.coordinate_ranges import COORDINATE_RANGES
-from gaitcal.export.euler import body_fixed_xyz
-from gaitcal.export.joint_frames import GROUND, JointFrames, axis_vector, joint_frames, segment_inertia
+from gaitcal.export.joint_frames import (
+    COORDINATE_RANGES,
+    GROUND,
+    JointFrames,
+    axis_vector,
+    body_fixed_xyz,
+    joint_frames,
+    segment_inertia,
+)
 from gaitcal.export.names import safe_name
 from gaitcal.export.xml_text import child, numbers, plain_text, write_xml
 from gaitcal.model.build import GRAVITY

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 
-from gaitcal.atomic import atomic_text
+from gaitcal.files.atomic import atomic_text
 
 INDENT = "  "
 

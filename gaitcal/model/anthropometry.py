@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.data_files import models_path
+from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.subject_model import Subject

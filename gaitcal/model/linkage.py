@@ -242,3 +242,6 @@ def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, .
 
 
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
+
+LEG_SEGMENTS = tuple(f"{part}_{side}" for side in ("r", "l") for part in ("thigh", "shank", "foot"))
+"""Without markers on these there are no joint torques of a leg."""

@@ -10,6 +10,8 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [aliases]        marker -> other spellings of its label in files
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides.
+
+A marker set as the text of a marker set file, so that a result can keep the one it was made with.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from gaitcal.data_files import models_path
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.package_data import models_path
+from gaitcal.files.toml import read_toml, toml_table, toml_value
+from gaitcal.files.validation import Table, input_error, shown
 from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.recording import Recording
-from gaitcal.toml_files import read_toml
-from gaitcal.validation import Table, input_error, shown
 
 _SIDED = (
     "asis",
@@ -243,3 +245,33 @@ def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> No
                     field="tracking",
                 )
             segment_of[label] = segment
+
+
+STUDY_S = "weight of the study"
+"""Reason of weights that a study gave without one."""
+
+
+def marker_set_text(marker_set: MarkerSet) -> str:
+    """TOML that `load_marker_set` reads back to the same set, both sides written out.
+
+    Weights of markers that no segment follows are left out: they pull nothing.
+    """
+    tables = [toml_table("", {"description": marker_set.description}).lstrip()]
+    groups = {
+        "landmarks": marker_set.landmarks,
+        "tracking": marker_set.tracking,
+        "static_only": marker_set.static_only,
+        "aliases": marker_set.aliases,
+    }
+    tables += [toml_table(f"[{name}]", _quoted(group)) for name, group in groups.items()]
+    tracked = {m for group in (marker_set.tracking, marker_set.static_only) for own in group.values() for m in own}
+    weights = {
+        label: {"weight": float(weight), "reason": marker_set.reasons.get(label, STUDY_S)}
+        for label, weight in marker_set.weights.items()
+        if label in tracked
+    }
+    return "\n".join([*tables, toml_table("[weights]", _quoted(weights))])
+
+
+def _quoted(table: Mapping[str, object]) -> dict[str, object]:
+    return {toml_value(name): list(v) if isinstance(v, tuple) else v for name, v in table.items()}

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError
 
-from gaitcal.atomic import atomic_file
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.atomic import atomic_file
+from gaitcal.files.toml import read_toml, toml_value
+from gaitcal.files.validation import Table, input_error, shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.toml_files import read_toml, toml_value
-from gaitcal.validation import Table, input_error, shown
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -11,12 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.data_files import models_path
 from gaitcal.errors import InputError
+from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
-from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JP_INDEX, SIDES
-from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
+from gaitcal.model.landmarks import HipCentre, StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import nominal_joint_parameters

@@ -3,6 +3,23 @@
 A part without the markers it needs is frozen: its coordinates stay zero, its lengths are de Leva's, scaled by height.
 A frozen trunk is parallel to the pelvis frame, and its mass and shoulders lie straight above the lumbar joint as the
 subject stood, so that the pelvis's own inclination does not bend the trunk forward. A frozen arm hangs along it.
+
+Arm frames in the static posture, with as many markers as there are: one at the elbow and one at the wrist will do.
+
+    upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
+    forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
+
+The shoulder turns about two axes, Rz(flexion) Rx(adduction), so how the upper arm is turned about its own length is a
+constant, Ry(-trans). Elbow axis, in this order of preference:
+
+1. the line of a medial and a lateral marker;
+2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M = E + s d n, d half
+   the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, where the elbow is bent enough to tell;
+3. where the z axis of a hanging arm goes by flexion and adduction alone.
+
+With an arm raised sideways by more than RAISED, flexion and turn about the arm's length are nearly the same motion:
+the turn seen there says nothing of walking, and `trans` is taken as zero; with one elbow marker, so is the angle
+between upper arm and forearm across the elbow's axis.
 """
 
 from __future__ import annotations
@@ -13,13 +30,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.anthropometry import default_length, default_limbs
-from gaitcal.model.arm_frames import arm
+from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
-from gaitcal.model.segment_frames import NOMINAL_HEIGHT, Frame, LowerBody, sign, trunk, unit
+from gaitcal.model.segment_frames import (
+    NOMINAL_HEIGHT,
+    Frame,
+    LowerBody,
+    across,
+    frame_yz,
+    half_width,
+    sign,
+    trunk,
+    unit,
+)
 from gaitcal.model.subject_model import Subject
 
 Array = NDArray[np.float64]
@@ -121,3 +148,111 @@ def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str,
     if not any(label in posture.markers for label in marker_set.tracking.get(segment, ())):
         return "no tracking marker was seen"
     return None
+
+
+RAISED = np.deg2rad(45.0)
+BENT = 1.5
+"""Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
+_SETTLED = 1e-15
+_ROUNDS = 200
+_NAME = {"r": "right", "l": "left"}
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One arm in the static posture."""
+
+    upper: Frame
+    elbow: Array
+    """(3,) m, elbow centre."""
+    forearm: Frame | None
+    """None where no wrist is known."""
+    wrist: Array | None
+    """(3,) m."""
+    turn: float
+    """rad, the joint parameter `shoulder.upperarm.trans`."""
+    axis: Array
+    """(3,) the elbow's axis as the forearm has it, pointing right."""
+    raised: bool
+    """Whether the arm is raised sideways."""
+    notes: tuple[str, ...]
+
+
+def arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height: float) -> Arm:
+    """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height in m."""
+    p = posture.landmarks
+    lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")
+    notes: list[str] = []
+    if posture.has(f"elbow_med_{side}"):
+        medial = p[f"elbow_med_{side}"]
+        elbow = 0.5 * (lateral + medial)
+        axis = sign(side) * (lateral - medial)
+        if axis @ _unturned(unit(shoulder - elbow), trunk) < 0:
+            axis = -axis
+            notes.append(f"elbow, {_NAME[side]}: the lateral marker lies medially; the two markers were exchanged")
+    else:
+        inwards = sign(side) * half_width("elbow", height)
+        normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
+        elbow, axis = _from_lateral(shoulder, lateral, inwards, trunk, normal)
+        how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
+        notes.append(
+            f"elbow, {_NAME[side]}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, "
+            f"its axis {how}"
+        )
+    upper = frame_yz(shoulder, unit(shoulder - elbow), axis)
+    forearm = None if wrist is None else frame_yz(elbow, unit(elbow - wrist), upper.rotation[:, 2])
+    turn = _turn(trunk.rotation.T @ upper.rotation)
+    axis = upper.rotation[:, 2]
+    if turn is None:
+        notes.append(
+            f"shoulder, {_NAME[side]}: the arm is raised sideways in the static trial, so that its turn about its own "
+            "length is assumed zero; the static posture of the arm is met less closely"
+        )
+        if forearm is not None and not posture.has(f"elbow_med_{side}"):
+            axis = forearm.rotation[:, 2]
+    return Arm(upper, elbow, forearm, wrist, turn or 0.0, axis, turn is None, tuple(notes))
+
+
+def _turn(rotation: Array) -> float | None:
+    """`trans` from trunk to upper arm = Rz Rx Ry(-trans); None where the arm is raised sideways."""
+    if abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED:
+        return None
+    return float(np.arctan2(rotation[2, 0], rotation[2, 2]))
+
+
+def _unturned(y: Array, trunk: Frame) -> Array:
+    """The z axis of an arm that flexion and adduction alone bring to this y."""
+    a = trunk.rotation.T @ y
+    lift = axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
+    if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
+        return trunk.rotation @ across(lift[:, 2], a)
+    z: Array = trunk.rotation @ axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
+    return z
+
+
+def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
+    w = unit(wrist - shoulder)
+    off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w
+    distance = float(np.linalg.norm(off))
+    if distance < BENT * abs(inwards):
+        return None
+    m = off / distance
+    cosine = inwards / distance
+    across_m: Array = np.sqrt(1.0 - cosine**2) * np.cross(w, m)
+    one, other = cosine * m + across_m, cosine * m - across_m
+    return one if one @ np.cross(off - inwards * one, w) > 0 else other
+
+
+def _from_lateral(
+    shoulder: Array, lateral: Array, inwards: float, trunk: Frame, normal: Array | None
+) -> tuple[Array, Array]:
+    if normal is not None:
+        return lateral - inwards * normal, normal
+    elbow = lateral
+    for _ in range(_ROUNDS):
+        before = elbow
+        axis = _unturned(unit(shoulder - elbow), trunk)
+        elbow = lateral - inwards * axis
+        if np.abs(elbow - before).max() <= _SETTLED:
+            break
+    return elbow, axis

@@ -15,7 +15,19 @@ every frame. The sums over a segment's markers are turned with the segment, not 
     sum w x x r = sum_j T_sj x (sum w [l; 1]_j r),
 
 P_s as long constant as the weights are. They are summed from the tips to the root, once per distinct set of segments.
-What Gauss-Newton leaves out (`curvature.py`) is added to Y_l J_l where it is asked for.
+What Gauss-Newton leaves out (the markers' curvature, below) is added to Y_l J_l where it is asked for.
+
+The part of the Hessian that Gauss-Newton leaves out: how the markers curve, weighted by the residuals.
+
+With the notation of the equations above, r_m already multiplied by its weight, the second derivative of marker m by
+variables k before l (k = l too) is  w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
+
+    sum_{m after l} r_m . (w_k x (v_l + w_l x x_m))  =  w_k . p_l,     p_l = v_l x F_l + C_l w_l - tr(C_l) w_l,
+    F_l = sum r_m,     C_l = sum x_m r_m^T.
+
+Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off, Gauss-Newton alone
+converges by a factor of about two a step, with it by factors of hundreds; with markers 300 mm from where the model has
+them, Gauss-Newton does not converge at all without damping.
 """
 
 from __future__ import annotations
@@ -29,7 +41,6 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_transforms
-from gaitcal.motion.curvature import curvature_pulls
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -243,4 +254,16 @@ def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Arr
         out[:, i] = mass * v[i] - h[j] * w[k] + h[k] * w[j]
         out[:, 3 + i] = h[j] * v[k] - h[k] * v[j] + (trace - second[i][i]) * w[i]
         out[:, 3 + i] -= second[i][j] * w[j] + second[i][k] * w[k]
+    return out
+
+
+def curvature_pulls(columns: Array, force: Array, first: Array) -> Array:
+    """(nk, 3, nf) p_l, for J_l (nk, 6, nf), F_l (nk, 3, nf) and C_l (nk, 3, 3, nf)."""
+    v, w = columns[:, :3], columns[:, 3:]
+    trace = first[:, 0, 0] + first[:, 1, 1] + first[:, 2, 2]
+    out = np.empty_like(w)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[:, i] = v[:, j] * force[:, k] - v[:, k] * force[:, j] - trace * w[:, i]
+        out[:, i] += first[:, i, 0] * w[:, 0] + first[:, i, 1] * w[:, 1] + first[:, i, 2] * w[:, 2]
     return out

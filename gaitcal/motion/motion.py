@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.blas import with_one_blas_thread
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -15,9 +14,9 @@ from gaitcal.motion.rigid import rigid_distances
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import TrackSettings, track_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
+from gaitcal.runtime import with_one_blas_thread
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,19 @@ from os import PathLike
 from pathlib import Path
 
 from gaitcal.errors import InputError
-from gaitcal.recording.c3d_write import write_c3d
-from gaitcal.recording.csv import is_force_header, read_header, write_forces_csv, write_markers_csv
-from gaitcal.recording.input_file import require_file
+from gaitcal.recording.c3d.writer import write_c3d
+from gaitcal.recording.csv import (
+    is_force_header,
+    plates_file,
+    read_header,
+    write_forces_csv,
+    write_markers_csv,
+    write_plates_csv,
+)
 from gaitcal.recording.mot import write_forces_mot
-from gaitcal.recording.plates_csv import plates_file, write_plates_csv
 from gaitcal.recording.read import read_forces, read_recording
 from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.recording.text_file import require_file
 from gaitcal.recording.trc import write_trc
 
 MARKER_TARGETS = (".csv", ".trc", ".c3d")

@@ -19,6 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gaitcal.errors import InputError
 from gaitcal.recording.force_plate import LOADED_N, plate_from_moment
+from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import Array, ForcePlate
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -39,14 +40,13 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
     design = math.atan(warped) / math.pi * rate
     sections = butter(2, design, fs=rate, output="sos")
     out = np.array(values, dtype=np.float64)
-    known = np.isfinite(out).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(np.int8), [0]])))
+    known = np.asarray(np.isfinite(out).all(axis=1))
     # Enough padding for the transient to die out, so that the ends do not ring; reflected about the end value.
     padding = round(3.0 * rate / cutoff_hz)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        pad = min(padding, int(stop - start) - 1)
+    for known_run in runs(known):
+        pad = min(padding, known_run.stop - known_run.start - 1)
         if pad > 0:
-            out[start:stop] = sosfiltfilt(sections, out[start:stop], axis=0, padlen=pad)
+            out[known_run] = sosfiltfilt(sections, out[known_run], axis=0, padlen=pad)
     return out
 
 

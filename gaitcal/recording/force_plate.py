@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import Array, ForcePlate
 
 LOADED_N = 20.0
@@ -122,12 +123,11 @@ def empty_samples(vertical: Array, rate: float) -> NDArray[np.bool_]:
     if not quiet.any():
         return quiet
     quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
     empty = np.zeros(len(vertical), dtype=bool)
     edge = round(EDGE_S * rate)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - start >= max(3, QUIET_S * rate):
-            empty[start + edge : stop - edge] = True
+    for run in runs(quiet):
+        if run.stop - run.start >= max(3, QUIET_S * rate):
+            empty[run.start + edge : run.stop - edge] = True
     return empty
 
 

@@ -13,13 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.atomic import atomic_file
 from gaitcal.errors import InputError
+from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.force_columns import build_plate, find_plates
-from gaitcal.recording.input_file import read_lines
-from gaitcal.recording.number_table import parse_rows
 from gaitcal.recording.recording import Array, ForcePlate
-from gaitcal.recording.timebase import require_increasing, undo_rounding
+from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
 LONGEST_HEADER = 500
 

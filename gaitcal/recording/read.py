@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import InputError, nearest
-from gaitcal.recording.c3d import read_c3d
-from gaitcal.recording.csv import read_forces_csv, read_markers_csv
-from gaitcal.recording.input_file import require_file
+from gaitcal.recording.c3d.reader import read_c3d
+from gaitcal.recording.csv import read_forces_csv, read_markers_csv, with_corners
 from gaitcal.recording.mot import Forces, read_mot_forces
-from gaitcal.recording.plates_csv import with_corners
 from gaitcal.recording.recording import Recording
+from gaitcal.recording.text_file import require_file
 from gaitcal.recording.trc import read_trc
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}

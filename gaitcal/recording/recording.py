@@ -2,11 +2,14 @@
 
 Frames and units are settled once, on reading: metres, seconds, newtons, newton metres; y up, right-handed.
 The turn about the vertical that brings x along the progression is a step of its own (`recording/axes.py`).
+
+How completely each marker was seen. Gaps are told, weighed with zero later, and never filled.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +98,31 @@ def require_plain_labels(recording: Recording, target: Path) -> None:
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
         if clean(name) != name or not name:
             raise InputError(f"the name {name[:40]!r} cannot be written; it has odd characters", source=target)
+
+
+@dataclass(frozen=True)
+class MarkerGaps:
+    """The gaps of one marker."""
+
+    label: str
+    seen: float
+    """Share of the frames in which it was seen, 0 to 1."""
+    longest_gap: float
+    """s from the last frame before to the first frame after the longest gap; at an end of the trial, to that end."""
+
+
+def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
+    """One entry for each marker, in the order of the labels."""
+    seen = seen_mask(recording.markers)
+    time = recording.time
+    found = []
+    for index, label in enumerate(recording.labels):
+        frames = np.flatnonzero(seen[:, index])
+        if len(frames) == 0:
+            longest = float(time[-1] - time[0])
+        else:
+            between = [float(time[b] - time[a]) for a, b in pairwise(frames) if b - a > 1]
+            ends = [float(time[frames[0]] - time[0]), float(time[-1] - time[frames[-1]])]
+            longest = max(between + ends)
+        found.append(MarkerGaps(label, float(len(frames) / len(time)), longest))
+    return tuple(found)

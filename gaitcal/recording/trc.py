@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from gaitcal.atomic import atomic_file
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import Vertical, make_y_up
-from gaitcal.recording.input_file import read_lines
 from gaitcal.recording.labels import clean, common_prefix, is_unlabelled, unique
-from gaitcal.recording.number_table import parse_rows
 from gaitcal.recording.recording import Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.timebase import require_increasing, undo_rounding
+from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20

@@ -9,10 +9,10 @@ from itertools import count
 
 from benchmarks.figure import Timing
 from benchmarks.folder import temporary_folder
-from gaitcal.study.monte_carlo.case import nominal_case
-from gaitcal.study.monte_carlo.settings import Plan
-from gaitcal.study.monte_carlo.study import monte_carlo
-from gaitcal.study.monte_carlo.workers import LocalProcesses, ThisProcess, Workers
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.settings import Plan
+from gaitcal.montecarlo.study import monte_carlo
+from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess, Workers
 
 DRAWS = Plan(levels=(100,), draws=100)
 

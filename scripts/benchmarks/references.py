@@ -16,7 +16,7 @@ from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion
 
 
 class Counted(TrialProblem):

@@ -14,16 +14,16 @@ from benchmarks.references import lower_bound, passes, plain_least_squares
 from benchmarks.scaling import section_scaling
 from benchmarks.trials import CYCLE, GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
 from gaitcal.calibration.inertial_calibration import TorqueScale, fit_consistent, fit_published
-from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.build import build_model
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.motion import motion_of, track
-from gaitcal.motion.trial_data import NodeRule
-from gaitcal.study.synthetic_data import ground_reactions
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.motion import gait_motion
 
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
 """A quarter of the gait trial and of its spans: what finite differences are tried on."""

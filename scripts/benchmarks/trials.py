@@ -13,11 +13,10 @@ from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.study.synthetic_data import marker_noise, synthetic_markers
-from gaitcal.study.synthetic_motion import gait_motion, isolated_motion
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import gait_motion, isolated_motion
 
 NODES = NodeRule(fixed=20)
 GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.calibration.combined import JointStepTrial, joint_step
 from gaitcal.calibration.inertial_calibration import (
     RootEquations,
     TorqueScale,
@@ -15,23 +16,22 @@ from gaitcal.calibration.inertial_calibration import (
     fit_published,
 )
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.inertial_phase import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.joint_step import JointStepTrial, joint_step
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.person.calibrate import calibrate
 from gaitcal.recording import Recording
-from gaitcal.study.person import Study
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study.synthetic_data import ground_reactions, marker_noise, synthetic_markers
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.study.study import Study
+from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative
-from tests.study.real_studies import write_study
+from tests.real_studies import write_study
 
 MODEL = published_model()
 MOTION = gait_motion()

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.calibration import reduced_problem
-from gaitcal.calibration.approach import approach
+from gaitcal.calibration.far_start import approach
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.calibration.reduced_problem import ReducedProblem
@@ -20,11 +20,10 @@ from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import TrackSettings
-from gaitcal.motion.trial_data import NodeRule, trial_problem
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.study.synthetic_data import marker_noise, synthetic_markers
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 
 KNEE = isolated_parameters("knee_r")

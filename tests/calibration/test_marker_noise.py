@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import marker_evidence
+from gaitcal.calibration.influence import LEAST_NOISE, independent_noise, marker_evidence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import JointCalibration, JointTrial, calibrate_sequentially
-from gaitcal.calibration.marker_noise import LEAST_NOISE, independent_noise
 from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.trial_problem import TrialProblem

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration import marker_moves, torque_errors
+from gaitcal.calibration import torque_errors
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import NodeRule, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.study.synthetic_data import ground_reactions, marker_noise, synthetic_markers
-from gaitcal.study.synthetic_motion import NODES, gait_motion
+from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import NODES, gait_motion
 
 
 def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,19 +30,19 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     fit = calibrate_joints([problem], model.parameters, free, [start])
     wrench = ground_reactions(model.parameters, motion, 1.04)
 
-    moves = marker_moves.marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
+    moves = torque_errors.marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
 
     def errors() -> tuple[np.ndarray, np.ndarray]:
         torques = torque_errors.torque_standard_errors(
             problem, fit.nodes[0], fit.parameters, wrench, influence_of([problem], fit), None
         )
-        return torques, marker_moves.coordinate_standard_errors(problem, moves)
+        return torques, torque_errors.coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
     assert torques.shape == (len(time), 29)
     assert coordinates.shape == (len(time), 27)
     assert (torques > 0).all() and (coordinates > 0).all()
-    for module in (torque_errors, marker_moves):
+    for module in (torque_errors,):
         monkeypatch.setattr(module, "BLOCK", 17)
     for found, whole in zip(errors(), (torques, coordinates), strict=True):
         np.testing.assert_allclose(found, whole, rtol=1e-9)

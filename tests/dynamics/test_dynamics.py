@@ -11,8 +11,8 @@ from gaitcal.dynamics.root_residual import root_residual
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
-from gaitcal.study.synthetic_data import ground_reactions
-from gaitcal.study.synthetic_motion import gait_motion
+from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
 RNG = np.random.default_rng(12)

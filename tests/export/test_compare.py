@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from gaitcal.compare import ComparisonRow, compare, read_osim
 from gaitcal.errors import InputError
-from gaitcal.export import ComparisonRow, compare, read_osim, write_osim
-from gaitcal.export.euler import body_fixed_xyz, from_body_fixed_xyz
+from gaitcal.export import write_osim
+from gaitcal.export.joint_frames import body_fixed_xyz, from_body_fixed_xyz
 from gaitcal.export.xml_text import numbers
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import SEEDS, perturbed

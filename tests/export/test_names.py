@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.export import original_name, read_osim, safe_name, write_mjcf, write_osim, write_urdf
+from gaitcal.compare import read_osim
+from gaitcal.export import original_name, safe_name, write_mjcf, write_osim, write_urdf
 from gaitcal.export.xml_text import plain_text
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.output import write_results
-from gaitcal.study.person import Study
-from gaitcal.study.pipeline import calibrate
-from gaitcal.study.synthetic_data import synthetic_markers
+from gaitcal.person.calibrate import calibrate
+from gaitcal.results.calibration import write_results
+from gaitcal.study.study import Study
+from gaitcal.synthetic.measurements import synthetic_markers
 from tests.export.mechanics import State
 
 Array = NDArray[np.float64]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.model.marker_set import built_in_sets, load_marker_set
-from gaitcal.model.marker_set_file import STUDY_S, marker_set_text
+from gaitcal.model.marker_set import STUDY_S, built_in_sets, load_marker_set, marker_set_text
 
 
 @pytest.mark.parametrize("name", built_in_sets())

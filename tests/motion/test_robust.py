@@ -12,10 +12,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.motion.robust import LEAST_SCALE, Loss, residual_scale, robust_tracking
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_data import NodeRule, trial_problem
-from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.study.synthetic_motion import isolated_motion
-from tests.study.synthetic_studies import made_recording
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.synthetic.motion import isolated_motion
+from tests.synthetic_studies import made_recording
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import TrackSettings, track_nodes
-from gaitcal.motion.trial_data import NodeRule, cutoff
+from gaitcal.motion.trial_problem import NodeRule, cutoff
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.recording import read_recording
-from gaitcal.recording.c3d_header import check_c3d_header
-from gaitcal.recording.c3d_parse import ParserDiedError, parse_c3d
+from gaitcal.recording.c3d.layout import check_c3d_header
+from gaitcal.recording.c3d.parser import ParserDiedError, parse_c3d
 from tests.recording.recordings import standing_points_mm, write_raw_c3d
 
 LABELS = [f"M{i}" for i in range(8)]
@@ -82,7 +82,7 @@ def test_a_parser_that_dies_or_hangs_ends_in_one_clear_error(
     """The parser is replaced by one that does what a damaged file may make it do."""
     import ezc3d
 
-    import gaitcal.recording.c3d_parse as parse
+    import gaitcal.recording.c3d.parser as parse
 
     path = write_raw_c3d(tmp_path / "c.c3d", standing_points_mm(5), LABELS)
     if "sleep" in fault:

@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.recording import Recording, convert, read_forces, read_recording, write_c3d, write_forces_csv, write_trc
-from gaitcal.recording.plates_csv import write_plates_csv
+from gaitcal.recording.csv import write_plates_csv
 from tests.recording.recordings import body, loaded_body
 
 

@@ -11,7 +11,6 @@ import pytest
 from gaitcal.errors import GaitcalError
 from gaitcal.recording import (
     Recording,
-    c3d_parse,
     read_forces,
     read_recording,
     write_c3d,
@@ -20,6 +19,7 @@ from gaitcal.recording import (
     write_markers_csv,
     write_trc,
 )
+from gaitcal.recording.c3d import parser
 from tests.recording.recordings import loaded_body
 from tests.scripts import script
 
@@ -64,7 +64,7 @@ def read_and_require_sound(path: Path) -> None:
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some damage makes the C3D parser loop; two seconds show that as well as six."""
-    monkeypatch.setattr(c3d_parse, "BASE_SECONDS", 2.0)
+    monkeypatch.setattr(parser, "BASE_SECONDS", 2.0)
 
 
 @pytest.mark.parametrize("suffix, head", [(".c3d", 3000), (".trc", 600), (".csv", 300)])

@@ -1,0 +1,248 @@
+"""Feet on plates: which foot, whether wholly on it, and whether force and foot touch down at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.checks.evidence import FEET, SIDES, TrialEvidence
+from gaitcal.checks.finding import Finding, error, info, warning
+from gaitcal.dynamics.ground_contact import LOADED, RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
+from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
+from gaitcal.recording import resample_wrench
+from gaitcal.recording.force_plate import BODY_N
+from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.recording import ForcePlate
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FLOOR_M = (-0.03, 0.15)
+"""Height of a resting heel or toe marker above the centre of pressure."""
+LATE_S = 0.08
+"""Difference between the clocks of markers and forces that is told."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
+
+    plate: ForcePlate
+    frames: slice
+    foot: int
+    """0 right, 1 left."""
+    distance: float
+    """m, mean distance of the centre of pressure from that line, weighed by the load."""
+    other: float
+    """m, the same for the other foot."""
+    point: Array
+    """(nf, 3) m, centre of pressure at the frames."""
+    load: Array
+    """(nf,) N, vertical force at the frames."""
+
+
+class Feet:
+    """Heels and toes of a trial, from the markers alone."""
+
+    def __init__(self, trial: TrialEvidence) -> None:
+        self.time = trial.recording.time
+        self.seen = np.zeros((len(self.time), 2), dtype=bool)
+        self.heel = np.full((len(self.time), 2, 3), np.nan)
+        self.toe = np.full((len(self.time), 2, 3), np.nan)
+        for k, side in enumerate(SIDES):
+            heel, toe = trial.landmark(f"heel_{side}"), trial.landmark(f"toe_{side}")
+            if heel is not None and toe is not None:
+                self.heel[:, k], self.toe[:, k] = heel, toe
+                self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
+
+        self.heel_velocity = np.gradient(self.heel, self.time, axis=0)
+        self.toe_velocity = np.gradient(self.toe, self.time, axis=0)
+        self.ground = ground_velocity(
+            np.concatenate([self.heel, self.toe], axis=1),
+            np.concatenate([self.heel_velocity, self.toe_velocity], axis=1),
+        )
+
+    def slow(self, velocity: Array) -> BoolArray:
+        """(nf,) where a point with velocity (nf, 3) moves with the ground."""
+        out: BoolArray = np.nan_to_num(np.linalg.norm(velocity - self.ground, axis=1), nan=np.inf) < RESTING
+        return out
+
+    def resting(self, foot: int) -> BoolArray:
+        """(nf,) the foot is down: its heel or its toe moves with the ground."""
+        return self.slow(self.heel_velocity[:, foot]) | self.slow(self.toe_velocity[:, foot])
+
+    def tip(self, foot: int, height: float) -> Array:
+        """(nf, 3) m, the tip of the foot of a person of this height (m)."""
+        return foot_tip(self.heel[:, foot], self.toe[:, foot], height)
+
+    def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
+        """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where it is not seen."""
+        known = self.seen[frames, foot]
+        if not known.any():
+            return float("inf")
+        a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
+        return float(np.average(distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
+
+
+def steps(trial: TrialEvidence, feet: Feet) -> list[Step]:
+    """All loadings of all plates that are longer than a knock."""
+    found = []
+    for plate in trial.recording.plates:
+        wrench = np.nan_to_num(resample_wrench(plate, feet.time))
+        for run in runs(wrench[:, 1] > LOADED, 2):
+            if feet.time[run.stop - 1] - feet.time[run.start] < SHORTEST or wrench[run, 1].max() < BODY_N:
+                continue
+            w = wrench[run]
+            height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0
+            force, moment = w[:, :3], w[:, 3:]
+            x = (moment[:, 2] + height * force[:, 0]) / force[:, 1]
+            z = (-moment[:, 0] + height * force[:, 2]) / force[:, 1]
+            point = np.column_stack([x, np.full(len(x), height), z])
+            away = [feet.distance(k, point, run, force[:, 1]) for k in range(2)]
+            foot = int(np.argmin(away))
+            found.append(Step(plate, run, foot, away[foot], away[1 - foot], point, force[:, 1]))
+    return found
+
+
+def contacts(trial: TrialEvidence) -> Iterator[Finding]:
+    """Everything about feet on plates in a gait trial."""
+    if trial.trial.role != "gait" or not trial.recording.plates or len(trial.recording.time) < 3:
+        return
+    feet = Feet(trial)
+    if not feet.seen.any():
+        return
+    found = steps(trial, feet)
+    if not found:
+        most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
+        cure = "no torques will come of this trial; are these the forces of this trial?"
+        yield warning("plates", trial.name, f"no plate is stepped on: at most {most:.0f} N", cure, trial.source)
+    for step in found:
+        yield from _which_foot(trial, step)
+        if np.isfinite(step.distance) and step.distance < UNDER_FOOT:
+            yield from _height(trial, feet, step)
+            yield from overhang(trial, feet, step)
+    yield from _clocks(trial, feet, [s for s in found if s.distance < UNDER_FOOT])
+
+
+def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
+    span = spans(trial.recording.time, [step.frames])
+    name = f"plate {step.plate.name}, {span}"
+    told = trial.trial.plates.get(step.plate.name)
+    if told == "none":
+        return
+    if told is not None:
+        named = SIDES.index(told)
+        away = step.distance if step.foot == named else step.other
+        if away > UNDER_FOOT and step.foot != named and step.distance < UNDER_FOOT:
+            yield error(
+                "plate to foot",
+                trial.name,
+                f"{name}: the study gives it to the {FEET[named]} foot, {1e3 * away:.0f} mm off the centre of pressure "
+                f"(the {FEET[step.foot]} foot: {1e3 * step.distance:.0f} mm)",
+                f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
+                trial.source,
+            )
+            return
+    if step.distance > UNDER_FOOT:
+        yield warning(
+            "plate to foot",
+            trial.name,
+            f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} and "
+            f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * UNDER_FOOT:.0f} mm",
+            "check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+            trial.source,
+        )
+    else:
+        found = f"{name}: {FEET[step.foot]} foot, whose line heel-toe passes the centre of pressure at "
+        found += f"{1e3 * step.distance:.0f} mm"
+        yield info("plate to foot", trial.name, found)
+
+
+def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+    down = feet.resting(step.foot)[step.frames]
+    if not down.any():
+        return
+    lowest = np.fmin(feet.heel[step.frames, step.foot, 1], feet.toe[step.frames, step.foot, 1])[down]
+    above = float(np.nanmedian(lowest)) - float(np.median(step.point[:, 1]))
+    if not FLOOR_M[0] <= above <= FLOOR_M[1]:
+        yield warning(
+            "plates",
+            trial.name,
+            f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of heel and toe marker; "
+            f"allowed: {1e3 * FLOOR_M[0]:.0f} to {1e3 * FLOOR_M[1]:.0f} mm",
+            "check the height of the plate's corners, or the origin of the markers",
+            trial.source,
+        )
+
+
+def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+    """A step whose foot rests partly beside its plate."""
+    if step.plate.corners is None:
+        return
+    told = []
+    ends = (
+        ("heel", feet.heel[:, step.foot], feet.heel_velocity[:, step.foot]),
+        ("toes", feet.tip(step.foot, trial.subject.height), feet.toe_velocity[:, step.foot]),
+    )
+    for name, path, velocity in ends:
+        still = feet.slow(velocity)[step.frames] & feet.seen[step.frames, step.foot]
+        if still.sum() < 3:
+            continue
+        out = -float(np.median(inside(step.plate.corners, path[step.frames][still])))
+        if out > OVERHANG_M:
+            told.append(f"{name} {1e3 * out:.0f} mm")
+    if told:
+        yield warning(
+            "plate to foot",
+            trial.name,
+            f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "
+            f"partly beside it ({', '.join(told)} outside)",
+            "the plate misses a part of the force: record the step again, or write plates = "
+            f'{{ {step.plate.name} = "none" }}',
+            trial.source,
+        )
+
+
+def _clocks(trial: TrialEvidence, feet: Feet, found: list[Step]) -> Iterator[Finding]:
+    """Touch-down and lift-off by force against those by motion."""
+    late: list[float] = []
+    for step in found:
+        down = feet.resting(step.foot)
+        best = max(runs(down), key=lambda r: _overlap(r, step.frames), default=None)
+        if best is None or not _overlap(best, step.frames):
+            continue
+        if best.start > 0 and step.frames.start > 0:
+            late.append(float(feet.time[step.frames.start] - feet.time[best.start]))
+        if best.stop < len(down) and step.frames.stop < len(down):
+            late.append(float(feet.time[step.frames.stop - 1] - feet.time[best.stop - 1]))
+    if len(late) < 2:
+        return
+    shift = float(np.mean(late))
+    if abs(shift) > LATE_S and all(value * shift > 0 for value in late):
+        yield warning(
+            "time",
+            trial.name,
+            f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} by force than by "
+            "motion",
+            "the clocks of markers and forces differ: correct the time column of one of the files",
+            trial.source,
+        )
+
+
+def _overlap(one: slice, other: slice) -> int:
+    return max(0, int(min(one.stop, other.stop)) - int(max(one.start, other.start)))
+
+
+def covered(trial: TrialEvidence) -> Iterator[Finding]:
+    """How the clocks of markers and forces overlap."""
+    time = trial.recording.time
+    for plate in trial.recording.plates:
+        common = min(time[-1], plate.time[-1]) - max(time[0], plate.time[0])
+        if trial.trial.role == "gait" and common <= 0:
+            found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
+            found += f"markers from {time[0]:g} to {time[-1]:g} s"
+            yield error("time", trial.name, found, "give the forces of this very trial", trial.source)
+            return

@@ -1,0 +1,129 @@
+"""What all checks look at: the study's trials, and the nominal model of the static trial where there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.motion.rigid import RigidFit, rigid_fit
+from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import StudyTrial
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FEET = ("right", "left")
+SIDES = ("r", "l")
+
+
+@dataclass(frozen=True)
+class TrialEvidence:
+    """One trial, and what it is measured against."""
+
+    trial: StudyTrial
+    marker_set: MarkerSet
+    subject: Subject
+    settings: CalibrationSettings
+    model: SubjectModel | None
+    """Nominal; None where the static trial gives none."""
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.name
+
+    @property
+    def recording(self) -> Recording:
+        """Markers and plates, y up, in the directions of the file."""
+        return self.trial.recording
+
+    @property
+    def source(self) -> str:
+        """The file of the markers."""
+        return self.recording.source
+
+    @property
+    def is_static(self) -> bool:
+        """Whether this is the trial in which the person stands."""
+        return self.trial.role == "static"
+
+    @cached_property
+    def place(self) -> dict[str, int]:
+        """Label -> column of the recording."""
+        return {label: i for i, label in enumerate(self.recording.labels)}
+
+    @cached_property
+    def seen(self) -> BoolArray:
+        """(nf, nm)."""
+        return seen_mask(self.recording.markers)
+
+    @cached_property
+    def expected(self) -> tuple[str, ...]:
+        """Markers with weight that this trial should have: those that are tracked, and in the static trial all."""
+        groups = list(self.marker_set.tracking.items())
+        if self.is_static:
+            groups += list(self.marker_set.static_only.items())
+        return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0)
+
+    def weight(self, label: str) -> float:
+        """Weight of a marker in this study."""
+        return self.marker_set.weight(label)
+
+    def landmark(self, name: str) -> Array | None:
+        """(nf, 3) m path of a landmark; NaN in gaps; None where the trial lacks one of its markers."""
+        labels = self.marker_set.landmarks.get(name, ())
+        if not labels or any(label not in self.place for label in labels):
+            return None
+        out: Array = self.recording.markers[:, [self.place[label] for label in labels]].mean(axis=1)
+        return out if np.isfinite(out).any() else None
+
+    @cached_property
+    def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Segment -> labels that are in this trial, and their positions (nm, 3) m in the static posture."""
+        if self.model is None:
+            return {}
+        out: dict[str, tuple[tuple[str, ...], Array]] = {}
+        markers = self.model.markers
+        for segment in dict.fromkeys(markers.segments):
+            own = [
+                i
+                for i, (label, s) in enumerate(zip(markers.labels, markers.segments, strict=True))
+                if s == segment and label in self.place
+            ]
+            out[segment] = (tuple(markers.labels[i] for i in own), markers.local[own])
+        return out
+
+    @cached_property
+    def pelvis(self) -> RigidFit | None:
+        """Rigid fit of the pelvis markers; None with fewer than three."""
+        labels, local = self.templates.get("pelvis", ((), np.empty((0, 3))))
+        if len(labels) < 3:
+            return None
+        at = [self.place[label] for label in labels]
+        measured = self.recording.markers[:, at].transpose(1, 2, 0)
+        seen = self.seen[:, at].T
+        fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
+        return fit if fit.determined.any() else None
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A whole study."""
+
+    trials: tuple[TrialEvidence, ...]
+
+    @property
+    def static(self) -> TrialEvidence | None:
+        """The static trial; None where it could not be read."""
+        return next((trial for trial in self.trials if trial.is_static), None)
+
+    @property
+    def moving(self) -> tuple[TrialEvidence, ...]:
+        """All other trials."""
+        return tuple(trial for trial in self.trials if not trial.is_static)

@@ -1,0 +1,225 @@
+"""Markers that carry each other's label for a while, judged by lengths and by jumps.
+
+By lengths: d0(a, c) is the distance of markers a and c of one segment in the static posture. A trajectory y under the
+label a costs  E_a(y) = mean_c | |y - x_c| - d0(a, c) |  over the others c of its segment. Labels a and b are exchanged
+where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b); a has taken the place of a marker b that is not seen where
+E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes where b was, and b where a was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.finding import Finding, error, listed, warning
+from gaitcal.recording.intervals import runs, spans
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+STRANGE_M = 0.02
+"""Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
+FAR_BELOW = 0.5
+"""The other assignment must cost less than this share of the present one."""
+DECISIVE_M = 0.003
+"""Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
+BRIDGED_S = 0.1
+"""Gap within which two markers may change places."""
+SPIKE_M = 0.02
+SPIKE_ACCELERATION = 300.0
+"""m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
+LIGHT = 0.1
+"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
+SHORTEST = 3
+"""Frames of a stretch in which lengths say that labels are exchanged."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two labels, and the frames in which the first carries the other's marker."""
+
+    label: str
+    other: str
+    frames: BoolArray
+    """(nf,)."""
+    mutual: bool
+    """False where the other marker was not seen meanwhile."""
+
+
+def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
+    """Labels exchanged for a part of the trial, or for all of it."""
+    for found in exchanges(trial):
+        stretches = runs(found.frames)
+        both = trial.seen[:, trial.place[found.label]]
+        share = float(found.frames.sum() / max(int(both.sum()), 1))
+        when = spans(trial.recording.time, stretches)
+        what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
+        told = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
+        weighed = max(trial.weight(found.label), trial.weight(found.other))
+        if share > 0.5 and weighed > LIGHT:
+            yield error("exchanged", trial.name, told, "exchange the two labels in the file", trial.source)
+        else:
+            cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
+            if weighed <= LIGHT:
+                cure = "little harm, as both have little weight or none; label that part again to use them"
+            yield warning("exchanged", trial.name, told, cure, trial.source)
+
+
+def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
+    """Pairs of labels that are exchanged somewhere."""
+    told: set[frozenset[str]] = set()
+    for found in by_lengths(trial):
+        told.add(frozenset((found.label, found.other)))
+        yield found
+    for found in by_jumps(trial):
+        if frozenset((found.label, found.other)) not in told:
+            yield found
+
+
+def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
+    """Exchanges that the lengths within segments show."""
+    segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
+    own = {label: _cost(trial, segment_of, label, label, ()) for label in segment_of}
+    doubted = {label: cost for label, cost in own.items() if (np.nan_to_num(cost) > STRANGE_M).sum() >= SHORTEST}
+    for a, b in combinations(doubted, 2):
+        strange = (np.nan_to_num(own[a]) > STRANGE_M) & (np.nan_to_num(own[b]) > STRANGE_M)
+        if strange.sum() < SHORTEST:
+            continue
+        present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
+        other = _cost(trial, segment_of, a, b, (b,)) + _cost(trial, segment_of, b, a, (a,))
+        marked = _long_enough(strange & (np.nan_to_num(other, nan=np.inf) < FAR_BELOW * np.nan_to_num(present)))
+        if marked.any():
+            yield Exchange(a, b, marked, True)
+    for a in doubted:
+        for b in segment_of:
+            unseen = ~trial.seen[:, trial.place[b]] & (np.nan_to_num(own[a]) > STRANGE_M)
+            if b == a or unseen.sum() < SHORTEST:
+                continue
+            other = _cost(trial, segment_of, b, a, (a,))
+            present = _cost(trial, segment_of, a, a, (b,))
+            fits = np.nan_to_num(other, nan=np.inf) < np.minimum(FAR_BELOW * np.nan_to_num(present), STRANGE_M)
+            marked = _long_enough(unseen & fits)
+            if marked.any() and _others(trial, segment_of, b, (a,)) >= 2:
+                yield Exchange(a, b, marked, False)
+
+
+def _long_enough(marked: BoolArray) -> BoolArray:
+    out = np.zeros_like(marked)
+    for run in runs(marked, SHORTEST):
+        out[run] = True
+    return out
+
+
+def _others(trial: TrialEvidence, segment_of: dict[str, str], label: str, without: tuple[str, ...]) -> int:
+    labels, _ = trial.templates[segment_of[label]]
+    return sum(other != label and other not in without for other in labels)
+
+
+def _cost(
+    trial: TrialEvidence, segment_of: dict[str, str], label: str, trajectory: str, without: tuple[str, ...]
+) -> Array:
+    """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where none is seen."""
+    labels, local = trial.templates[segment_of[label]]
+    here = labels.index(label)
+    others = [k for k, other in enumerate(labels) if k != here and other not in without]
+    x = trial.recording.markers
+    if not others:
+        return np.full(len(x), np.nan)
+    apart = x[:, [trial.place[labels[k]] for k in others]] - x[:, [trial.place[trajectory]]]
+    wrong = np.abs(np.linalg.norm(apart, axis=2) - np.linalg.norm(local[others] - local[here], axis=1))
+    known = np.isfinite(wrong)
+    count = known.sum(axis=1)
+    total = np.where(known, wrong, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:
+    """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which side is right.
+
+    Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
+    """
+    for (a, b), times in _crossings(trial).items():
+        frames = np.zeros(len(trial.seen), dtype=bool)
+        for start, stop in zip_longest(times[::2], times[1::2], fillvalue=len(frames)):
+            frames[start:stop] = True
+        first, second = trial.recording.labels[a], trial.recording.labels[b]
+        excess = _excess(trial, first, second)
+        gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
+        if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
+            frames = ~frames
+        if frames.any():
+            yield Exchange(first, second, frames, True)
+
+
+def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
+    """Pairs of columns -> frames at which one comes to where the other was, and the other way round."""
+    x = trial.recording.markers
+    out: dict[tuple[int, int], list[int]] = {}
+    if len(x) < 3:
+        return out
+    before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
+    length = np.linalg.norm(x[1:] - before, axis=2)
+    jumping = np.nan_to_num(length) > max(jump_limit(trial), 0.03)
+    for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
+        for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
+            crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])
+            if crossed < FAR_BELOW * (length[t, a] + length[t, b]):
+                out.setdefault((a, b), []).append(int(t) + 1)
+    return out
+
+
+def _last_seen(x: Array, most: int) -> Array:
+    """(nf, nm, 3) positions, gaps filled with the last one for at most `most` frames."""
+    seen = np.isfinite(x).all(axis=2)
+    frame = np.arange(len(x))[:, None]
+    last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+    filled = np.take_along_axis(x, np.maximum(last, 0)[:, :, None], axis=0)
+    return np.where(((last >= 0) & (frame - last <= most))[:, :, None], filled, np.nan)
+
+
+def _excess(trial: TrialEvidence, a: str, b: str) -> Array:
+    """(nf,) m, what the present labels of two markers cost more than the exchanged ones; NaN where nothing tells."""
+    segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
+    out = np.full(len(trial.seen), np.nan)
+    if a in segment_of and b in segment_of:
+        present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
+        out = present - _cost(trial, segment_of, a, b, (b,)) - _cost(trial, segment_of, b, a, (a,))
+    return out
+
+
+def jump_limit(trial: TrialEvidence) -> float:
+    """m, how far a marker may be out of line with the frames before and after."""
+    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2)
+
+
+def spikes(trial: TrialEvidence) -> Iterator[Finding]:
+    """Single positions that lie out of line with the frames before and after."""
+    x = trial.recording.markers
+    if len(x) < 3:
+        return
+    away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
+    limit = jump_limit(trial)
+    sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
+    peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
+    told, largest = [], 0.0
+    for label in trial.expected:
+        if label not in trial.place:
+            continue
+        at = trial.place[label]
+        out = np.where(peak[:, at], np.nan_to_num(away[:, at]), 0.0)
+        if (out > limit).any():
+            told.append(f"{label} ({int((out > limit).sum())} frames)")
+            largest = max(largest, float(out.max()))
+    if told:
+        yield warning(
+            "jumps",
+            trial.name,
+            f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(told)}",
+            'label the trial again there, or set robust = "cauchy" under [calibration]',
+            trial.source,
+        )

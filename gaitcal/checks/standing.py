@@ -1,0 +1,68 @@
+"""The static trial: is there a still window, and does a nominal model follow from it?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.finding import Finding, Severity, error, info, warning
+from gaitcal.errors import InputError
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.recording import still_window
+from gaitcal.recording.still import LAG_S, STILL_M_S
+from gaitcal.study.study import Study, nominal_of
+
+FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
+"""Of a static trial: speed is told over that time."""
+RESTLESS = 0.5
+"""Share of the allowed speed above which the stillest window is not so still."""
+
+
+def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
+    """The nominal model, or what keeps the static trial from giving one."""
+    try:
+        return nominal_of(study), ()
+    except InputError as fault:
+        return None, (fault_of(fault, study.static.name, study.static.recording.source, "static trial"),)
+
+
+def fault_of(fault: InputError, where: str, source: str, topic: str) -> Finding:
+    """An InputError as a finding; its text already tells what is allowed."""
+    text = str(fault).removeprefix(f"{source}: ")
+    return Finding(Severity.ERROR, topic, where, text, "", source)
+
+
+def length(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the static trial is long enough to tell that anybody stands still."""
+    time = trial.recording.time
+    if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
+        return
+    yield error(
+        "static trial",
+        trial.name,
+        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s; at least {FEWEST_FRAMES} frames over "
+        f"{SHORTEST_S:g} s are needed to tell standing still from moving",
+        "record the person standing still for some seconds",
+        trial.source,
+    )
+
+
+def stillness(trial: TrialEvidence) -> Iterator[Finding]:
+    """How still the person stood."""
+    if not trial.is_static or trial.model is None or any(length(trial)):
+        return
+    try:
+        window = still_window(trial.recording, trial.marker_set.labels)
+    except InputError:
+        return  # told as what keeps the nominal model from being made
+    told = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
+    if window.speed > RESTLESS * STILL_M_S:
+        yield warning(
+            "still window",
+            trial.name,
+            f"{told}; at most {1e3 * STILL_M_S:.0f} mm/s is allowed",
+            "let the person stand still for some seconds; segment frames come from this posture",
+            trial.source,
+        )
+    else:
+        yield info("still window", trial.name, told)

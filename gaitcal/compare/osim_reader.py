@@ -1,0 +1,156 @@
+"""Reading an OpenSim model of either generation (3.x, 4.x) into a `PeerModel`. No OpenSim is needed."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.compare.peer_model import (
+    Function,
+    PeerAxis,
+    PeerCoordinate,
+    PeerJoint,
+    PeerModel,
+    read_function,
+    read_numbers,
+)
+from gaitcal.errors import InputError
+from gaitcal.export.joint_frames import from_body_fixed_xyz
+from gaitcal.export.names import original_name
+
+Array = NDArray[np.float64]
+
+_X, _Y, _Z = (np.eye(3)[i] for i in range(3))
+_SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
+    "WeldJoint": (),
+    "PinJoint": ((True, _Z),),
+    "SliderJoint": ((False, _X),),
+    "UniversalJoint": ((True, _X), (True, _Y)),
+    "GimbalJoint": ((True, _X), (True, _Y), (True, _Z)),
+    "FreeJoint": ((True, _X), (True, _Y), (True, _Z), (False, _X), (False, _Y), (False, _Z)),
+}
+"""Kinds of joints whose axes are fixed, in the order of their coordinates."""
+
+
+def read_osim(path: Path | str) -> PeerModel:
+    """Bodies, joints and markers of an OpenSim model file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    """
+    path = Path(path)
+    try:
+        root = ET.parse(path).getroot()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"is not well-formed XML: {error}", source=path) from None
+    model = root.find("Model") if root.tag == "OpenSimDocument" else None
+    if model is None:
+        raise InputError(
+            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed", source=path
+        )
+    masses: dict[str, float] = {}
+    joints: dict[str, PeerJoint] = {}
+    for body in model.findall("BodySet/objects/Body"):
+        name = body.get("name", "")
+        masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
+        for element in body.findall("Joint/*"):
+            joints[name] = _old_joint(element, name, path)
+    for element in model.findall("JointSet/objects/*"):
+        joint = _joint(element, path)
+        joints[joint.child] = joint
+    masses.pop("ground", None)
+    if not masses or not joints:
+        raise InputError("found no bodies or no joints", source=path)
+    return PeerModel(str(path), masses, joints, _markers(model, path))
+
+
+def _markers(model: ET.Element, path: Path) -> dict[str, tuple[str, Array]]:
+    markers: dict[str, tuple[str, Array]] = {}
+    for marker in model.findall("MarkerSet/objects/Marker"):
+        frame = marker.findtext("socket_parent_frame") or marker.findtext("body") or ""
+        body = frame.strip().rpartition("/")[2]
+        markers[original_name(marker.get("name", ""))] = (body, read_numbers(marker, "location", path, count=3))
+    return markers
+
+
+def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+    angles = read_numbers(element, orientation, path, count=3)
+    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
+
+
+def _joint(element: ET.Element, path: Path) -> PeerJoint:
+    frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
+    bodies, places = [], []
+    for socket in ("socket_parent_frame", "socket_child_frame"):
+        body, place = (element.findtext(socket) or "").strip(), pin.SE3.Identity()
+        if body in frames:
+            frame = frames[body]
+            place = _place(frame, "translation", "orientation", path)
+            body = (frame.findtext("socket_parent") or "").strip()
+        bodies.append(body.rpartition("/")[2])
+        places.append(place)
+    coordinates = tuple(_coordinate(c, path) for c in element.findall("coordinates/Coordinate"))
+    return _peer_joint(element, (bodies[0], bodies[1]), (places[0], places[1]), coordinates, path)
+
+
+def _old_joint(element: ET.Element, child: str, path: Path) -> PeerJoint:
+    parent = (element.findtext("parent_body") or "").strip()
+    places = (
+        _place(element, "location_in_parent", "orientation_in_parent", path),
+        _place(element, "location", "orientation", path),
+    )
+    coordinates = tuple(_coordinate(c, path) for c in element.findall("CoordinateSet/objects/Coordinate"))
+    return _peer_joint(element, (parent, child), places, coordinates, path)
+
+
+def _peer_joint(
+    element: ET.Element,
+    bodies: tuple[str, str],
+    places: tuple[pin.SE3, pin.SE3],
+    coordinates: tuple[PeerCoordinate, ...],
+    path: Path,
+) -> PeerJoint:
+    axes = _axes(element, coordinates, path)
+    name = element.get("name", "")
+    return PeerJoint(name, element.tag, bodies[0], bodies[1], places[0], places[1], coordinates, axes)
+
+
+def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path) -> tuple[PeerAxis, ...] | None:
+    if element.tag in _SIMPLE:
+        kinds = _SIMPLE[element.tag]
+        names = [c.name for c in coordinates] + [None] * len(kinds)
+        return tuple(PeerAxis(turn, axis, names[i], _identity) for i, (turn, axis) in enumerate(kinds))
+    if element.tag != "CustomJoint":
+        return None
+    axes = []
+    for entry in element.findall("SpatialTransform/TransformAxis"):
+        words = (entry.findtext("coordinates") or "").split()
+        vector = read_numbers(entry, "axis", path, count=3)
+        length = float(np.linalg.norm(vector))
+        if length == 0.0 or len(words) > 1:
+            raise InputError(
+                "expected an axis that is not zero and at most one coordinate", source=path, field=element.get("name")
+            )
+        function: Function = read_function(entry, path)
+        rotates = entry.get("name", "").startswith("rotation")
+        axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
+    return tuple(axes)
+
+
+def _identity(value: float) -> float:
+    return value
+
+
+def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
+    low, high = read_numbers(element, "range", path, count=2)
+    default = float(read_numbers(element, "default_value", path, count=1)[0])
+    locked = (element.findtext("locked") or "").strip() == "true"
+    return PeerCoordinate(element.get("name", ""), default, float(low), float(high), locked)

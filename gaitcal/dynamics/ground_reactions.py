@@ -1,0 +1,168 @@
+"""Ground reactions of a trial: filtered as the settings say, assigned to the feet of the tracked motion.
+
+Where a leg segment shows no marker: its motion there is a guess of the splines, and no torque follows from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.ground_contact import (
+    SPLINE_ENDS,
+    FootPoints,
+    GroundReactions,
+    ground_reactions_on_feet,
+    ground_velocity,
+)
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
+from gaitcal.dynamics.plate_outline import foot_tip
+from gaitcal.errors import InputError
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
+from gaitcal.motion.spline import DEGREE
+from gaitcal.motion.trial_problem import cutoff
+from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.recording import Recording
+
+CONTRADICTION = 0.25
+"""Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+
+
+def ground_reactions(
+    model: SubjectModel,
+    motion: Motion,
+    recording: Recording,
+    *,
+    plates: Mapping[str, str] | None = None,
+    cutoff_hz: float | Literal["matched"] | None = "matched",
+) -> GroundReactions:
+    """Ground reactions on the feet of a tracked motion, from the force plates of its recording.
+
+    `gaitcal.inverse_dynamics(model, motion, found.wrench)` takes them; its torques count where `found.valid`.
+
+    Parameters
+    ----------
+    model : the person's model, with the parameters that the motion was tracked with.
+    motion : from `gaitcal.track`, all 27 coordinates.
+    recording : the one that was tracked, in the same axes.
+    plates : plate name -> "r", "l" or "none"; the foot under the centre of pressure unless given.
+    cutoff_hz : zero-lag low-pass filter of the forces; "matched": that of the motion's splines; None: no filter.
+
+    Raises
+    ------
+    InputError
+        The motion is of a part of the body only, or the recording has no plates or none of a name in `plates`.
+    """
+    if motion.coordinates != COORDINATES:
+        raise InputError("ground reactions need a motion of the whole body, with all 27 coordinates", field="motion")
+    known = [plate.name for plate in recording.plates]
+    if not known:
+        raise InputError("found no force plates", source=recording.source, field="plates")
+    for name in plates or {}:
+        if name not in known:
+            raise InputError(f"found '{name}'; allowed: {', '.join(known)}", source=recording.source, field="plates")
+    hz = cutoff(motion.time, motion.basis.nodes) if cutoff_hz == "matched" else cutoff_hz
+    return reactions_of_motion(model, model.parameters, motion, recording, plates or {}, hz)
+
+
+def reactions_of_motion(
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    recording: Recording,
+    plates: Mapping[str, str],
+    hz: float | None,
+) -> GroundReactions:
+    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and doubts about them."""
+    feet = foot_points(model, motion, parameters)
+    knots = motion.basis.knots
+    ends = SPLINE_ENDS * float(np.ptp(knots)) / (motion.basis.nodes - DEGREE)
+    found = ground_reactions_on_feet(recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=dict(plates))
+    found = replace(found, notes=(*found.notes, f"the first and last {ends:.2f} s are not valid: ends of the splines"))
+    how = "forces not filtered" if hz is None else f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order)"
+    for lost in unseen_frames(motion).values():
+        found = replace(found, valid=found.valid & ~lost)
+    warnings = (*found.warnings, *unseen_warnings(motion), *_contradictions(found, parameters, motion))
+    return replace(found, notes=(*found.notes, how), warnings=warnings)
+
+
+def _contradictions(found: GroundReactions, parameters: Parameters, motion: Motion) -> list[str]:
+    """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
+
+    To leave them out would make every residual look small by construction.
+    """
+    none = np.zeros_like(found.wrench)
+    needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none).residual_force[:, 1]
+    gap = np.abs(found.wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
+    bad = found.valid & (gap > CONTRADICTION)
+    if not bad.any():
+        return []
+    where = spans(motion.time, runs(bad), most=len(bad))
+    most = 100 * float(gap[bad].max())
+    return [
+        f"{where}: the plates' vertical force differs by up to {most:.0f} % of body weight from what the motion asks "
+        "for; is a foot partly off its plate, a contact not measured, or the mass wrong?"
+    ]
+
+
+def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
+    """Heel and toe of both feet over a whole-body motion."""
+    chain = Chain()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q))
+    points = {}
+    for end in ("heel", "toe"):
+        both = []
+        for foot in FEET:
+            at = chain.segments.index(foot)
+            local = model.landmarks[f"{end}_{foot[-1]}"][1]
+            both.append(np.einsum("j,jif->fi", local, axes[at]) + origins[at].T)
+        points[end] = np.stack(both, axis=1)
+    velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
+    ground = ground_velocity(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
+    speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
+    tip = foot_tip(points["heel"], points["toe"], model.subject.height)
+    return FootPoints(points["heel"], points["toe"], tip, speed["heel"], speed["toe"])
+
+
+BoolArray = NDArray[np.bool_]
+
+
+def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
+    """Leg segment -> (nf,) frames in which none of its markers with weight is seen; segments always seen left out."""
+    errors = motion.errors
+    names = np.array(errors.segments, dtype=str)
+    out: dict[str, BoolArray] = {}
+    for segment in LEG_SEGMENTS:
+        own = (names == segment) & (errors.weight > 0)
+        seen = np.isfinite(errors.distance[:, own]).any(axis=1)
+        if not seen.all():
+            out[segment] = np.asarray(~seen)
+    return out
+
+
+def unseen_warnings(motion: Motion) -> tuple[str, ...]:
+    """What to say of them: one line for the segments that are lost in the same frames."""
+    together: dict[bytes, list[str]] = {}
+    frames = unseen_frames(motion)
+    for segment, lost in frames.items():
+        together.setdefault(lost.tobytes(), []).append(segment)
+    told = []
+    for segments in together.values():
+        lost, which = frames[segments[0]], ", ".join(segments)
+        if lost.all():
+            told.append(f"no marker of {which} with weight in this trial; no torque is valid")
+        else:
+            span = spans(motion.time, runs(lost))
+            told.append(f"{span}: no marker of {which} is seen; {int(lost.sum())} frames are not valid")
+    return tuple(told)

@@ -1,0 +1,143 @@
+"""A chart is a list of panels that know how to draw themselves.
+
+The page places panels one by one, so that a phone shows one beside none and a desktop three in a row. For papers the
+same panels stand in one figure with its legend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitcal.figures.style import FONT, NORMAL, Key, line_style
+
+LEGEND_INCHES = 0.32
+LABEL_INCHES = 0.15
+"""From the left edge of a panel to the foot of its vertical label, whatever the width of the numbers."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Outer size of a panel and the room around its axes, inches."""
+
+    width: float = 2.45
+    height: float = 1.85
+    left: float = 0.58
+    right: float = 0.1
+    bottom: float = 0.36
+    top: float = 0.24
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes."""
+
+    label: str
+    """What it shows, for readers who cannot see it."""
+    draw: Callable[[Axes], None]
+    size: Size = Size()
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels that belong together."""
+
+    name: str
+    """Stem of the file in `write_figures`: plain ASCII."""
+    title: str
+    caption: str
+    """Whole sentences: what is drawn, signs, bands."""
+    panels: tuple[Panel, ...]
+    keys: tuple[Key, ...]
+    columns: int = 3
+    subject: str = ""
+    """The trial, where a chart shows one; data, not markup."""
+
+
+def panel_figure(panel: Panel) -> Figure:
+    """One panel alone, as the page shows it."""
+    size = panel.size
+    figure = _figure(size.width, size.height)
+    _place(figure, panel, 0.0, 0.0)
+    return figure
+
+
+def chart_figure(chart: Chart) -> Figure:
+    """All panels of a chart in one figure, for papers."""
+    rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
+    heights = [max(p.size.height for p in row) for row in rows]
+    width = max(sum(p.size.width for p in row) for row in rows)
+    columns = _legend_columns(chart.keys, width)
+    legend = LEGEND_INCHES * -(-len(chart.keys) // columns)
+    figure = _figure(width, sum(heights) + legend)
+    top = sum(heights) + legend
+    for row, height in zip(rows, heights, strict=True):
+        left = 0.0
+        for panel in row:
+            _place(figure, panel, left, top - panel.size.height)
+            left += panel.size.width
+        top -= height
+    if chart.keys:
+        _legend(figure, chart.keys, columns)
+    return figure
+
+
+def _legend(figure: Figure, keys: tuple[Key, ...], columns: int) -> Legend:
+    return figure.legend(
+        handles=[_handle(key) for key in keys],
+        loc="lower center",
+        ncols=columns,
+        frameon=False,
+        prop={"family": FONT, "size": NORMAL},
+    )
+
+
+def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
+    """As many columns as fit a figure of that width (inches)."""
+    figure = _figure(width, 1.0)
+    for columns in range(len(keys), 1, -1):
+        legend = _legend(figure, keys, columns)
+        if legend.get_window_extent().width <= figure.bbox.width:
+            return columns
+        legend.remove()
+    return 1
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
+    width, height = (float(v) for v in figure.get_size_inches())
+    size = panel.size
+    axes = figure.add_axes(
+        (
+            (left + size.left) / width,
+            (bottom + size.bottom) / height,
+            (size.width - size.left - size.right) / width,
+            (size.height - size.bottom - size.top) / height,
+        )
+    )
+    panel.draw(axes)
+    axes.yaxis.set_label_coords(-(size.left - LABEL_INCHES) / (size.width - size.left - size.right), 0.5)
+
+
+def _handle(key: Key) -> Line2D | Patch:
+    if key.kind in ("band", "area"):
+        return Patch(facecolor=key.colour, alpha=0.25 if key.kind == "band" else 1.0, label=key.label)
+    if key.kind == "line":
+        return Line2D([], [], color=key.colour, linestyle=line_style(key.dashes), linewidth=key.width, label=key.label)
+    shape = {"dot": "o", "ring": "o", "tick": "|"}[key.kind]
+    filled = "white" if key.kind == "ring" else key.colour
+    return Line2D(
+        [], [], linestyle="", marker=shape, markersize=5, color=key.colour, markerfacecolor=filled, label=key.label
+    )

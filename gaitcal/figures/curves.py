@@ -1,0 +1,177 @@
+"""Joint angles and joint moments over the gait cycle or over time, right and left, calibrated and nominal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from gaitcal.figures.chart import Chart, Panel
+from gaitcal.figures.style import (
+    FAINT,
+    NOMINAL,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    STANCE,
+    STANCE_ALPHA,
+    STANCE_KEY,
+    Key,
+    dress,
+    limits,
+    line_style,
+)
+from gaitcal.gait.moments import moment_names, moment_of
+from gaitcal.gait.strides import Layout
+from gaitcal.gait.words import coordinate_words, split_side
+from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+
+Array = NDArray[np.float64]
+
+LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
+"""Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One side of one signal over all frames of the trial."""
+
+    side: str
+    value: Array
+    """(nf,); NaN where it must not be drawn."""
+    nominal: Array
+    """(nf,) with the nominal model."""
+    error: Array | None
+    """(nf,) standard error."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What one panel shows."""
+
+    title: str
+    unit: str
+    positive: str
+    traces: tuple[Trace, ...]
+    least: float
+
+
+ANGLE_KEYS = (
+    Key("right", SIDE_COLOURS["r"], SIDE_DASHES["r"]),
+    Key("left", SIDE_COLOURS["l"], SIDE_DASHES["l"]),
+    Key("pelvis and trunk", SIDE_COLOURS[""]),
+    Key("nominal model", NOMINAL, width=0.9),
+    Key("stance (toe-off: thin line)", STANCE_KEY, kind="area"),
+)
+BAND_KEY = Key("±1 standard error", SIDE_COLOURS["r"], kind="band")
+
+
+def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, stem: str) -> Chart:
+    """Joint angles of a whole-body trial."""
+    frozen = set(calibration.model.frozen)
+    before, after = np.degrees(trial.nominal.q), np.degrees(trial.body.q)
+
+    def trace(name: str) -> Trace:
+        column = trial.body.coordinates.index(name)
+        old = trial.nominal.coordinates.index(name)
+        error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, column])
+        return Trace(split_side(name)[1], after[:, column], before[:, old], error)
+
+    names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
+    signals = _signals(names, trace, "deg", LEAST_ANGLE, moment=False)
+    return Chart(
+        f"{stem}_angles",
+        "Joint angles",
+        "The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are against "
+        "the laboratory, trunk angles against the pelvis" + (", over the right cycle." if layout.by_cycle else "."),
+        tuple(_panel(signal, layout) for signal in signals),
+        ANGLE_KEYS if trial.coordinate_errors is None else (*ANGLE_KEYS[:3], BAND_KEY, *ANGLE_KEYS[3:]),
+        subject=trial.name,
+    )
+
+
+def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTrial, layout: Layout, stem: str) -> Chart:
+    """Joint moments per body mass; frames that are not valid stay empty."""
+    mass = calibration.model.subject.mass
+
+    def trace(name: str) -> Trace:
+        errors = None
+        if loads.errors is not None:
+            errors = moment_of(loads.errors, name) / mass
+        value, nominal = moment_of(loads.final, name) / mass, moment_of(loads.nominal, name) / mass
+        keep = loads.reactions.valid
+        return Trace(split_side(name)[1], np.where(keep, value, np.nan), np.where(keep, nominal, np.nan), errors)
+
+    signals = _signals(moment_names(calibration.model), trace, "N·m/kg", LEAST_MOMENT, moment=True)
+    return Chart(
+        f"{stem}_moments",
+        "Joint moments",
+        "Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. The "
+        "word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
+        "interrupted in frames that are not valid.",
+        tuple(_panel(signal, layout) for signal in signals),
+        (*ANGLE_KEYS[:2], Key("trunk", SIDE_COLOURS[""]), *((BAND_KEY,) if loads.errors else ()), *ANGLE_KEYS[3:]),
+        subject=trial.name,
+    )
+
+
+def _signals(names: list[str], trace: Callable[[str], Trace], unit: str, least: float, *, moment: bool) -> list[Signal]:
+    """One signal a coordinate, right and left together."""
+    bases = list(dict.fromkeys(split_side(name)[0] for name in names))
+    signals = []
+    for base in bases:
+        words = coordinate_words(base)
+        traces = tuple(trace(name) for name in names if split_side(name)[0] == base)
+        signals.append(Signal(words.title, unit, words.moment if moment else words.angle, traces, least))
+    return signals
+
+
+def _panel(signal: Signal, layout: Layout) -> Panel:
+    def draw(axes: Axes) -> None:
+        dress(
+            axes,
+            xlabel=layout.xlabel,
+            ylabel=f"{signal.unit} ({signal.positive} +)",
+            title=signal.title,
+        )
+        axes.axhline(0.0, color=FAINT, linewidth=0.5)
+        drawn: list[Array] = []
+        for trace in signal.traces:
+            _stance(axes, layout, trace.side)
+        for trace in signal.traces:
+            drawn += _trace(axes, layout, trace)
+        axes.set_xlim(*layout.xlimits)
+        axes.set_ylim(*limits(drawn, signal.least))
+        if layout.by_cycle:
+            axes.set_xticks([0, 20, 40, 60, 80, 100])
+        if not any(np.isfinite(d).any() for d in drawn):
+            axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=FAINT)
+
+    sides = " and ".join({"r": "right", "l": "left", "": "whole body"}[t.side] for t in signal.traces)
+    return Panel(f"{signal.title}, {sides}, {signal.unit} over {layout.xlabel}", draw)
+
+
+def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
+    colour, dashes = SIDE_COLOURS[trace.side], line_style(SIDE_DASHES[trace.side])
+    for x, y in layout.others(trace.side, trace.value):
+        axes.plot(x, y, color=colour, linewidth=0.6, alpha=0.35)
+    x, nominal = layout.lay(trace.side, trace.nominal)
+    axes.plot(x, nominal, color=NOMINAL, linewidth=0.9, linestyle=dashes)
+    x, y = layout.lay(trace.side, trace.value)
+    drawn = [nominal, y]
+    if trace.error is not None:
+        spread = layout.lay(trace.side, trace.error)[1]
+        axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.25, linewidth=0)
+        drawn += [y - spread, y + spread]
+    axes.plot(x, y, color=colour, linewidth=1.5, linestyle=dashes)
+    return drawn
+
+
+def _stance(axes: Axes, layout: Layout, side: str) -> None:
+    for start, stop in layout.stances(side):
+        axes.axvspan(start, stop, color=STANCE, alpha=STANCE_ALPHA, linewidth=0)
+        if layout.by_cycle and side:
+            axes.axvline(stop, color=SIDE_COLOURS[side], linewidth=0.7, linestyle=line_style(SIDE_DASHES[side]))

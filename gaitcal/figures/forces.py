@@ -1,0 +1,145 @@
+"""Ground reaction forces on each foot, as part of body weight.
+
+The force and moment at the pelvis that no ground reaction explains, over time, against common limits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.figures.chart import Chart, Panel, Size
+from gaitcal.figures.style import (
+    FAINT,
+    INK,
+    NOMINAL,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    STEP,
+    WHOLE,
+    Key,
+    dress,
+    limits,
+    line_style,
+    write,
+)
+from gaitcal.gait.cycles import resample
+from gaitcal.gait.strides import MOST_POINTS
+from gaitcal.person.residual_limits import Limits, Stage
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.recording.intervals import runs
+
+Array = NDArray[np.float64]
+
+AXES = (("Vertical", "up", 1), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
+INVALID = "#f7e3c4"
+INVALID_KEY = Key("moments not valid", INVALID, kind="area")
+LEAST = 5.0
+"""Smallest range of a vertical axis, % of body weight."""
+
+
+def forces_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTrial, stem: str) -> Chart:
+    """Three components over time, right and left foot."""
+    force = 100.0 * loads.reactions.wrench[:, :, :3] / calibration.model.subject.weight
+    panels = tuple(_panel(title, word, trial.body.time, force[:, :, k], loads.reactions) for title, word, k in AXES)
+    return Chart(
+        f"{stem}_ground_reactions",
+        "Ground reaction forces",
+        "Force of the ground on each foot, in percent of body weight. In calm walking each step has two vertical peaks "
+        "of about 110 %.",
+        panels,
+        (
+            Key("right", SIDE_COLOURS["r"], SIDE_DASHES["r"]),
+            Key("left", SIDE_COLOURS["l"], SIDE_DASHES["l"]),
+            INVALID_KEY,
+        ),
+        subject=trial.name,
+    )
+
+
+def shade_invalid(axes: Axes, time: Array, valid: NDArray[np.bool_]) -> None:
+    """Tint the stretches in which torques are not known."""
+    for run in runs(~valid):
+        axes.axvspan(
+            float(time[max(run.start - 1, 0)]),
+            float(time[min(run.stop, len(time) - 1)]),
+            color=INVALID,
+            linewidth=0,
+            zorder=0,
+        )
+
+
+def thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """At most `MOST_POINTS` samples."""
+    if len(time) <= MOST_POINTS:
+        return time, values
+    at = np.linspace(time[0], time[-1], MOST_POINTS)
+    return at, resample(time, values, at)
+
+
+def _panel(title: str, word: str, time: Array, force: Array, reactions: GroundReactions) -> Panel:
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel="time (s)", ylabel=f"% body weight ({word} +)", title=title)
+        shade_invalid(axes, time, reactions.valid)
+        axes.axhline(0.0, color=FAINT, linewidth=0.5)
+        for k, side in enumerate(("r", "l")):
+            x, y = thinned(time, np.where(reactions.wrench[:, k, 1] == 0.0, np.nan, force[:, k]))
+            axes.plot(x, y, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.4)
+        axes.set_xlim(float(time[0]), float(time[-1]))
+        axes.set_ylim(*limits([force, np.zeros(1)], LEAST))
+
+    return Panel(f"{title} ground reaction force on right and left foot, percent of body weight over time", draw)
+
+
+SIZE = Size(width=3.6, height=2.1)
+MOST = 0.98
+"""Share of the frames that the vertical axis is made for; a spike at a trial's end would hide all others."""
+
+
+def residuals_chart(
+    trial: TrialResult, loads: LoadedTrial, found: tuple[Stage, ...], limit: Limits, stem: str
+) -> Chart:
+    """Magnitude of residual force and moment; the first step grey, the last one in colour."""
+    colours = [NOMINAL, *([STEP] * (len(found) - 2)), WHOLE][: len(found)]
+    widths = [0.9, *([0.9] * (len(found) - 2)), 1.6][: len(found)]
+    time, valid = trial.body.time, loads.reactions.valid
+
+    def panel(title: str, unit: str, values: list[Array], bound: float) -> Panel:
+        def draw(axes: Axes) -> None:
+            dress(axes, xlabel="time (s)", ylabel=unit, title=title)
+            shade_invalid(axes, time, valid)
+            for value, colour, width in zip(values, colours, widths, strict=True):
+                x, y = thinned(time, np.where(valid, value, np.nan))
+                axes.plot(x, y, color=colour, linewidth=width)
+            axes.axhline(bound, color=INK, linewidth=1.0, linestyle=(0, (2, 2)))
+            axes.set_xlim(float(time[0]), float(time[-1]))
+            highest = max(float(v[valid].max()) for v in values)
+            usual = max(float(np.quantile(v[valid], MOST)) for v in values)
+            top = 1.12 * max(bound, highest if highest < 1.5 * usual else 1.25 * usual)
+            axes.set_ylim(0.0, top)
+            last = np.where(valid, values[-1], -1.0)
+            if last.max() > top:
+                told = f"peak {last.max():.0f} {unit} at {time[last.argmax()]:.2f} s, not drawn"
+                write(axes, 0.5, 0.93, told, transform=axes.transAxes, ha="center")
+
+        return Panel(f"{title} in {unit} over time, with its limit", draw, SIZE)
+
+    return Chart(
+        f"{stem}_pelvis_residuals",
+        "Pelvis residuals",
+        "Magnitude of the force and the moment at the pelvis that the measured motion needs and the measured ground "
+        "reactions do not supply. Perfect data and a perfect model would give zero.",
+        (
+            panel("Residual force", "N", [s.force for s in found], limit.force),
+            panel("Residual moment", "N·m", [s.moment for s in found], limit.moment),
+        ),
+        (
+            *(Key(s.name, c, width=w) for s, c, w in zip(found, colours, widths, strict=True)),
+            Key("common limit", INK, (2.0, 2.0), 1.0),
+            INVALID_KEY,
+        ),
+        columns=2,
+        subject=trial.name,
+    )

@@ -1,0 +1,1 @@
+"""Gait analysis: events, cycles, strides, joint moments in numbers."""

@@ -1,0 +1,170 @@
+"""Gait cycles: from one foot strike to the next of the same foot, and signals brought to 0 to 100 % of one.
+
+    percent(t) = 100 (t - t_strike) / (t_next strike - t_strike)
+
+Foot strike and toe-off are where a force plate becomes loaded and unloaded. Away from plates they follow from the
+motion alone: at strike the heel is furthest in front of the pelvis, at toe-off the toe furthest behind it (Zeni,
+Richards, Higginson, Gait & Posture 2008), on the ground and on a treadmill. Where both are known, their median
+difference moves the events of the other steps, so that all mean the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from gaitcal.recording.intervals import runs
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+SAME_EVENT = 0.2
+"""s: an event of the motion this near to one of a plate is the same event."""
+SHORTEST_PHASE = 0.1
+"""s: a shorter contact, or a shorter swing, is a flicker of the threshold."""
+LEAST_TRAVEL = 0.1
+"""m by which heel or toe must come back after an extreme: less is no step."""
+CYCLE_RANGE = (0.4, 4.0)
+"""s: from running to very slow pathological gait; anything else is no stride."""
+POINTS = 101
+"""0, 1, ..., 100 %."""
+
+
+@dataclass(frozen=True)
+class FootEvents:
+    """When one foot meets and leaves the ground, s, increasing."""
+
+    strikes: Array
+    toe_offs: Array
+
+
+@dataclass(frozen=True)
+class GaitCycle:
+    """One stride of one foot."""
+
+    start: float
+    """s, foot strike."""
+    stop: float
+    """s, next strike of the same foot."""
+    toe_off: float | None
+    """s, end of stance; None where it is not known."""
+
+    def percent(self, time: Array | float) -> Array:
+        """Percent of the cycle at `time` (s)."""
+        out: Array = 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
+        return out
+
+    @property
+    def stance(self) -> float | None:
+        """Percent at which stance ends."""
+        return None if self.toe_off is None else float(self.percent(self.toe_off))
+
+
+def foot_events(time: Array, loaded: BoolArray, heel: Array | None = None, toe: Array | None = None) -> FootEvents:
+    """Strikes and toe-offs of one foot.
+
+    Parameters
+    ----------
+    time : (nf,) s.
+    loaded : (nf,) a plate carries the foot.
+    heel, toe : (nf,) m in front of the pelvis along the progression; None where not known.
+    """
+    contacts = runs(steady(time, loaded))
+    begins = [float(time[run.start]) for run in contacts if run.start > 0]
+    ends = [float(time[run.stop]) for run in contacts if run.stop < len(time)]
+    return FootEvents(
+        _merged(time, loaded, begins, _extremes(time, heel)),
+        _merged(time, loaded, ends, _extremes(time, None if toe is None else -toe)),
+    )
+
+
+def gait_cycles(events: FootEvents) -> tuple[GaitCycle, ...]:
+    """All complete cycles of one foot, in time order."""
+    cycles = []
+    for start, stop in itertools.pairwise(events.strikes.tolist()):
+        if CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]:
+            off = [t for t in events.toe_offs.tolist() if start < t < stop]
+            cycles.append(GaitCycle(start, stop, off[0] if off else None))
+    return tuple(cycles)
+
+
+def stances(events: FootEvents, time: Array) -> tuple[tuple[float, float], ...]:
+    """Stretches (s) from a strike to the next toe-off, also those that begin before or end after the trial."""
+    changes = sorted([(t, True) for t in events.strikes.tolist()] + [(t, False) for t in events.toe_offs.tolist()])
+    if not changes:
+        return ()
+    out, begin = [], None if changes[0][1] else float(time[0])
+    for t, down in changes:
+        if down and begin is None:
+            begin = t
+        elif not down and begin is not None:
+            out.append((begin, t))
+            begin = None
+    return (*out, (begin, float(time[-1]))) if begin is not None else tuple(out)
+
+
+def steady(time: Array, state: BoolArray) -> BoolArray:
+    """`state` (nf,) without flickers: short gaps are closed, then short stretches dropped."""
+    out = state.copy()
+    for value in (False, True):
+        for run in runs(out == value):
+            inner = run.start > 0 and run.stop < len(time)
+            if inner and time[run.stop] - time[run.start] < SHORTEST_PHASE:
+                out[run] = not value
+    return out
+
+
+def normalise(time: Array, values: Array, cycle: GaitCycle, points: int = POINTS) -> Array:
+    """(points, ...) `values` (nf, ...) at equal steps of the cycle, linear between frames.
+
+    A NaN stays a gap: every point between a frame that is NaN and its neighbours is NaN.
+    """
+    return resample(time, values, np.linspace(cycle.start, cycle.stop, points))
+
+
+def resample(time: Array, values: Array, at: Array) -> Array:
+    """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside."""
+    right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    left = right - 1
+    part = (at - time[left]) / (time[right] - time[left])
+    before, after = values[left], values[right]
+    share = np.broadcast_to(part.reshape(-1, *([1] * (values.ndim - 1))), before.shape)
+    mixed = before + share * (after - before)
+    out: Array = np.where(share == 0.0, before, np.where(share == 1.0, after, mixed))
+    out[(at < time[0]) | (at > time[-1])] = np.nan
+    return out
+
+
+def best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> GaitCycle:
+    """The cycle with the largest share of valid frames; the first of equals."""
+    return max(cycles, key=lambda c: float(valid[(time >= c.start) & (time <= c.stop)].mean()))
+
+
+def _extremes(time: Array, forward: Array | None) -> list[float]:
+    """Times (s) of clear maxima inside the trial; one that has only begun to come back at its end counts."""
+    if forward is None or not np.isfinite(forward).all():
+        return []
+    low = float(forward.min())
+    padded = np.concatenate([[low], forward, [low]])
+    peaks, _ = find_peaks(padded, prominence=max(LEAST_TRAVEL, 0.25 * float(np.ptp(forward))))
+    return [float(time[k - 1]) for k in peaks if 1 < k < len(time)]
+
+
+def _merged(time: Array, loaded: BoolArray, plate: list[float], motion: list[float]) -> Array:
+    """Events of plates, and those of the motion that no plate saw, moved by the median difference."""
+    differences, alone = [], []
+    for t in motion:
+        near = [p - t for p in plate if abs(p - t) < SAME_EVENT]
+        if near:
+            differences.append(min(near, key=abs))
+        else:
+            alone.append(t)
+    shift = float(np.median(differences)) if differences else 0.0
+    moved = [t + shift for t in alone]
+    kept = [t for t in moved if time[0] <= t <= time[-1] and not loaded[int(np.abs(time - t).argmin())]]
+    return np.array(sorted(plate + kept))

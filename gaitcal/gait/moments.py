@@ -1,0 +1,118 @@
+"""Joint moments in numbers: their peaks, and how much calibration changed them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.gait.strides import Layout
+from gaitcal.gait.words import split_side
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
+from gaitcal.model.subject_model import SubjectModel
+
+Array = NDArray[np.float64]
+
+
+def moment_names(model: SubjectModel) -> list[str]:
+    """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
+    frozen = set(model.frozen)
+    names = []
+    for name in COORDINATES:
+        if not name.startswith("pelvis") and name not in frozen:
+            names.append(name)
+            if name.startswith("knee_angle"):
+                names.append(f"knee_adduction_{name[-1]}")
+    return names
+
+
+def moment_of(forces: GeneralisedForces | TorqueErrors, name: str) -> Array:
+    """(nf,) N·m, one moment of generalised forces or of their standard errors."""
+    if name in REACTIONS:
+        reaction: Array = forces.knee_adduction[:, REACTIONS.index(name)]
+        return reaction
+    moment: Array = forces.tau[:, COORDINATE_INDEX[name]]
+    return moment
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The largest or smallest value of a moment."""
+
+    value: float
+    """N·m/kg."""
+    error: float | None
+    """N·m/kg, standard error."""
+    bwh: float
+    """The same in % of body weight times height."""
+    at: float
+    """% of the gait cycle, or s where the trial is drawn against time."""
+
+
+@dataclass(frozen=True)
+class MomentNumbers:
+    """One joint moment of one trial."""
+
+    name: str
+    """`hip_flexion_r`."""
+    highest: Extreme | None
+    """Over the valid frames of the stride that is drawn; None where there are none."""
+    lowest: Extreme | None
+    change: float
+    """N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model."""
+    change_bwh: float
+    """The same in % of body weight times height."""
+    peak: float
+    """N·m/kg, largest absolute value over all valid frames."""
+
+    @property
+    def side(self) -> str:
+        """`r`, `l` or nothing."""
+        return split_side(self.name)[1]
+
+    @property
+    def change_of_peak(self) -> float:
+        """The change in percent of the peak."""
+        return 100.0 * self.change / self.peak if self.peak else 0.0
+
+
+def moment_numbers(
+    model: SubjectModel,
+    layout: Layout,
+    final: GeneralisedForces,
+    nominal: GeneralisedForces,
+    errors: TorqueErrors | None = None,
+) -> tuple[MomentNumbers, ...]:
+    """Of all joint moments, right and left side by side; empty where no frame is valid.
+
+    `final` and `nominal`: with the calibrated and with the nominal model; `errors`: of `final`.
+    """
+    valid = layout.valid
+    if not valid.any():
+        return ()
+    subject = model.subject
+    to_bwh = 100.0 * subject.mass / subject.bwh
+    names = moment_names(model)
+    bases = list(dict.fromkeys(split_side(name)[0] for name in names))
+    out = []
+    for name in sorted(names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")):
+        moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
+        error = moment_of(errors, name) / subject.mass if errors else None
+        frames = np.flatnonzero(valid & layout.drawn(split_side(name)[1]))
+        ends = [None, None]
+        if len(frames):
+            ends = [frames[int(moment[frames].argmax())], frames[int(moment[frames].argmin())]]
+        highest, lowest = (None if k is None else _extreme(moment, error, int(k), to_bwh, layout, name) for k in ends)
+        change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
+        out.append(MomentNumbers(name, highest, lowest, change, to_bwh * change, float(np.abs(moment[valid]).max())))
+    return tuple(out)
+
+
+def _extreme(final: Array, error: Array | None, k: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
+    value = float(final[k])
+    spread = None if error is None or not np.isfinite(error[k]) else float(error[k])
+    time = float(layout.time[k])
+    at = float(layout.main(split_side(name)[1]).percent(time)) if layout.by_cycle else time
+    return Extreme(value, spread, to_bwh * value, at)

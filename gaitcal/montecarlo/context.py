@@ -1,0 +1,112 @@
+"""Everything that is worked out once for a case and then serves all its draws.
+
+The motion follows the joint parameters by  dN/dp = -H_qq^-1 H_qp,  exact where the markers fit exactly, as they do in
+the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of the segments
+(Pinocchio's regressor Y): inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from gaitcal.model.build import build_linkage
+from gaitcal.model.chain import Chain
+from gaitcal.model.inertial_parameters import (
+    MASSIVE_SEGMENTS,
+    dynamic_parameters,
+    placed_dynamic_parameters,
+    symmetric_set,
+)
+from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.montecarlo.case import MonteCarloCase
+from gaitcal.montecarlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
+from gaitcal.montecarlo.settings import MonteCarloSettings
+from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.spline import SplineBasis, spline_basis
+from gaitcal.motion.trial_problem import TrialProblem
+
+Array = NDArray[np.float64]
+
+
+class MonteCarloContext:
+    """A case made ready for draws. One for each thread: draws change the model in `legs`, and nothing else."""
+
+    def __init__(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
+        self.case, self.settings = case, settings
+        self.names = settings.parameters.names
+        """Joint parameters that vary."""
+        self.joint_values = case.parameters.joint[[JP_INDEX[name] for name in self.names]]
+        """(np,) their undisturbed values, m and rad."""
+        self.inertial_set = symmetric_set()
+        self.basis = spline_basis(case.time, len(case.nodes))
+        q = self.basis.evaluate(case.nodes)
+        self.data, self.labels = own_markers(case, q)
+        self.problem = TrialProblem(case.name, Chain(), self.basis, self.data, self.labels)
+        constants = self.problem.constants(case.parameters)
+        self.undisturbed_factor = BandFactor(self.problem.equations(case.nodes, constants).band)
+        """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
+        self.sensitivity = _sensitivity(self.problem, case, self.names)
+        """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
+        self.regressor = _regressor(case, self.basis)
+        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
+        self.legs = LegTorques(case.parameters)
+        leg_constants = self.legs.disturb(case.parameters)
+        self.feet = self.legs.feet(leg_constants, q)
+        self.torques, _ = self.legs.torques(leg_constants, self.basis, case.nodes, case.wrench, self.feet)
+        """(nf, 14) N·m of the undisturbed case."""
+        segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
+        pulling = self.data.weight.any(axis=1)
+        self.leg_markers = tuple(
+            np.flatnonzero(np.isin(segments, [s for s in LEG_SEGMENTS if s.endswith(f"_{side}")]) & pulling)
+            for side in SIDES
+        )
+        """Markers of the right and of the left leg: indices into the order of `data`."""
+
+    def inertial_change(self, inertial: Array) -> Array:
+        """(nf, 14) N·m that other inertial parameters (84,) add to the undisturbed torques."""
+        change = dynamic_parameters(inertial) - dynamic_parameters(self.case.parameters.inertial)
+        out: Array = (self.regressor @ change.ravel()).reshape(-1, len(LEG_TORQUES))
+        return out
+
+
+def own_markers(case: MonteCarloCase, q: Array) -> tuple[MarkerData, tuple[str, ...]]:
+    """The model's own markers as measured ones, sorted by segment, and their labels."""
+    chain = Chain()
+    segment = np.array([chain.segments.index(s) for s in case.markers.segments], dtype=np.intp)
+    order = np.argsort(segment, kind="stable")
+    segment, local = segment[order], case.markers.local[order]
+    constants = chain.constants(case.parameters.joint, case.parameters.zero_angles)
+    bare = MarkerData(segment, local, np.empty(0), np.empty(0))
+    weight = np.repeat(case.markers.weight[order][:, None], len(q), axis=1)
+    data = MarkerData(segment, local, marker_positions(chain, constants, bare, q), weight)
+    return data, tuple(case.markers.labels[i] for i in order)
+
+
+def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, ...]) -> Array:
+    opened = problem.with_free(names)
+    equations = opened.equations(case.nodes, opened.constants(case.parameters))
+    solved = -BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
+    at = [names.index(name) for name in opened.chain.free]
+    out = np.zeros((*case.nodes.shape, len(names)))
+    out[:, :, at] = solved.reshape(*case.nodes.shape, len(at))
+    return out
+
+
+def _regressor(case: MonteCarloCase, basis: SplineBasis) -> Array:
+    legs = LegTorques(case.parameters)
+    linkage = build_linkage(case.parameters, reactions=True)
+    model, data = linkage.model, linkage.model.createData()
+    columns = np.concatenate([10 * (linkage.segment_joint[s] - 1) + np.arange(10) for s in MASSIVE_SEGMENTS])
+    states = [legs.expand(basis.evaluate(case.nodes, k)) for k in range(3)]
+    out = np.empty((len(case.time), len(LEG_TORQUES), len(columns)))
+    for f in range(len(out)):
+        full = pin.computeJointTorqueRegressor(model, data, *(state[f] for state in states))
+        out[f] = full[np.ix_(legs.rows, columns)]
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        place = linkage.segment_placement[segment]
+        moved = placed_dynamic_parameters(place.rotation, place.translation)
+        out[:, :, 10 * k : 10 * k + 10] = out[:, :, 10 * k : 10 * k + 10] @ moved
+    return out.reshape(-1, len(columns))

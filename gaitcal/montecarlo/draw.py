@@ -1,0 +1,176 @@
+"""One draw: disturb the model or the markers, fit the motion anew, compare the torques of both legs.
+
+A draw is a pure function of the context (case and settings), its set, its level and its number.
+
+The random numbers of a draw: a function of seed, set, level and number, and of nothing else.
+
+Every draw has a stream of its own, spawned from the seed by (set, level, number), so that draws can be made in any
+order and anywhere. Uniform within the bounds; noise is one sinusoid per marker coordinate (method, sections 5 and 6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.joint_parameters import SIDES
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.leg_torques import LEG_TORQUES
+from gaitcal.montecarlo.refit import refit
+from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.motion.marker_residual import MarkerData
+from gaitcal.synthetic.measurements import marker_noise
+
+Array = NDArray[np.float64]
+
+
+def torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
+    """Name of a torque error in tables: `hip_flexion_l.lab.rms`; measures `rms` and `mean`, %BW*H."""
+    return f"{torque}.{frame.value}.{measure}"
+
+
+def marker_column(side: str, measure: str) -> str:
+    """Name of a marker distance in tables: `markers_l.rms`; measures `rms` and `mean`, mm."""
+    return f"markers_{side}.{measure}"
+
+
+MEASURES = ("rms", "mean")
+COLUMNS: tuple[str, ...] = (
+    *(torque_column(t, frame, m) for frame in ReactionFrame for m in MEASURES for t in LEG_TORQUES),
+    *(marker_column(side, m) for m in MEASURES for side in SIDES),
+)
+"""What a draw records: torque errors in %BW*H (mean: signed), marker distances in mm."""
+
+
+@dataclass(frozen=True)
+class DrawResult:
+    """The record of one draw."""
+
+    values: Array
+    """(60,) in the order of `COLUMNS`; NaN where the draw failed before there was anything to measure."""
+    evaluations: int
+    """Of the gradient in the re-fit; 0 without one."""
+    failure: str
+    """Why the motion could not be fitted; empty where it could. The values are then those of the last motion tried."""
+
+
+def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
+    """What draw `number` of a set at a level (per cent) changes."""
+    return disturbance(
+        context.settings,
+        len(context.inertial_set.names),
+        len(context.labels),
+        context.case.time,
+        (varied, level),
+        number,
+    )
+
+
+def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) -> DrawResult:
+    """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
+    change = disturb(context, varied, level, number)
+    try:
+        if varied is Varied.IP:
+            return _without_refit(context, _inertial(context, change))
+        return _with_refit(context, change)
+    except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+        return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
+
+
+def _inertial(context: MonteCarloContext, change: Disturbance) -> Array:
+    """(84,) disturbed inertial parameters, SI."""
+    base = context.case.parameters.inertial
+    if change.inertial is None:
+        return base
+    out: Array = base * (1.0 + context.inertial_set.selection @ change.inertial)
+    return out
+
+
+def _without_refit(context: MonteCarloContext, inertial: Array) -> DrawResult:
+    errors = context.inertial_change(inertial)
+    distance = np.zeros(context.data.weight.shape)
+    return DrawResult(_record(context, (errors, errors), distance), 0, "")
+
+
+def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+    case = context.case
+    parameters, start, problem = case.parameters, case.nodes, context.problem
+    if change.joint is not None:
+        parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
+        start = start + context.sensitivity @ change.joint
+    if change.inertial is not None:
+        parameters = parameters.with_inertial(_inertial(context, change))
+    if change.noise is not None:
+        problem = problem.with_measured(problem.data.measured + change.noise)
+    constants = problem.constants(parameters)
+    known = None if change.joint is not None else context.undisturbed_factor
+    fitted = refit(problem, constants, start, context.settings.refit, known)
+    placed = problem.positions(fitted.nodes, constants)
+    leg_constants = context.legs.disturb(parameters)
+    torques = context.legs.torques(leg_constants, context.basis, fitted.nodes, case.wrench, context.feet)
+    errors = (torques[0] - context.torques, torques[1] - context.torques)
+    return DrawResult(_record(context, errors, _distance(problem.data, placed)), fitted.evaluations, fitted.failure)
+
+
+def _distance(data: MarkerData, placed: Array) -> Array:
+    """(nm, nf) m between measured and placed markers."""
+    apart = placed - data.measured
+    out: Array = np.sqrt((apart * apart).sum(axis=1))
+    return out
+
+
+def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: Array) -> Array:
+    """(60,) from torque errors (nf, 14) N·m in both frames and marker distances (nm, nf) m."""
+    valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
+    out: list[Array] = []
+    for error in errors:
+        kept = to_percent * error[valid]
+        out += [np.sqrt((kept * kept).mean(axis=0)), kept.mean(axis=0)]
+    of_legs = [1e3 * distance[markers] for markers in context.leg_markers]
+    out.append(np.array([np.sqrt((d * d).mean()) if d.size else np.nan for d in of_legs]))
+    out.append(np.array([d.mean() if d.size else np.nan for d in of_legs]))
+    return np.concatenate(out)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What one draw changes; None where its set leaves something alone."""
+
+    joint: Array | None
+    """(np,) m, rad added to the joint parameters that vary."""
+    inertial: Array | None
+    """(36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more."""
+    noise: Array | None
+    """(nm, 3, nf) m added to the markers, in the order of the context's data."""
+
+
+def generator(settings: MonteCarloSettings, varied: Varied, level: int, number: int) -> np.random.Generator:
+    """The stream of draw `number` of a set at a level (per cent)."""
+    return np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number)))
+
+
+def disturbance(
+    settings: MonteCarloSettings, inertial: int, labels: int, time: Array, cell: tuple[Varied, int], number: int
+) -> Disturbance:
+    """Draw `number` of a cell.
+
+    Parameters
+    ----------
+    inertial, labels : number of inertial parameters that vary, and of markers.
+    time : (nf,) s.
+    cell : set and level (per cent).
+    """
+    varied, level = cell
+    rng, part = generator(settings, varied, level, number), level / 100.0
+    joint = inertial_part = noise = None
+    if varied.joint:
+        bounds = settings.joint_bounds
+        joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
+    if varied.inertial:
+        inertial_part = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, inertial)
+    if varied is Varied.NOISE:
+        waves = marker_noise(time - time[0], labels, rng, amplitude=part * 1e-3 * settings.noise_mm)
+        noise = np.ascontiguousarray(waves.transpose(1, 2, 0))
+    return Disturbance(joint, inertial_part, noise)

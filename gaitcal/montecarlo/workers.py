@@ -1,0 +1,182 @@
+"""Who computes the chunks: this process, processes of this machine, or a cluster. All give the same bits.
+
+A kind of workers is anything with `run(function, tasks)` that yields the results in any order. Tasks are taken from
+their iterator as workers become free, so that memory stays bounded however many there are.
+
+Workers of an existing `dask.distributed` cluster (extra `gaitcal[cluster]`).
+
+The scheduler gives a dead worker's chunks to others by itself; a chunk that it gives up because several workers died
+over it (they may have been killed from outside, one after the other) is handed in anew a few times.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import islice
+from typing import Any, Protocol, TypeVar
+
+from joblib import Parallel, delayed, parallel_config
+
+from gaitcal.errors import GaitcalError, InputError
+from gaitcal.runtime import keep_freed_memory
+
+WATCH_S = 1.0
+"""How often a worker process looks whether its parent is still there."""
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+class Workers(Protocol):
+    """Anything that maps a picklable function over tasks."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield `function(task)` for every task, in any order."""
+        ...
+
+
+@dataclass(frozen=True)
+class ThisProcess:
+    """One after the other, here."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield the results in the order of the tasks."""
+        return map(function, tasks)
+
+
+@dataclass(frozen=True)
+class LocalProcesses:
+    """Processes of this machine, by joblib, BLAS with one thread each."""
+
+    jobs: int = -1
+    """How many; -1: one for every core."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield the results as they are ready."""
+        with parallel_config(backend="loky", inner_max_num_threads=1):
+            pool = Parallel(
+                n_jobs=self.jobs,
+                return_as="generator_unordered",
+                pre_dispatch="2 * n_jobs",
+                batch_size=1,
+                max_nbytes=None,
+            )
+            results = pool(delayed(_while_parent_lives)(os.getpid(), function, task) for task in tasks)
+        yield from results
+
+
+_watched: set[int] = set()
+
+
+def _while_parent_lives(parent: int, function: Callable[[Task], Result], task: Task) -> Result:
+    """Run a task in a worker process that ends soon after its parent: joblib's would wait for work for minutes."""
+    if parent not in _watched and os.getpid() != parent:
+        _watched.add(parent)
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    return function(task)
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH_S)
+    os._exit(1)
+
+
+AHEAD = 3
+"""Chunks handed in for each worker thread: enough to keep it busy, and bounded."""
+HANDED_IN_AGAIN = 5
+WAIT_S = 30
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """The workers of a scheduler."""
+
+    address: str
+    """For example tcp://10.0.0.1:8786."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield the results as they are ready.
+
+        Raises
+        ------
+        InputError
+            No scheduler at the address, or one without workers.
+        GaitcalError
+            The workers cannot do it: another version of gaitcal, or none.
+        """
+        with _connected(self.address) as client:
+            yield from _run(client, function, iter(tasks))
+
+
+def _library() -> Any:
+    """The package `distributed`."""
+    try:
+        return import_module("distributed")
+    except ImportError:
+        raise InputError(
+            "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'", field="--cluster"
+        ) from None
+
+
+def _connected(address: str) -> Any:
+    try:
+        client = _library().Client(address, timeout=WAIT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"found '{address}': {error}; allowed: the address of a running dask scheduler, as tcp://host:port",
+            field="--cluster",
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=WAIT_S)
+    except TimeoutError:
+        client.close()
+        raise InputError(f"the scheduler at {address} has no workers", field="--cluster") from None
+    return client
+
+
+def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
+    again: dict[str, tuple[Task, int]] = {}
+    running = _library().as_completed(loop=client.loop, raise_errors=False)
+
+    def hand_in(task: Task, left: int) -> None:
+        future = client.submit(_on_worker, function, task, pure=False)
+        again[future.key] = (task, left)
+        running.add(future)
+
+    for task in islice(tasks, _room(client)):
+        hand_in(task, HANDED_IN_AGAIN)
+    for future in running:
+        task, left = again.pop(future.key)
+        if future.status != "finished":
+            _give_up_or_not(future, left)
+            hand_in(task, left - 1)
+            continue
+        result: Result = future.result()
+        future.release()
+        yield result
+        for new in islice(tasks, max(_room(client) - len(again), 0)):
+            hand_in(new, HANDED_IN_AGAIN)
+
+
+def _on_worker(function: Callable[[Task], Result], task: Task) -> Result:
+    keep_freed_memory()
+    return function(task)
+
+
+def _room(client: Any) -> int:
+    threads: int = sum(client.nthreads().values())
+    return AHEAD * max(threads, 1)
+
+
+def _give_up_or_not(future: Any, left: int) -> None:
+    """Return where a chunk may be tried again; raise where it was the chunk's own fault, or too often."""
+    error = future.exception() if future.status == "error" else None
+    if (error is None or isinstance(error, _library().KilledWorker)) and left > 0:
+        return
+    raise GaitcalError(f"the cluster could not compute a chunk: {future.status}: {type(error).__name__}: {error}")

@@ -1,0 +1,25 @@
+"""What people open: the report, and the body in motion, each one self-contained file that needs no network."""
+
+from gaitcal.page.playback import left_out
+from gaitcal.page.report import report_html, write_report
+from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
+from gaitcal.page.scene_file import load_scene, save_scene
+from gaitcal.page.server import ViewServer, serve
+from gaitcal.page.view import view_html, write_view
+
+__all__ = [
+    "write_report",
+    "report_html",
+    "Scene",
+    "TrialScene",
+    "scene_of",
+    "person_scene",
+    "trial_scene",
+    "save_scene",
+    "load_scene",
+    "write_view",
+    "view_html",
+    "left_out",
+    "serve",
+    "ViewServer",
+]

@@ -1,0 +1,149 @@
+"""The four questions that a reader has first, answered in plain words from the numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.figures.charts import GaitView
+from gaitcal.figures.fit import Fit, leg_fit, trial_fit
+from gaitcal.gait.moments import moment_of
+from gaitcal.gait.words import coordinate_title, counted
+from gaitcal.person.parameter_words import counts, counts_sentence
+from gaitcal.person.result import Calibration
+
+GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
+"""Marker error over the rigid-segment floor. A gait trial calibrated in its method's own laboratory reaches 1.4."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One question and its answer."""
+
+    question: str
+    value: str
+    """The one number, with its unit."""
+    text: str
+    tone: str
+    """`good`, `look`, `poor` or `plain`: also written out, colour is never alone."""
+    verdict: str
+    trial: str = ""
+    """The trial that the number is of; data, not markup."""
+
+
+def findings(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Finding, ...]:
+    """Does it fit, did it matter, do motion and forces agree, what was fitted."""
+    found = [_fit(calibration), _change(calibration, gait), _residual(gait), _parameters(calibration)]
+    return tuple(f for f in found if f is not None)
+
+
+def _fit(calibration: Calibration) -> Finding | None:
+    trials = [t for t in calibration.trials if t.joint is None] or list(calibration.trials)
+    known = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
+    if not known:
+        return None
+    fit, trial = max(known, key=lambda pair: pair[0].ratio or 0.0)
+    whole, where = trial_fit(trial), "of pelvis and legs" if trial.joint is None else "of this joint's segments"
+    tone, verdict, meaning = _judge(fit)
+    before = "" if fit.nominal is None else f" Before calibration it was {fit.nominal:.1f} mm."
+    floor = ""
+    if fit.floor is not None and fit.ratio is not None:
+        floor = f" No model of rigid segments can come below {fit.floor:.1f} mm; this is {fit.ratio:.2f} times that. "
+    others = ""
+    if whole.calibrated is not None and fit.calibrated is not None and whole.calibrated > fit.calibrated + 0.05:
+        others = f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
+    return Finding(
+        "Does the model follow the markers?",
+        f"{fit.calibrated:.1f} mm",
+        f"RMS distance between measured and model markers {where}.{before}{floor}{meaning}{others}",
+        tone,
+        verdict,
+        trial.name,
+    )
+
+
+def _judge(fit: Fit) -> tuple[str, str, str]:
+    worse = fit.nominal is not None and fit.calibrated is not None and fit.calibrated > 1.02 * fit.nominal
+    if worse:
+        return "poor", "worse than before", "Calibration made this fit worse: look at the trials and the warnings."
+    if fit.ratio is None:
+        return "plain", "", ""
+    if fit.ratio <= GOOD_RATIO:
+        return "good", "good", "The joints explain nearly all that rigid segments can explain."
+    if fit.ratio <= FAIR_RATIO:
+        return "look", "fair", "Some error is left that other joint positions, or better markers, could explain."
+    return "poor", "poor", "Much error is left that the joints do not explain: look at the segments below."
+
+
+def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Finding | None:
+    views = [view for view in gait if view.numbers]
+    if not views:
+        return None
+    view, most = max(((v, n) for v in views for n in v.numbers), key=lambda pair: pair[1].change_bwh)
+    text = (
+        f"Largest RMS change of a joint moment: {coordinate_title(most.name).lower()}, {most.change:.3f} N·m/kg or "
+        f"{most.change_of_peak:.0f} % of its peak."
+    )
+    loads = view.trial.loads
+    if loads is not None and loads.errors is not None:
+        error = moment_of(loads.errors, most.name)[loads.reactions.valid]
+        typical = 100.0 * float(np.median(error[np.isfinite(error)])) / calibration.model.subject.bwh
+        text += f" The standard error of this moment is {typical:.2f} % of body weight × height (median)."
+    return Finding(
+        "Did calibration change the joint moments?",
+        f"{most.change_bwh:.2f} %BW·H",
+        text,
+        "plain",
+        "",
+        view.trial.name,
+    )
+
+
+def _residual(gait: tuple[GaitView, ...]) -> Finding | None:
+    views = [view for view in gait if view.stages and view.limits]
+    if not views:
+        return None
+
+    def excess(view: GaitView) -> float:
+        limits, last = view.limits, view.stages[-1]
+        return 0.0 if limits is None else max(last.peak_force / limits.force, last.peak_moment / limits.moment)
+
+    view = max(views, key=excess)
+    limits, first, last = view.limits, view.stages[0], view.stages[-1]
+    if limits is None:
+        return None
+    valid = view.layout.valid
+    outside = (last.force > limits.force) | (last.moment > limits.moment)
+    share = 100.0 * float(outside[valid].mean())
+    inside = excess(view) <= 1.0
+    if inside:
+        meaning = "Force and moment stay within the common limits in all valid frames."
+    else:
+        meaning = (
+            f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
+            f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
+        )
+    return Finding(
+        "Do motion and ground forces agree?",
+        f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m",
+        f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N and "
+        f"{first.rms_moment:.1f} N·m. {meaning}",
+        "good" if inside else "look",
+        "within the limits" if inside else "above the limits",
+        view.trial.name,
+    )
+
+
+def _parameters(calibration: Calibration) -> Finding:
+    blind = len(calibration.unidentifiable)
+    text = counts_sentence(calibration)
+    if blind:
+        text += f" {counted(blind, 'joint parameter')} could not be determined from these trials; see below."
+    return Finding(
+        "What was calibrated?",
+        counted(sum(counts(calibration)), "parameter"),
+        text,
+        "look" if blind else "plain",
+        f"{blind} not determined" if blind else "",
+    )

@@ -1,0 +1,147 @@
+"""A scene as JSON for the page: names as text, numbers packed as base64 of small integers.
+
+Segments and markers are told from the pelvis, as 16-bit integers on the range that they cover in their trial (0.03 mm
+on two metres, however far the person walks), a gap as -32768; the pelvis itself in 32-bit floats; quaternions in
+1/32767. Frames go where all trials together would be more than the page may hold.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.page.body_fit import Garment
+from gaitcal.page.body_meshes import BodyMeshes, Mesh
+from gaitcal.page.joint_marks import JointMark
+from gaitcal.page.scene import Scene, TrialScene
+
+MOST_BYTES = 12_000_000
+"""Packed playback data of all trials together: 16 MB as base64, of the 25 MB that a page may have."""
+GAP = -32768
+FAR = 20.0
+"""m from the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
+_FULL = 32767
+
+
+def scene_json(scene: Scene, body: BodyMeshes) -> str:
+    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`."""
+    thin = _thinning(scene)
+    used = sorted({garment.mesh for garment in scene.garments})
+    content = {
+        "subject": scene.subject,
+        "mass": scene.mass,
+        "height": scene.height,
+        "segments": scene.segments,
+        "markers": {
+            "labels": scene.labels,
+            "segments": [scene.segments.index(s) for s in scene.marker_segments],
+            "places": _floats(scene.marker_places),
+        },
+        "joints": [_joint(scene, joint) for joint in scene.joints],
+        "meshes": {name: _mesh(body.meshes[name]) for name in used},
+        "capsules": sorted(set(used) & set(body.replaced)),
+        "garments": [_garment(scene, garment) for garment in scene.garments],
+        "trials": [_trial(trial, thin) for trial in scene.trials],
+    }
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def left_out(scene: Scene) -> tuple[str, ...]:
+    """A sentence for every trial of which the page holds some frames only; empty where it holds all."""
+    thin = _thinning(scene)
+    strides = ((trial, trial.stride * thin) for trial in scene.trials)
+    return tuple(
+        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, one in {stride}; "
+        "poses between are interpolated"
+        for trial, stride in strides
+        if stride > 1
+    )
+
+
+def _thinning(scene: Scene) -> int:
+    """1, or which frames of every trial stay for all to have room: every second, third, ..."""
+    bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
+    total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
+    return max(1, -(-total // MOST_BYTES))
+
+
+def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
+    kept = slice(None, None, thin)
+    pelvis = trial.origins[kept, :1]
+    measured = trial.measured[kept] - pelvis
+    measured[~(np.abs(measured) < FAR).all(axis=2)] = np.nan
+    return {
+        "name": trial.name,
+        "role": trial.role,
+        "recorded": trial.recorded,
+        "stride": trial.stride * thin,
+        "start": float(trial.time[0]),
+        "time": _floats(trial.time[kept] - trial.time[0]),
+        "pelvis": _floats(pelvis),
+        "origins": _lengths(trial.origins[kept] - pelvis),
+        "turns": _base64(np.rint(trial.turns[kept] * _FULL).astype("<i2")),
+        "tracked": [bool(t) for t in trial.tracked],
+        "measured": _lengths(measured),
+        "forces": _floats(trial.forces[kept]),
+        "centres": _floats(trial.pressure_centres[kept]),
+        "hasForces": trial.has_forces,
+        "valid": _base64(trial.valid[kept].astype("<u1")),
+        "plates": _floats(trial.plates),
+    }
+
+
+def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
+    return {
+        "joint": joint.joint,
+        "segment": scene.segments.index(joint.segment),
+        "fitted": joint.fitted,
+        "nominalCentre": _numbers(joint.nominal_centre),
+        "fittedCentre": _numbers(joint.fitted_centre),
+        "nominalAxis": _numbers(joint.nominal_axis),
+        "fittedAxis": _numbers(joint.fitted_axis),
+        "centreSpread": _numbers(joint.centre_spread),
+        "axisSpread": _numbers(joint.axis_spread),
+    }
+
+
+def _garment(scene: Scene, garment: Garment) -> dict[str, Any]:
+    return {
+        "mesh": garment.mesh,
+        "segment": scene.segments.index(garment.segment),
+        "place": [float(x) for x in garment.place.ravel()],
+    }
+
+
+def _mesh(mesh: Mesh) -> dict[str, Any]:
+    return {
+        "vertices": _lengths(mesh.vertices),
+        "triangles": _base64(mesh.triangles.astype("<u2")),
+    }
+
+
+def _numbers(values: NDArray[np.float64]) -> list[float] | None:
+    """None where they do not exist."""
+    return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None
+
+
+def _floats(values: NDArray[Any]) -> str:
+    return _base64(values.astype("<f4"))
+
+
+def _lengths(values: NDArray[Any]) -> dict[str, Any]:
+    """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as `GAP`."""
+    known = np.isfinite(values)
+    low = float(values[known].min()) if known.any() else 0.0
+    high = float(values[known].max()) if known.any() else 0.0
+    step = max(high - low, 1e-9) / (2 * _FULL)
+    packed = np.full(values.shape, GAP, dtype="<i2")
+    packed[known] = np.rint((values[known].astype(float) - low) / step) - _FULL
+    return {"low": low, "step": step, "data": _base64(packed)}
+
+
+def _base64(values: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")

@@ -1,0 +1,196 @@
+"""`report.html`: one page that holds everything, needs no network and runs no script.
+
+All text from the study (names of people, trials, markers, files; notes; settings) is data. The template escapes it, and
+figures draw it as outlines.
+"""
+
+from __future__ import annotations
+
+import datetime
+import platform
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from gaitcal.figures.chart import Chart, panel_figure
+from gaitcal.figures.charts import charts_of
+from gaitcal.figures.style import Key
+from gaitcal.gait.words import coordinate_title, explained
+from gaitcal.page.answers import findings
+from gaitcal.page.svg import SvgPage
+from gaitcal.page.trials import phase_words, trial_facts, trial_fits
+from gaitcal.person.parameter_words import (
+    blind_spots,
+    counts_sentence,
+    fixed_joints,
+    inertial_groups,
+    joint_groups,
+)
+from gaitcal.person.result import Calibration
+
+MISSING = "–"
+LONGEST_NAME = 40
+LIBRARIES = ("pin", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class ShownChart:
+    """A chart as the template places it."""
+
+    chart: Chart
+    panels: tuple[Markup, ...]
+    swatches: tuple[tuple[Markup, str], ...]
+    wide: bool
+    """Panels wider than a third of the page."""
+
+
+def write_report(calibration: Calibration, path: Path | str, *, manifest: Mapping[str, object] | None = None) -> None:
+    """Write the report of a calibration as one self-contained page.
+
+    Parameters
+    ----------
+    calibration : what `calibrate` returns; whatever it lacks (force plates, gait trials, standard errors) is left out
+        of the page, or the page says so.
+    path : the file, replaced if it exists.
+    manifest : versions, settings and hashes of the inputs; made from `calibration` where not given.
+    """
+    Path(path).write_text(report_html(calibration, manifest=manifest), encoding="utf-8")
+
+
+def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | None = None) -> str:
+    """The page as text."""
+    charts = charts_of(calibration)
+    svg = SvgPage()
+
+    def show(chart: Chart) -> ShownChart:
+        panels = tuple(svg.add(panel_figure(p), f"{p.label}. {chart.title}") for p in chart.panels)
+        wide = any(p.size.width > 3.0 for p in chart.panels)
+        return ShownChart(chart, panels, tuple((swatch(key), key.label) for key in chart.keys), wide)
+
+    made = dict(manifest) if manifest is not None else default_manifest(calibration)
+    template = environment().get_template("report.html")
+    return template.render(
+        calibration=calibration,
+        subject=calibration.model.subject,
+        version=made.get("gaitcal") or _version("gaitcal"),
+        date=datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
+        facts=trial_facts(calibration),
+        findings=findings(calibration, charts.gait),
+        charts=charts,
+        fits=trial_fits(calibration),
+        joints=joint_groups(calibration),
+        inertias=inertial_groups(calibration),
+        blind=blind_spots(calibration),
+        fixed=fixed_joints(calibration),
+        counts=counts_sentence(calibration),
+        manifest=flat(made),
+        show=show,
+        sprite=svg.sprite,
+        phase_words=phase_words,
+        coordinate_title=coordinate_title,
+    )
+
+
+def default_manifest(calibration: Calibration) -> dict[str, object]:
+    """Versions, settings and hashes as far as the calibration knows them."""
+    study = calibration.study
+    return {
+        "gaitcal": _version("gaitcal"),
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in LIBRARIES},
+        "marker_set": study.marker_set.name,
+        "settings": study.settings.model_dump(mode="json"),
+        "inputs_sha256": dict(study.inputs),
+    }
+
+
+def flat(manifest: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested tables as rows of dotted names and values."""
+    rows: list[tuple[str, str]] = []
+    for key, value in manifest.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            rows += flat(value, f"{name}.")
+        elif isinstance(value, list | tuple):
+            rows.append((name, ", ".join(str(v) for v in value) or MISSING))
+        else:
+            rows.append((name, MISSING if value is None else str(value)))
+    return rows
+
+
+def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
+    """`-1234.5` -> `−1 234.5`, with thin spaces; a dash where there is no value."""
+    if value is None or value != value:
+        return MISSING
+    text = f"{value:{'+' if sign else ''},.{digits}f}"
+    if float(text.replace(",", "")) == 0.0:
+        text = text.lstrip("+-")
+    return text.replace(",", "\u202f").replace("-", "−")
+
+
+def data(text: object) -> Markup:
+    """Text from the study, isolated so that its writing direction stays its own; control characters become `?`."""
+    return Markup("<bdi>{}</bdi>").format(visible(text))
+
+
+def name(text: object) -> Markup:
+    """A name from the study as tables show it: a very long one is cut, the whole appears on pointing at it."""
+    whole = visible(text)
+    if len(whole) <= LONGEST_NAME:
+        return Markup("<bdi>{}</bdi>").format(whole)
+    return Markup('<bdi title="{}">{}…</bdi>').format(whole, whole[: LONGEST_NAME - 1])
+
+
+def visible(text: object) -> str:
+    """The text with `?` for characters that control the terminal, the layout or the writing direction."""
+    return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text))
+
+
+def swatch(key: Key) -> Markup:
+    """A small picture of a line, band or dot for the legend."""
+    colour = Markup('stroke="{0}" fill="{0}"').format(key.colour)
+    shape = {
+        "line": Markup('<line x1="1" y1="6" x2="27" y2="6" {} stroke-width="{}"{}/>').format(
+            colour, round(1.6 * key.width, 1), _dashes(key)
+        ),
+        "band": Markup('<rect x="2" y="1" width="24" height="10" fill="{}" fill-opacity=".25"/>').format(key.colour),
+        "area": Markup('<rect x="2" y="1" width="24" height="10" fill="{}"/>').format(key.colour),
+        "dot": Markup('<circle cx="14" cy="6" r="4.2" {}/>').format(colour),
+        "ring": Markup('<circle cx="14" cy="6" r="4" fill="#fff" stroke="{}" stroke-width="1.5"/>').format(key.colour),
+        "tick": Markup('<line x1="14" y1="0" x2="14" y2="12" {} stroke-width="2.4"/>').format(colour),
+    }[key.kind]
+    return Markup('<svg class="swatch" viewBox="0 0 28 12" aria-hidden="true">{}</svg>').format(shape)
+
+
+def _dashes(key: Key) -> Markup:
+    if not key.dashes:
+        return Markup("")
+    return Markup(' stroke-dasharray="{}"').format(" ".join(f"{1.6 * key.width * v:.1f}" for v in key.dashes))
+
+
+def environment() -> Environment:
+    """Templates of the report, with its filters; everything is escaped."""
+    environment = Environment(
+        loader=PackageLoader("gaitcal.page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = number
+    environment.filters["data"] = data
+    environment.filters["name"] = name
+    environment.filters["visible"] = visible
+    environment.filters["explained"] = explained
+    return environment
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

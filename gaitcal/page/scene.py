@@ -1,0 +1,234 @@
+"""What the viewer shows: everything of a calibrated person that has a place in space, and no numerics.
+
+A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the results folder, and shown
+from that file alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
+from gaitcal.page.body_fit import Garment, garments_of
+from gaitcal.page.joint_marks import JointMark, joint_marks
+from gaitcal.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from gaitcal.person.result import Calibration
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+
+MOST_FRAMES = 4000
+"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
+CONTACT = 20.0
+"""N of vertical force above which a foot's reaction has a centre of pressure."""
+
+
+@dataclass(frozen=True)
+class TrialScene:
+    """One trial: poses of the fitted model, markers, and ground reactions."""
+
+    name: str
+    role: str
+    recorded: int
+    """Frames of the recording."""
+    stride: int
+    """Every how many of them is kept here."""
+    time: Array
+    """(nf,) s."""
+    origins: Single
+    """(nf, ns, 3) m, segment origins in the laboratory."""
+    turns: Single
+    """(nf, ns, 4) unit quaternions x y z w from segment to laboratory."""
+    tracked: BoolArray
+    """(ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)."""
+    measured: Single
+    """(nf, nm, 3) m; NaN where a marker was not seen."""
+    forces: Single
+    """(nf, 2, 3) N, ground on right and left foot; NaN where there is none."""
+    pressure_centres: Single
+    """(nf, 2, 3) m; NaN where there is no force."""
+    valid: BoolArray
+    """(nf,) every foot on the ground is on a plate; all False without force plates."""
+    plates: Single
+    """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether a foot is on a plate in any frame."""
+        return bool(np.isfinite(self.forces).any())
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A calibrated person in all trials."""
+
+    subject: str
+    mass: float
+    """kg."""
+    height: float
+    """m."""
+    labels: tuple[str, ...]
+    """(nm) tracking markers."""
+    marker_segments: tuple[str, ...]
+    """(nm) segment of each."""
+    marker_places: Array
+    """(nm, 3) m, in the segment frame."""
+    joints: tuple[JointMark, ...]
+    garments: tuple[Garment, ...]
+    trials: tuple[TrialScene, ...]
+    segments: tuple[str, ...] = SEGMENTS
+
+    def model_markers(self, trial: TrialScene) -> Array:
+        """(nf, nm, 3) m: where the fitted model has the markers."""
+        at = np.array([self.segments.index(s) for s in self.marker_segments], dtype=np.intp)
+        turned = [
+            Rotation.from_quat(trial.turns[:, s]).apply(local) for s, local in zip(at, self.marker_places, strict=True)
+        ]
+        out: Array = np.stack(turned, axis=1) + trial.origins[:, at]
+        return out
+
+
+def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
+    """The scene of a calibration: all its moving trials, or the one named `trial`."""
+    chosen = calibration.trials if trial is None else (calibration.trial(trial),)
+    trials = tuple(
+        trial_scene(
+            calibration.model, t.name, t.role, t.body, t.recording, None if t.loads is None else t.loads.reactions
+        )
+        for t in chosen
+    )
+    return person_scene(calibration.model, trials, calibration.standard_errors)
+
+
+def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Mapping[str, float]) -> Scene:
+    """A person's model with trials that are already made into scenes.
+
+    Parameters
+    ----------
+    errors : joint parameter -> standard error (m, rad) of every fitted one.
+    """
+    return Scene(
+        model.subject.name,
+        model.subject.mass,
+        model.subject.height,
+        model.markers.labels,
+        model.markers.segments,
+        model.markers.local,
+        joint_marks(model.nominal, model.parameters, errors),
+        garments_of(model),
+        trials,
+    )
+
+
+def trial_scene(
+    model: SubjectModel,
+    name: str,
+    role: str,
+    motion: Motion,
+    recording: Recording,
+    reactions: GroundReactions | None,
+) -> TrialScene:
+    """One trial of a person.
+
+    Parameters
+    ----------
+    motion : of the whole body, tracked with `model`, at the frames of the recording.
+    reactions : None without force plates.
+    """
+    recorded = len(motion.time)
+    stride = max(1, -(-recorded // MOST_FRAMES))
+    kept = slice(None, None, stride)
+    chain = Chain("pelvis", SEGMENTS)
+    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q[kept]))
+    corners = [plate.corners for plate in recording.plates if plate.corners is not None]
+    plates = np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(-1, 4, 3)
+    frames = len(motion.time[kept])
+    if reactions is None:
+        forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
+        valid = np.zeros(frames, dtype=np.bool_)
+    else:
+        level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
+        forces, centres = _arrows(reactions.wrench[kept], level)
+        valid = reactions.valid[kept]
+    return TrialScene(
+        name,
+        role,
+        recorded,
+        stride,
+        motion.time[kept],
+        origins.transpose(2, 0, 1).astype(np.float32),
+        _quaternions(axes),
+        _tracked(motion),
+        _measured(model, recording, kept),
+        forces,
+        centres,
+        valid,
+        plates,
+    )
+
+
+def _quaternions(axes: Array) -> Single:
+    """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
+    ns, nf = axes.shape[0], axes.shape[-1]
+    matrices = axes.transpose(3, 0, 2, 1).reshape(-1, 3, 3)
+    turns = Rotation.from_matrix(matrices).as_quat().reshape(nf, ns, 4)
+    flips = np.where(np.sum(turns[1:] * turns[:-1], axis=2) < 0, -1.0, 1.0)
+    turns[1:] *= np.cumprod(flips, axis=0)[:, :, None]
+    out: Single = turns.astype(np.float32)
+    return out
+
+
+def _tracked(motion: Motion) -> BoolArray:
+    distance = motion.errors.distance
+    carrying = {s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()}
+    carrying |= {f"talus_{s[-1]}" for s in carrying if s.startswith("foot_")}
+    return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
+
+
+def _measured(model: SubjectModel, recording: Recording, kept: slice) -> Single:
+    at = {label: i for i, label in enumerate(recording.labels)}
+    markers = recording.markers[kept]
+    out = np.full((len(markers), len(model.markers.labels), 3), np.nan, dtype=np.float32)
+    for i, label in enumerate(model.markers.labels):
+        if label in at:
+            out[:, i] = markers[:, at[label]]
+    return out
+
+
+def _arrows(wrench: Array, level: float) -> tuple[Single, Single]:
+    """Force and centre of pressure on the plane y = `level`, from wrenches about the laboratory origin.
+
+    The moment there, M - c x F, has no x and z component: c_x = (M_z + level F_x) / F_y, c_z = (level F_z - M_x) / F_y.
+    """
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    vertical = force[..., 1]
+    pressed = vertical > CONTACT
+    up = np.where(pressed, vertical, 1.0)
+    centre = np.stack(
+        [
+            (moment[..., 2] + level * force[..., 0]) / up,
+            np.full_like(up, level),
+            (level * force[..., 2] - moment[..., 0]) / up,
+        ],
+        axis=-1,
+    )
+    hide = ~pressed[..., None]
+    return (
+        np.where(hide, np.nan, force).astype(np.float32),
+        np.where(hide, np.nan, centre).astype(np.float32),
+    )

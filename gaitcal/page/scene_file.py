@@ -1,0 +1,152 @@
+"""A scene as one compressed `.npz` file, read back without pickle.
+
+The array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has the name of its
+field, `trial0/origins`, `joints/fitted_axis`, ...
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import tokenize
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.errors import InputError
+from gaitcal.files.atomic import atomic_file
+from gaitcal.page.body_fit import MESHES, Garment
+from gaitcal.page.joint_marks import JointMark
+from gaitcal.page.scene import Scene, TrialScene
+
+VERSION = 1
+
+_DAMAGE = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
+    MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
+
+_TRIAL_ARRAYS = (
+    "time", "origins", "turns", "tracked", "measured", "forces", "pressure_centres", "valid", "plates",
+)  # fmt: skip
+_JOINT_ARRAYS = (
+    "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
+)  # fmt: skip
+
+
+def save_scene(scene: Scene, path: Path | str) -> None:
+    """Write a scene, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        `path` cannot be written.
+    """
+    arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
+    for i, trial in enumerate(scene.trials):
+        arrays |= {f"trial{i}/{name}": getattr(trial, name) for name in _TRIAL_ARRAYS}
+    for name in _JOINT_ARRAYS:
+        arrays[f"joints/{name}"] = np.array([getattr(joint, name) for joint in scene.joints])
+    arrays["garments/place"] = np.array([garment.place for garment in scene.garments])
+    text = {
+        "version": VERSION,
+        "subject": scene.subject,
+        "mass": scene.mass,
+        "height": scene.height,
+        "labels": scene.labels,
+        "marker_segments": scene.marker_segments,
+        "segments": scene.segments,
+        "joints": [[j.joint, j.segment, j.fitted] for j in scene.joints],
+        "garments": [[g.mesh, g.segment] for g in scene.garments],
+        "trials": [[t.name, t.role, t.recorded, t.stride] for t in scene.trials],
+    }
+    arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
+    with atomic_file(path) as target, target.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+
+
+def load_scene(path: Path | str) -> Scene:
+    """Read a scene that `save_scene` wrote.
+
+    Raises
+    ------
+    InputError
+        No such file, or not a scene.
+    """
+    path = Path(path)
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
+            return _scene(arrays)
+    except FileNotFoundError:
+        raise InputError("no such file; `gaitcal calibrate` writes it", source=path) from None
+    except _DAMAGE as error:
+        raise InputError(f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path) from error
+
+
+def _scene(arrays: Any) -> Scene:
+    text = json.loads(arrays["scene"].tobytes().decode())
+    if text["version"] != VERSION:
+        raise ValueError(text["version"])
+    trials = tuple(
+        TrialScene(
+            name=str(name),
+            role=str(role),
+            recorded=int(recorded),
+            stride=int(stride),
+            **{field: arrays[f"trial{i}/{field}"] for field in _TRIAL_ARRAYS},
+        )
+        for i, (name, role, recorded, stride) in enumerate(text["trials"])
+    )
+    joints = {name: arrays[f"joints/{name}"] for name in _JOINT_ARRAYS}
+    places = arrays["garments/place"]
+    scene = Scene(
+        str(text["subject"]),
+        float(text["mass"]),
+        float(text["height"]),
+        tuple(map(str, text["labels"])),
+        tuple(map(str, text["marker_segments"])),
+        arrays["marker_places"],
+        tuple(
+            JointMark(str(joint), str(segment), fitted=bool(fitted), **{n: v[k] for n, v in joints.items()})
+            for k, (joint, segment, fitted) in enumerate(text["joints"])
+        ),
+        tuple(Garment(str(m), str(s), places[k]) for k, (m, s) in enumerate(text["garments"])),
+        trials,
+        tuple(map(str, text["segments"])),
+    )
+    _check(scene)
+    return scene
+
+
+def _check(scene: Scene) -> None:
+    """ValueError where sizes do not fit together."""
+    segments, markers = len(scene.segments), len(scene.labels)
+    known = {*scene.marker_segments, *(j.segment for j in scene.joints), *(g.segment for g in scene.garments)}
+    fits = (
+        known <= set(scene.segments)
+        and scene.marker_places.shape == (markers, 3)
+        and len(scene.marker_segments) == markers
+        and all(g.mesh in MESHES and g.place.shape == (3, 4) for g in scene.garments)
+    )
+    for t in scene.trials:
+        n = len(t.time)
+        shapes = {
+            "time": (n,),
+            "origins": (n, segments, 3),
+            "turns": (n, segments, 4),
+            "tracked": (segments,),
+            "measured": (n, markers, 3),
+            "forces": (n, 2, 3),
+            "pressure_centres": (n, 2, 3),
+            "valid": (n,),
+            "plates": (len(t.plates), 4, 3),
+        }
+        fits = fits and n > 0 and all(getattr(t, name).shape == shape for name, shape in shapes.items())
+    if not fits:
+        raise ValueError("sizes")

@@ -1,0 +1,206 @@
+"""Parameters in words: what was fitted, by how much it moved, how sure it is, and what could not be seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.calibration.identifiability import NEEDED_TURN
+from gaitcal.gait.words import (
+    counted,
+    inertial_direction,
+    inertial_place,
+    inertial_words,
+    joint_words,
+    listed,
+    parameter_direction,
+    parameter_place,
+    parameter_words,
+    segment_words,
+    split_side,
+)
+from gaitcal.model.linkage import JOINTS, Source
+from gaitcal.person.result import Calibration
+from gaitcal.person.tables import parameter_table
+
+ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))
+GROUPS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")
+EQUAL = 1e-9
+SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
+"""Units of the page where those of the files would make the numbers too long to read."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter."""
+
+    name: str
+    """As in `parameters.csv`."""
+    words: str
+    """Place and direction in one."""
+    place: str
+    """What the value is of; rows of one place stand together. Nothing for a mass."""
+    direction: str
+    unit: str
+    nominal: float
+    fitted: float
+    error: float | None
+    status: str
+    """`fitted`, `at bound`, `unidentifiable` or `fixed`."""
+
+    @property
+    def digits(self) -> int:
+        """Decimals that make sense."""
+        if self.unit == "kg":
+            return 2
+        return 0 if self.unit == "kg·cm²" and abs(self.nominal) >= 100.0 else 1
+
+    @property
+    def change(self) -> float:
+        """Fitted minus nominal."""
+        return self.fitted - self.nominal
+
+
+@dataclass(frozen=True)
+class Group:
+    """The parameters of one joint or one segment."""
+
+    title: str
+    right: tuple[Row, ...]
+    """Or the only rows, where there are no sides."""
+    left: tuple[Row, ...]
+    kept: int
+    """Parameters of this joint that no trial was to fit."""
+
+
+def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
+    """Joint parameters that were to be fitted, joint by joint; joints without any are left out."""
+    rows = _rows(calibration, joints=True)
+    groups = []
+    for base in GROUPS:
+        own = [r for r in rows if split_side(r.name.split(".")[0])[0] == base]
+        shown = [r for r in own if r.status != "fixed"]
+        right, left = (tuple(r for r in shown if split_side(r.name.split(".")[0])[1] in s) for s in (("r", ""), ("l",)))
+        if shown:
+            groups.append(Group(joint_words(base), right, left, len(own) - len(shown)))
+    return tuple(groups)
+
+
+def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
+    """Inertial parameters that were fitted, segment by segment; one set where left equals right."""
+    rows = [r for r in _rows(calibration, joints=False) if r.status != "fixed"]
+    groups = []
+    for base in dict.fromkeys(split_side(r.name.split(".")[0])[0] for r in rows):
+        sides = {
+            side: tuple(r for r in rows if split_side(r.name.split(".")[0]) == (base, side)) for side in ("r", "l", "")
+        }
+        right, left = sides["r"] or sides[""], sides["l"]
+        title = segment_words(base)
+        if left and _mirrored(right, left):
+            title, left = f"{title} (right and left alike)", ()
+        groups.append(Group(title[0].upper() + title[1:], right, left, 0))
+    return tuple(groups)
+
+
+def fixed_joints(calibration: Calibration) -> str:
+    """Which joints kept all their nominal parameters, in words; empty for none."""
+    rows = _rows(calibration, joints=True)
+    bases = [
+        base for base in GROUPS if all(r.status == "fixed" for r in rows if split_side(r.name.split(".")[0])[0] == base)
+    ]
+    return listed([joint_words(b)[0].lower() + joint_words(b)[1:] for b in bases])
+
+
+def blind_spots(calibration: Calibration) -> tuple[str, ...]:
+    """One sentence for each joint with parameters that the trials cannot see."""
+    joints: dict[str, list[str]] = {}
+    for name in calibration.unidentifiable:
+        joints.setdefault(name.split(".")[0], []).append(name)
+    out = []
+    for joint, names in joints.items():
+        if joint not in {j.name for j in JOINTS}:
+            out.append(f"{segment_words(joint).capitalize()}: {listed([inertial_words(n) for n in names])}.")
+            continue
+        moved = range_of_motion(calibration, joint)
+        words = listed([parameter_words(n) for n in names])
+        kept = "they keep their nominal values" if len(names) > 1 else "it keeps its nominal value"
+        text = f"{joint_words(joint).capitalize()}: {words}; {kept}."
+        if moved is not None:
+            text += f" The joint moved {moved:.0f}° at most"
+            text += (
+                f"; about {ENOUGH_MOTION_DEG:.0f}° are needed. Add an isolated trial of this joint."
+                if moved < ENOUGH_MOTION_DEG
+                else ", but these trials do not move it in the way that shows them."
+            )
+        out.append(text)
+    return tuple(out)
+
+
+def range_of_motion(calibration: Calibration, joint: str) -> float | None:
+    """Degrees that the joint's most mobile coordinate moves, in the trial that moves it most; None if in no trial."""
+    names = [e.name for j in JOINTS if j.name == joint for e in j.elements if e.source is Source.COORDINATE]
+    best = None
+    for trial in calibration.trials:
+        motion = trial.calibrated
+        if names and set(names) <= set(motion.coordinates):
+            q = motion.q[:, [motion.coordinates.index(n) for n in names]]
+            moved = float(np.degrees(np.ptp(q, axis=0)).max())
+            best = moved if best is None else max(best, moved)
+    return best
+
+
+def counts(calibration: Calibration) -> tuple[int, int]:
+    """How many joint parameters and how many independent inertial ones were fitted."""
+    joint = sum(r.status in ("fitted", "at bound") for r in _rows(calibration, joints=True))
+    return joint, len(calibration.inertial.names) if calibration.inertial else 0
+
+
+def counts_sentence(calibration: Calibration) -> str:
+    """How many parameters were fitted, in words."""
+    joint, inertial = counts(calibration)
+    parts = []
+    if joint:
+        parts.append(f"{counted(joint, 'joint parameter')} (where the joints lie)")
+    if inertial:
+        alike = inertial < sum(r.status == "fitted" for r in _rows(calibration, joints=False))
+        what = "masses, mass centres, moments of inertia" + (", alike for right and left" if alike else "")
+        parts.append(f"{counted(inertial, 'inertial parameter')} ({what})")
+    if not parts:
+        return "Nothing was fitted: all parameters keep their nominal values."
+    return f"Fitted: {listed(parts)}. All others keep their nominal values."
+
+
+def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
+    bound = {n for fit in calibration.joint.fits for n in fit.at_bound} if calibration.joint else set()
+    rows = []
+    for entry in parameter_table(calibration).to_dict("records"):
+        if str(entry["kind"]).startswith("joint ") is not joints:
+            continue
+        name, error = str(entry["name"]), entry["standard_error"]
+        known = error is not None and math.isfinite(error)
+        status = str(entry["status"])
+        unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
+        rows.append(
+            Row(
+                name,
+                parameter_words(name) if joints else inertial_words(name),
+                parameter_place(name) if joints else inertial_place(name),
+                parameter_direction(name) if joints else inertial_direction(name),
+                unit,
+                scale * float(entry["nominal"]),
+                scale * float(entry["fitted"]),
+                scale * float(error) if known else None,
+                "at bound" if status == "fitted" and name in bound else status,
+            )
+        )
+    return rows
+
+
+def _mirrored(right: tuple[Row, ...], left: tuple[Row, ...]) -> bool:
+    def key(rows: tuple[Row, ...]) -> dict[str, tuple[float, float]]:
+        return {r.words: (abs(r.nominal), abs(r.fitted)) for r in rows}
+
+    a, b = key(right), key(left)
+    return a.keys() == b.keys() and all(np.allclose(a[k], b[k], rtol=EQUAL, atol=0.0) for k in a)

@@ -1,0 +1,134 @@
+"""From a study's recordings to the least-squares problems that a calibration solves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import reactions_of_motion
+from gaitcal.errors import InputError
+from gaitcal.model.linkage import joint_segments
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, cutoff, trial_problem
+from gaitcal.recording import turn_to_progression
+from gaitcal.recording.recording import Recording
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import StudyTrial
+
+Array = NDArray[np.float64]
+
+WEAK_POSITION = 0.020
+"""m, standard deviation of a joint position about its nominal value under the weak prior."""
+WEAK_ORIENTATION = np.deg2rad(10.0)
+"""rad, of a joint axis; ankle axes of living people scatter by 9 to 11 degrees (Inman 1976)."""
+
+
+@dataclass(frozen=True)
+class PreparedTrial:
+    """A moving trial, turned so that x is forward, and its least-squares problems."""
+
+    trial: StudyTrial
+    recording: Recording
+    model: SubjectModel
+    rule: NodeRule
+    body: TrialProblem
+    """The whole body."""
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.name
+
+    @property
+    def role(self) -> str:
+        """`joint` or `gait`."""
+        return self.trial.role
+
+    @property
+    def joint(self) -> str | None:
+        """The joint of an isolated trial."""
+        return self.trial.joint
+
+    @cached_property
+    def fitted(self) -> TrialProblem:
+        """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
+        if self.joint is None:
+            return self.body
+        return self._part(joint_segments(self.joint)[0], joint_segments(self.joint))
+
+    @cached_property
+    def legs(self) -> TrialProblem:
+        """Pelvis and the leg that moves, or both legs for gait."""
+        sides = ("r", "l") if self.joint is None else (self.joint[-1],)
+        legs = tuple(f"{s}_{side}" for side in sides for s in ("thigh", "shank", "talus", "foot"))
+        try:
+            return self._part("pelvis", ("pelvis", *legs))
+        except InputError:
+            if self.joint is None:
+                raise
+            return self.fitted
+
+    def _part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
+        return trial_problem(self.name, self.model, self.recording, self.rule, root=root, segments=segments)
+
+
+def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> PreparedTrial:
+    """Turn a trial so that x is forward and set up its problems."""
+    recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
+    rule = NodeRule(settings.nodes_per_second, settings.nodes)
+    return PreparedTrial(trial, recording, model, rule, trial_problem(trial.name, model, recording, rule))
+
+
+def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
+    """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
+    at = {label: i for i, label in enumerate(recording.labels)}
+    own = [
+        i
+        for i, (name, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
+        if segment == "pelvis" and name in at
+    ]
+    measured = recording.markers[:, [at[model.markers.labels[i]] for i in own]].transpose(1, 2, 0)
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
+    if len(own) < 3:
+        return None
+    fit = rigid_fit(model.markers.local[own], np.where(seen[:, None], measured, 0.0), seen.astype(float))
+    if not fit.determined.any():
+        return None
+    out: Array = fit.rotation[fit.determined][:, :, 0].mean(axis=0)
+    return out
+
+
+def joint_settings(settings: CalibrationSettings) -> JointSettings:
+    """Bounds and priors in SI units."""
+    weak = settings.prior == "weak"
+    return JointSettings(
+        position_bound=1e-3 * settings.position_bound_mm,
+        orientation_bound=np.deg2rad(settings.orientation_bound_deg),
+        prior_position=WEAK_POSITION if weak else np.inf,
+        prior_orientation=WEAK_ORIENTATION if weak else np.inf,
+        cumulative=weak,
+    )
+
+
+def measured_reactions(
+    trial: PreparedTrial, model: SubjectModel, parameters: Parameters, motion: Motion, settings: CalibrationSettings
+) -> GroundReactions:
+    """Ground reactions on the feet at the frames of a whole-body motion."""
+    hz = force_cutoff(trial.trial, motion, settings)
+    return reactions_of_motion(model, parameters, motion, trial.recording, trial.trial.plates, hz)
+
+
+def force_cutoff(trial: StudyTrial, motion: Motion, settings: CalibrationSettings) -> float | None:
+    """Hz of the force filter of a trial; None for none."""
+    chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
+    if chosen == "none":
+        return None
+    return cutoff(motion.time, motion.basis.nodes) if chosen == "matched" else float(chosen)

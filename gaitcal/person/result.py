@@ -1,0 +1,142 @@
+"""What a calibration returns: the person's models and, trial by trial, how well they do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.inertial_parameters import IP_NAMES
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.person.hold_out import HeldOut
+from gaitcal.person.uncertainty import Uncertainty
+from gaitcal.recording.recording import Recording
+from gaitcal.study.study import Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoadedTrial:
+    """Ground reactions of a gait trial, and the generalised forces with each model."""
+
+    reactions: GroundReactions
+    nominal: GeneralisedForces
+    """Nominal model and the motion tracked with it."""
+    jp: GeneralisedForces | None
+    """Calibrated joint parameters, nominal inertial parameters."""
+    jp_ip: GeneralisedForces | None
+    """Calibrated joint and inertial parameters."""
+    joint_step: GeneralisedForces | None
+    """After joint and inertial parameters together."""
+    errors: TorqueErrors | None = None
+    """Standard errors of `final`."""
+
+    @property
+    def final(self) -> GeneralisedForces:
+        """With the model that the calibration ended with."""
+        return self.joint_step or self.jp_ip or self.jp or self.nominal
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One moving trial before and after calibration."""
+
+    name: str
+    role: str
+    joint: str | None
+    recording: Recording
+    """As tracked: turned so that x is forward."""
+    nominal: Motion
+    """Gait: the whole body. Isolated trial: the segments of its joint alone."""
+    calibrated: Motion
+    """With the parameters at the end of the trial's own phase."""
+    final: Motion
+    """With the parameters at the end of the whole calibration: the same, but for isolated trials before gait."""
+    floor: MarkerErrors
+    """Rigid-segment floor of the same markers."""
+    body: Motion
+    """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
+    loads: LoadedTrial | None
+    """None without force plates."""
+    coordinate_errors: Array | None = None
+    """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and motion; gait only."""
+    held_out: HeldOut | None = None
+    """Error on frames that took no part in the fit; None unless asked for."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed about this trial, each with its name."""
+        told = (*self.recording.notes, *(self.loads.reactions.notes if self.loads else ()))
+        return tuple(f"{self.name}: {note}" for note in told)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against its ground reactions, each with the trial's name."""
+        if self.loads is None:
+            return ()
+        told = list(self.loads.reactions.warnings)
+        if not self.loads.reactions.valid.any():
+            told.append("no frame has every foot on the ground on a force plate; no torque is valid")
+        return tuple(f"{self.name}: {warning}" for warning in told)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated person."""
+
+    study: Study
+    """What was calibrated."""
+    nominal: SubjectModel
+    """The model of the static trial, before calibration."""
+    model: SubjectModel
+    """With the calibrated parameters."""
+    trials: tuple[TrialResult, ...]
+    """Every moving trial, in the order of the study."""
+    phases: tuple[Phase, ...]
+    """The fits that were made, in their order, each with its convergence."""
+    joint: JointCalibration | None
+    """None where the settings leave joint parameters alone."""
+    inertial: InertialFit | None
+    """None without ground reactions, or where the settings leave inertial parameters alone."""
+    uncertainty: Uncertainty
+    """How the parameters would scatter; `standard_errors` gives it by name."""
+    unidentifiable: tuple[str, ...]
+    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value."""
+    notes: tuple[str, ...]
+    """What was assumed."""
+    warnings: tuple[str, ...]
+    """What a user should look at."""
+
+    @property
+    def standard_errors(self) -> Mapping[str, float]:
+        """Parameter name -> standard error (m, rad, kg, kg m^2) of every fitted parameter."""
+        fitted = set(self.joint.free if self.joint else ()) | set(IP_NAMES)
+        return {name: error for name, error in self.uncertainty.standard_errors.items() if name in fitted}
+
+    @property
+    def converged(self) -> bool:
+        """Whether every phase reached its tolerance."""
+        return all(phase.converged for phase in self.phases)
+
+    def trial(self, name: str) -> TrialResult:
+        """The moving trial of that name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        for trial in self.trials:
+            if trial.name == name:
+                return trial
+        known = [trial.name for trial in self.trials]
+        raise InputError(f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}", field="trial")

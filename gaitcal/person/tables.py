@@ -1,0 +1,117 @@
+"""The tables of a calibration: parameters, and trial by trial coordinates, generalised forces and marker errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS
+from gaitcal.model.linkage import FILE_COORDINATES, is_translation
+from gaitcal.motion.motion import Motion
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+
+Array = NDArray[np.float64]
+
+MOMENT_HEADER = (
+    "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
+    "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",
+    "frame: about the axis of each coordinate; pelvis translations along the laboratory axes x forward, y up, z right",
+    "knee_adduction: internal reaction moment of the thigh on the shank about the x axis of the knee frame",
+    "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight times height",
+    "valid: 1 where every foot on the ground is on a force plate; other frames are not to be used",
+)
+"""Comment lines above the header of every moments file."""
+
+
+def parameter_table(calibration: Calibration) -> pd.DataFrame:
+    """One row for each of the 98 joint and 84 inertial parameters, as in `parameters.csv`.
+
+    Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of inertia), `segment` whose
+    axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`, `fitted`, `standard_error` (NaN where none),
+    `status`: `fitted`, `fixed`, or `unidentifiable` (kept, as these trials do not show it).
+    """
+    nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
+    joint_free = set(calibration.joint.free) if calibration.joint else set()
+    inertial_free = _free_inertial(calibration)
+    rows: list[tuple[object, ...]] = []
+    for i, p in enumerate(JOINT_PARAMETERS):
+        unit = p.kind.to_si
+        rows.append(
+            (p.name, f"joint {p.kind.value}", p.segment, p.joint, p.kind.unit, nominal.joint[i] / unit)
+            + (fitted.joint[i] / unit, _error(calibration, p.name, unit), _status(calibration, p.name, joint_free))
+        )
+    for i, name in enumerate(IP_NAMES):
+        segment, quantity = name.split(".", 1)
+        kind = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}[quantity.split(".")[0]]
+        rows.append(
+            (name, kind, segment, "", IP_UNITS[i], nominal.inertial[i] / IP_TO_SI[i])
+            + (fitted.inertial[i] / IP_TO_SI[i], _error(calibration, name, IP_TO_SI[i]))
+            + (_status(calibration, name, inertial_free),)
+        )
+    columns = ["name", "kind", "segment", "joint", "unit", "nominal", "fitted", "standard_error", "status"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _free_inertial(calibration: Calibration) -> set[str]:
+    if calibration.inertial is None:
+        return set()
+    moved = np.abs(calibration.inertial.jacobian).sum(axis=1) > 0
+    return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}
+
+
+def _error(calibration: Calibration, name: str, unit: float) -> float | None:
+    error = calibration.standard_errors.get(name)
+    return None if error is None or name in calibration.unidentifiable else error / unit
+
+
+def _status(calibration: Calibration, name: str, free: set[str]) -> str:
+    if name in calibration.unidentifiable:
+        return "unidentifiable"
+    return "fitted" if name in free else "fixed"
+
+
+def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFrame:
+    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error."""
+    names = [name for name in FILE_COORDINATES if name in motion.coordinates]
+    order = [motion.coordinates.index(name) for name in names]
+    scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
+    parts = {"": motion.q, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
+    if errors is not None:
+        parts["_se"] = errors
+    columns = {"time": motion.time}
+    for suffix, values in parts.items():
+        for k, name in enumerate(names):
+            columns[name + suffix] = values[:, order[k]] * scale[k]
+    return pd.DataFrame(columns)
+
+
+def moment_table(loads: LoadedTrial, motion: Motion, bwh: float) -> pd.DataFrame:
+    """time, valid, then per generalised force its value, standard error and percent of body weight times height."""
+    columns: dict[str, object] = {"time": motion.time, "valid": loads.reactions.valid.astype(int)}
+
+    def put(name: str, value: Array, error: Array | None) -> None:
+        columns[name] = value
+        columns[f"{name}_se"] = np.full(len(value), np.nan) if error is None else error
+        columns[f"{name}_bwh"] = np.full(len(value), np.nan) if is_translation(name) else 100.0 * value / bwh
+
+    errors = loads.errors
+    for name in FILE_COORDINATES:
+        k = motion.coordinates.index(name)
+        put(name, loads.final.tau[:, k], None if errors is None else errors.tau[:, k])
+    for k, side in enumerate(("r", "l")):
+        put(
+            f"knee_adduction_{side}",
+            loads.final.knee_adduction[:, k],
+            None if errors is None else errors.knee_adduction[:, k],
+        )
+    return pd.DataFrame(columns)
+
+
+def marker_error_table(trial: TrialResult) -> pd.DataFrame:
+    """time, then per marker the distance (mm) between measured and model; empty where it was not seen."""
+    errors = trial.calibrated.errors
+    columns = {"time": trial.calibrated.time}
+    columns.update({label: 1e3 * errors.distance[:, k] for k, label in enumerate(errors.labels)})
+    return pd.DataFrame(columns)

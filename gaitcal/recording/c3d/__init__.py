@@ -1,0 +1,1 @@
+"""C3D files: their layout, their force plates, reading and writing."""

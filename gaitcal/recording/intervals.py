@@ -1,0 +1,24 @@
+"""Stretches of frames in which something holds, and how they are told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def runs(marked: BoolArray, shortest: int = 1) -> list[slice]:
+    """Stretches of at least `shortest` marked frames."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
+
+
+def spans(time: Array, stretches: Sequence[slice], most: int = 3) -> str:
+    """Stretches of frames as times, `0.42-0.58, 1.10-1.12 s`."""
+    told = [f"{time[s.start]:.2f}-{time[s.stop - 1]:.2f}" for s in stretches[:most]]
+    more = f" and {len(stretches) - most} more" if len(stretches) > most else ""
+    return ", ".join(told) + f" s{more}"

@@ -1,0 +1,161 @@
+"""Phase 1 on synthetic data: the four published problems, everything starting at absolute zero.
+
+Three isolated trials, each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then
+gait with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no prior, no bounds.
+From zero, nodes and joint parameters step together (`approach`); variable projection finishes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.calibration.far_start import approach
+from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters, leg_parameters
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import motion_of
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.recording import Recording
+from gaitcal.reproduction.error_measures import joint_errors, joint_rms
+from gaitcal.reproduction.published import PROBLEMS, SIDE
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion
+
+Array = NDArray[np.float64]
+
+LEG = leg_parameters(SIDE)
+
+
+@dataclass(frozen=True)
+class JointRecovery:
+    """One of the four problems, solved."""
+
+    problem: str
+    """One of `PROBLEMS`."""
+    names: tuple[str, ...]
+    """The joint parameters whose errors count: the joint's, or the leg's 27."""
+    errors: Array
+    """(n,) found - true, mm and deg."""
+    marker_mm: float
+    """RMS distance of markers, mm."""
+    largest_mm: float
+    """Largest distance of any marker in any frame, mm."""
+    cost: float
+    """m^2."""
+    cost_at_truth: float
+    """m^2: with the true joint parameters, the motion fitted."""
+    cost_from_truth: float
+    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
+    steps: int
+    """From zero: steps of the approach and evaluations of the end game."""
+    seconds: float
+    """Of the processor, as the published times."""
+    converged: bool
+    parameters: Parameters
+    """All of the linkage, with what was found."""
+    nodes: Array
+    """(20, 27) m, rad."""
+
+    @property
+    def position_mm(self) -> float:
+        """RMS position error, mm."""
+        return joint_rms(self.errors, self.names)[0] or 0.0
+
+    @property
+    def orientation_deg(self) -> float | None:
+        """RMS orientation error, deg; None for the hip, which has none."""
+        return joint_rms(self.errors, self.names)[1]
+
+
+@cache
+def subject() -> SubjectModel:
+    """The true model: the published nominal subject with its 41 tracking markers."""
+    return published_model()
+
+
+@cache
+def true_motion(problem: str) -> TrueMotion:
+    """The true motion of one of `PROBLEMS`."""
+    return gait_motion() if problem == "full leg" else isolated_motion(f"{problem}_{SIDE}")
+
+
+def free_parameters(problem: str) -> tuple[str, ...]:
+    """What one of `PROBLEMS` solves for."""
+    return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
+
+
+def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialProblem:
+    """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
+    model, motion = subject(), true_motion(problem)
+    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    if noise is not None:
+        markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
+    recording = Recording(problem, motion.basis.time, model.markers.labels, markers)
+    return trial_problem(problem, model, recording, NodeRule(fixed=NODES))
+
+
+def synthetic_problems(noise: Sequence[np.random.Generator] | None) -> dict[str, TrialProblem]:
+    """All four problems, in order. `noise`: a generator for each of them; None: without noise."""
+    return {
+        problem: synthetic_problem(problem, None if noise is None else noise[k]) for k, problem in enumerate(PROBLEMS)
+    }
+
+
+def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
+    """Solve all four; gait starts from what the isolated trials found for the parameters that it leaves alone."""
+    out: dict[str, JointRecovery] = {}
+    for problem, markers in problems.items():
+        held = _held(out) if problem == "full leg" else subject().parameters
+        out[problem] = solve(problem, markers, held)
+    return out
+
+
+def _held(isolated: Mapping[str, JointRecovery]) -> Parameters:
+    """The truth, but for the leg, which has what the isolated trials found."""
+    parameters = subject().parameters
+    for recovery in isolated.values():
+        values = recovery.parameters.joint
+        parameters = parameters.with_joint(recovery.names, values[_index(recovery.names)])
+    return parameters
+
+
+def _index(names: Sequence[str]) -> list[int]:
+    return [JP_INDEX[name] for name in names]
+
+
+def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecovery:
+    """One problem from absolute zero; `held` gives the joint parameters that are not free."""
+    truth, motion, free = subject().parameters, true_motion(problem), free_parameters(problem)
+    began = time.process_time()
+    zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
+    first = approach([markers], held, free, [zero], np.zeros(len(free)))
+    fit = calibrate_joints([markers], held.with_joint(free, first.p), free, first.nodes)
+    seconds = time.process_time() - began
+    at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
+    from_truth = calibrate_joints([markers], held, free, [at_truth.nodes], start_values=truth.joint[_index(free)])
+    names = LEG if problem == "full leg" else free
+    distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
+    return JointRecovery(
+        problem,
+        names,
+        joint_errors(fit.parameters, truth, names),
+        1e3 * float(np.sqrt(np.mean(distance**2))),
+        1e3 * float(distance.max()),
+        fit.state.cost,
+        at_truth.cost,
+        from_truth.state.cost,
+        first.steps + fit.iterations,
+        seconds,
+        first.converged and fit.converged,
+        fit.parameters,
+        fit.nodes[0],
+    )

@@ -1,0 +1,120 @@
+"""The figures of `summary.json`: fit quality, residuals, phases. A figure that does not exist is absent, never 0."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from gaitcal.dynamics.inverse_dynamics import residual_rms
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SEGMENTS, is_translation
+from gaitcal.motion.motion import MarkerErrors
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+
+NO_FLOOR = 1e-6
+"""mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
+
+Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
+
+
+def summary(calibration: Calibration) -> dict[str, Json]:
+    """The content of `summary.json` (mm, N, N·m, s)."""
+    bwh = calibration.model.subject.bwh
+    return {
+        "status": "converged" if calibration.converged else "not converged",
+        "warnings": list(calibration.warnings),
+        "notes": list(calibration.notes),
+        "trials": {trial.name: trial_summary(trial, bwh) for trial in calibration.trials},
+        "phases": [
+            {
+                "name": phase.name,
+                "trials": list(phase.trials),
+                "parameters": phase.parameters,
+                "iterations": phase.iterations,
+                "seconds": round(phase.seconds, 4),
+                "status": phase.status,
+                "message": phase.message,
+                **({} if phase.marker_noise is None else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}),
+            }
+            for phase in calibration.phases
+        ],
+    }
+
+
+def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
+    """One trial's entry: markers, segments, residuals, torque changes."""
+    errors = trial.calibrated.errors
+    out: dict[str, Json] = {
+        "role": trial.role,
+        "frames": len(trial.calibrated.time),
+        "markers": len(errors.labels),
+        "weighted_markers": int(errors.kept().sum()),
+        "nodes": trial.calibrated.basis.nodes,
+        "rms_mm": _rms(trial),
+    }
+    if trial.joint:
+        out["joint"] = trial.joint
+    else:
+        out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
+    if trial.held_out:
+        held = trial.held_out
+        out["hold_out_mm"] = {
+            "nominal": 1e3 * held.nominal,
+            "calibrated": 1e3 * held.calibrated,
+            "folds": held.folds,
+        }
+        if held.legs:
+            out["pelvis_and_legs_hold_out_mm"] = {"nominal": 1e3 * held.legs[0], "calibrated": 1e3 * held.legs[1]}
+    nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
+    if nominal and calibrated:
+        out["max_mm"] = {"nominal": 1e3 * nominal[0], "calibrated": 1e3 * calibrated[0], "marker": calibrated[1]}
+    out["segments"] = {
+        segment: {"markers": int(errors.kept(segment).sum()), "rms_mm": _rms(trial, segment)}
+        for segment in SEGMENTS
+        if errors.kept(segment).any()
+    }
+    if trial.loads is not None:
+        out["valid_frames"] = int(trial.loads.reactions.valid.sum())
+        if trial.loads.reactions.valid.any():
+            out["torque_change_bwh"] = _torque_change(trial.loads, bwh)
+            out["pelvis_residual"] = _pelvis_residual(trial.loads)
+    return out
+
+
+def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
+    def of(errors: MarkerErrors) -> float | None:
+        value = errors.rms(*segments)
+        return None if value is None else 1e3 * value
+
+    nominal, calibrated, floor = of(trial.nominal.errors), of(trial.calibrated.errors), of(trial.floor)
+    out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
+    if calibrated is not None and floor is not None and floor > NO_FLOOR:
+        out["calibrated_to_floor"] = calibrated / floor
+    if trial.final is not trial.calibrated:
+        out["final_model"] = of(trial.final.errors)
+    return out
+
+
+def _torque_change(loads: LoadedTrial, bwh: float) -> dict[str, Json]:
+    valid = loads.reactions.valid
+    change = 100.0 * (loads.final.tau - loads.nominal.tau)[valid] / bwh
+    rms = np.sqrt((change**2).mean(axis=0))
+    out: dict[str, Json] = {
+        name: float(value)
+        for name, value in zip(COORDINATES, rms, strict=True)
+        if not is_translation(name) and not name.startswith("pelvis")
+    }
+    knee = 100.0 * (loads.final.knee_adduction - loads.nominal.knee_adduction)[valid] / bwh
+    for side, value in zip(("r", "l"), np.sqrt((knee**2).mean(axis=0)), strict=True):
+        out[f"knee_adduction_{side}"] = float(value)
+    return out
+
+
+def _pelvis_residual(loads: LoadedTrial) -> dict[str, Json]:
+    stages = {"nominal": loads.nominal, "jp": loads.jp, "jp_ip": loads.jp_ip, "joint_step": loads.joint_step}
+    out: dict[str, Json] = {}
+    for stage, forces in stages.items():
+        if forces is not None:
+            force, torque = residual_rms(forces, loads.reactions.valid)
+            out[stage] = {"force_N": force, "torque_Nm": torque}
+    return out

@@ -1,6 +1,0 @@
-"""What can be told of a study before anything is solved: one small function a check, each giving findings."""
-
-from gaitcal.study.checks.finding import Finding, Severity
-from gaitcal.study.checks.study import check_file, check_further, check_study
-
-__all__ = ["Finding", "Severity", "check_file", "check_further", "check_study"]

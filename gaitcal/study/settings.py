@@ -1,0 +1,86 @@
+"""`[calibration]` of a study file: every choice a calibration leaves open, with its default."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from gaitcal.files.validation import Table, frequency
+
+
+class CalibrationSettings(Table):
+    """`[calibration]`: how to calibrate. Every field has a default."""
+
+    mode: Literal["sequential", "simultaneous"] = Field(
+        default="sequential",
+        description="each joint from its isolated trials and then gait, or all joints over all trials at once",
+    )
+    jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
+    prior: Literal["none", "weak"] = Field(
+        default="weak",
+        description="pull of joint parameters towards what is known before a phase, 20 mm and 10 deg being a standard "
+        "deviation, against the noise that the markers show (skin movement repeats itself: few of their samples are "
+        "independent); gait adds to what isolated trials know; none: every phase by itself, as published",
+    )
+    gait_parameters: Literal["published", "leg"] = Field(
+        default="published",
+        description="what gait trials may move in each leg: the published 17 joint parameters, or all 27",
+    )
+    position_bound_mm: float = Field(
+        default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"
+    )
+    orientation_bound_deg: float = Field(
+        default=30.0, gt=0, le=90, description="how far a joint axis may turn from its nominal direction, deg"
+    )
+    legs: Literal["both", "left", "right"] = Field(default="both", description="the legs whose joints are calibrated")
+    hip_centre: Literal["bell", "orthotrak"] = Field(
+        default="bell", description="regression for the nominal hip centre: Bell 1990 or OrthoTrak"
+    )
+    ip: Literal["consistent", "published", "none"] = Field(
+        default="consistent",
+        description="inertial parameters: possible bodies and unchanged total mass, the published cost, or nominal",
+    )
+    ip_set: Literal["symmetric", "all"] = Field(
+        default="symmetric", description="the 36 inertial parameters shared by left and right, or all 84"
+    )
+    torque_scale: Literal["bwh", "pelvis_width", "1mm"] = Field(
+        default="bwh",
+        description="pelvis torque residuals are divided by body weight times height, pelvic width or 1 mm",
+    )
+    joint_step: bool = Field(
+        default=False, description="a third step: joint and inertial parameters together, after each alone"
+    )
+    joint_step_load_share: float = Field(
+        default=0.005,
+        gt=0,
+        le=1,
+        description="third step: pelvis residual that measurement alone explains, as a share of body weight (force) "
+        "and of body weight times height (torque); smaller trusts the force plates more",
+    )
+    nodes_per_second: float = Field(
+        default=20.0,
+        gt=0,
+        le=1000,
+        description="spline nodes per second and coordinate: how fast the motion may change",
+    )
+    nodes: int | None = Field(
+        default=None,
+        ge=6,
+        le=100_000,
+        description="a fixed number of spline nodes per coordinate and trial instead (20 in the published protocol)",
+    )
+    robust: Literal["none", "huber", "cauchy"] = Field(
+        default="none", description="loss of marker residuals: least squares, or one that outliers move less"
+    )
+    force_filter_hz: Annotated[float | Literal["matched", "none"], frequency("matched", "none")] = Field(
+        default="matched",
+        description="low-pass cut-off of ground reactions in Hz; 'matched': that of the motion's splines",
+    )
+
+    @field_validator("joint_step")
+    @classmethod
+    def _joint_step_needs_both(cls, joint_step: bool, info: ValidationInfo) -> bool:
+        if joint_step and (info.data.get("jp") is False or info.data.get("ip") == "none"):
+            raise ValueError("found true; allowed only with jp = true and ip other than 'none'")
+        return joint_step

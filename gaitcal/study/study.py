@@ -1,0 +1,227 @@
+"""A study: one person's recordings, read and checked, ready to be calibrated."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.errors import InputError, nearest
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.nominal import HipCentre, nominal_model
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.recording import read_recording
+from gaitcal.recording.recording import Recording
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_file import StudyFile, Trial, load_study_file
+
+
+@dataclass(frozen=True)
+class StudyTrial:
+    """One trial of a study."""
+
+    name: str
+    role: str
+    """`static`, `joint` or `gait`."""
+    joint: str | None
+    """The joint of an isolated trial."""
+    recording: Recording
+    """Labels as in the marker set; only the frames that the study asks for."""
+    plates: Mapping[str, str]
+    """Plate name -> "r", "l" or "none", where the study says so."""
+    filter_hz: float | str | None = None
+    """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
+    own_labels: tuple[str, ...] = ()
+    """Labels as in the file."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Who, which markers mean what, which trials, and how to calibrate."""
+
+    subject: Subject
+    """The person."""
+    marker_set: MarkerSet
+    """Which marker is which landmark, and which segment it follows."""
+    trials: tuple[StudyTrial, ...]
+    """The static trial and all others, in the order of the study file."""
+    settings: CalibrationSettings
+    """The study file's table `[calibration]`, defaults filled in."""
+    weights: Mapping[str, float]
+    """Marker label -> weight, where the study overrides the marker set."""
+    inputs: Mapping[str, str]
+    """File -> SHA-256 of every input."""
+    source: str = "study"
+    """The study file, for messages."""
+    files: tuple[Path, ...] = ()
+    """Paths of every input: a result must not take their place."""
+    rename: Mapping[str, str] = field(default_factory=dict)
+    """Label in the files -> label in the marker set."""
+
+    @classmethod
+    def load(cls, path: Path | str) -> Study:
+        """Read a study file and all its recordings.
+
+        Raises
+        ------
+        InputError
+            One line: file, field, what was found, what is allowed.
+        """
+        path = Path(path)
+        file = load_study_file(path)
+        marker_set = load_marker_set(file.markers.set)
+        return cls.assemble(
+            file, marker_set, tuple(read_trial(t, file.markers.rename, marker_set) for t in file.trials), path
+        )
+
+    @classmethod
+    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
+        """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
+        files = input_files(file, path)
+        s = file.subject
+        _check_weights(file, marker_set, path)
+        _check_renamed(file, trials, path)
+        return cls(
+            Subject(s.name, s.mass_kg, s.height_m, s.sex),
+            marker_set,
+            trials,
+            file.calibration,
+            dict(file.markers.weights),
+            {_shown(f, path.parent): hashlib.sha256(f.read_bytes()).hexdigest() for f in dict.fromkeys(files)},
+            str(path),
+            files,
+            dict(file.markers.rename),
+        )
+
+    @property
+    def static(self) -> StudyTrial:
+        """The static trial."""
+        return next(trial for trial in self.trials if trial.role == "static")
+
+    @property
+    def moving(self) -> tuple[StudyTrial, ...]:
+        """All other trials."""
+        return tuple(trial for trial in self.trials if trial.role != "static")
+
+
+def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
+    """The study file at `path`, its recordings and forces, and a marker set of one's own."""
+    forces = (trial.forces for trial in file.trials if trial.forces)
+    own_set = [file.markers.set_path] if file.markers.set_path else []
+    return (path, *(trial.file for trial in file.trials), *forces, *own_set)
+
+
+def _shown(file: Path, folder: Path) -> str:
+    try:
+        return file.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return file.name
+
+
+def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
+    known = set(marker_set.labels)
+    for label in study.markers.weights:
+        if label not in known:
+            raise InputError(
+                f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}",
+                source=path,
+                field="markers.weights",
+            )
+
+
+def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path) -> None:
+    """A label to be renamed may be worn in some trials only, but not in none."""
+    found = {label for trial in trials for label in trial.own_labels}
+    for old, new in study.markers.rename.items():
+        if old not in found:
+            raise InputError(
+                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, found)}",
+                source=path,
+                field="markers.rename",
+            )
+
+
+def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -> StudyTrial:
+    """Read one trial of a study file, its labels put into those of the marker set.
+
+    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
+    """
+    recording = read_recording(trial.file, forces=trial.forces)
+    own = recording.labels
+    recording = marker_set.renamed(_rename(recording, rename))
+    for name in trial.plates:
+        known = [plate.name for plate in recording.plates]
+        if name not in known:
+            raise InputError(
+                f"found plate '{name}'; the recording has {', '.join(known) or 'none'}",
+                source=trial.file,
+                field=f"trial '{trial.name}'.plates",
+            )
+    recording = _window(recording, trial)
+    _check_forces_cover(recording, trial)
+    return StudyTrial(trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz, own)
+
+
+def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
+    if not rename:
+        return recording
+    labels = tuple(rename.get(label, label) for label in recording.labels)
+    doubled = sorted({label for label in labels if labels.count(label) > 1})
+    if doubled:
+        raise InputError(
+            f"found '{doubled[0]}' twice after renaming; a label names one marker",
+            source=recording.source,
+            field="markers.rename",
+        )
+    changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
+    return replace(recording, labels=labels).with_notes(
+        *([f"markers renamed: {', '.join(changed)}"] if changed else [])
+    )
+
+
+def _window(recording: Recording, trial: Trial) -> Recording:
+    if trial.time is None:
+        return recording
+    low, high = trial.time
+    inside = (recording.time >= low - 1e-9) & (recording.time <= high + 1e-9)
+    if inside.sum() < 2:
+        raise InputError(
+            f"found [{low:g}, {high:g}]; the recording runs from {recording.time[0]:g} to {recording.time[-1]:g} s",
+            source=trial.file,
+            field=f"trial '{trial.name}'.time",
+        )
+    return replace(recording, time=recording.time[inside], markers=recording.markers[inside])
+
+
+def _check_forces_cover(recording: Recording, trial: Trial) -> None:
+    if trial.role != "gait":
+        return
+    step = float(np.median(np.diff(recording.time)))
+    for plate in recording.plates:
+        if plate.time[0] > recording.time[0] + step or plate.time[-1] < recording.time[-1] - step:
+            raise InputError(
+                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "
+                f"{recording.time[0]:g} to {recording.time[-1]:g} s; forces must cover the markers: shorten the trial "
+                "with time = [start, end]",
+                source=trial.forces or trial.file,
+                field=f"plate {plate.name}",
+            )
+
+
+def nominal_of(study: Study) -> SubjectModel:
+    """The nominal model of a study: its static trial, marker set and anthropometry."""
+    return nominal_model(
+        study.static.recording,
+        study.marker_set,
+        study.subject,
+        hip_centre=HipCentre(study.settings.hip_centre),
+        weights=study.weights,
+    )

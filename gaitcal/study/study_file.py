@@ -1,0 +1,239 @@
+"""The study file `study.toml`: subject, marker set, trials, settings. Read once, checked once, trusted inside.
+
+Everything a user can get wrong in it ends in one `InputError`, one line: the file, the field as `trial[2].file` (trials
+count from 1, in the order of the file), what was found, what is allowed. Only the first mistake is told.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo, field_validator
+
+from gaitcal.files.toml import read_toml, require_file, toml_table
+from gaitcal.files.validation import Table, frequency, input_error, shown
+from gaitcal.study.settings import CalibrationSettings
+
+__all__ = ["CalibrationSettings", "Markers", "StudyFile", "Subject", "Trial", "load_study_file"]
+
+Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l"]
+Side: TypeAlias = Literal["r", "l", "none"]
+
+RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
+FORCES_SUFFIXES = (".mot", ".sto", ".csv")
+MAX_NAME = 80
+"""Characters in a trial's name, which becomes a file name."""
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
+
+
+def _with_suffix(allowed: tuple[str, ...]) -> AfterValidator:
+    def check(path: Path) -> Path:
+        if path.suffix.lower() not in allowed:
+            raise ValueError(f"found {shown(str(path))}; allowed: a file ending in {' '.join(allowed)}")
+        return path
+
+    return AfterValidator(check)
+
+
+def _interval(value: object) -> tuple[float, float]:
+    numbers = [v for v in value if isinstance(v, int | float)] if isinstance(value, list | tuple) else []
+    if len(numbers) != 2 or len(numbers) != len(value) or not -1e9 < numbers[0] < numbers[1] < 1e9:  # type: ignore[arg-type]
+        raise ValueError(f"found {shown(value)}; allowed: two increasing numbers, [start, end] in seconds")
+    return float(numbers[0]), float(numbers[1])
+
+
+class Subject(Table):
+    """`[subject]`: the person."""
+
+    name: str = Field(description="the subject's name as reports show it")
+    mass_kg: float = Field(gt=0, description="body mass in kg")
+    height_m: float = Field(description="body height in m")
+    sex: Literal["male", "female"] = Field(description="'male' or 'female': which anthropometric table is used")
+
+    @field_validator("name")
+    @classmethod
+    def _name(cls, name: str) -> str:
+        if not name.strip() or len(name) > 200 or not name.isprintable():
+            raise ValueError(f"found {shown(name)}; allowed: 1 to 200 printable characters")
+        return name
+
+    @field_validator("height_m")
+    @classmethod
+    def _height(cls, height: float) -> float:
+        if 0.3 <= height <= 2.6:
+            return height
+        unit = {30 <= height <= 260: ("centimetres", 100), 300 <= height <= 2600: ("millimetres", 1000)}.get(True)
+        hint = f"; this looks like {unit[0]}: height_m = {height / unit[1]:g}" if unit else ""
+        raise ValueError(f"found {height:g}; allowed: 0.3 to 2.6 m{hint}")
+
+
+class Markers(Table):
+    """`[markers]`: what the labels in the files mean."""
+
+    set: str = Field(min_length=1, description="a built-in marker set, or the path of a TOML file of your own")
+    rename: dict[str, str] = Field(
+        default={}, description="label in the files -> label in the marker set, before anything else is looked up"
+    )
+    weights: dict[str, Annotated[float, Field(ge=0)]] = Field(
+        default={}, description="label in the marker set -> weight instead of the set's own; 0 leaves the marker out"
+    )
+
+    @property
+    def set_path(self) -> Path | None:
+        """The file of a marker set of the user's own; None for a built-in set."""
+        return Path(self.set) if self.set.lower().endswith(".toml") or re.search(r"[/\\]", self.set) else None
+
+    @field_validator("rename")
+    @classmethod
+    def _one_to_one(cls, rename: dict[str, str]) -> dict[str, str]:
+        seen: dict[str, str] = {}
+        for old, new in rename.items():
+            if new in seen:
+                raise ValueError(
+                    f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names one marker"
+                )
+            seen[new] = old
+        return rename
+
+
+class Trial(Table):
+    """`[[trial]]`: one recording and what it is for."""
+
+    name: str = Field(description="the trial's name, which also names its result files")
+    role: Literal["static", "joint", "gait"] = Field(
+        description="'static' (standing still), 'joint' (one joint moved in isolation) or 'gait'"
+    )
+    joint: Joint | None = Field(
+        default=None, validate_default=True, description="the joint that a trial with role = 'joint' moves"
+    )
+    file: Annotated[Path, _with_suffix(RECORDING_SUFFIXES)] = Field(
+        strict=False, description="the recording, .c3d .trc or .csv"
+    )
+    forces: Annotated[Path, _with_suffix(FORCES_SUFFIXES)] | None = Field(
+        default=None, strict=False, description="ground reactions, .mot .sto or .csv; a C3D brings its own"
+    )
+    plates: dict[str, Side] = Field(
+        default={}, description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of pressure"
+    )
+    time: Annotated[tuple[float, float], BeforeValidator(_interval)] | None = Field(
+        default=None, description="[start, end] in s of the part to use; else all of it"
+    )
+    filter_hz: Annotated[float | Literal["none"], frequency("none")] | None = Field(
+        default=None, description="low-pass cut-off of this trial's forces in Hz, or 'none'; else as in [calibration]"
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _safe_file_name(cls, name: str) -> str:
+        safe = re.fullmatch(r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name) and not _DEVICES.fullmatch(name)
+        if not safe or len(name) > MAX_NAME:
+            raise ValueError(
+                f"found {shown(name)}; allowed, as it names files: 1 to {MAX_NAME} of A-Z a-z 0-9 _ - and, inside, "
+                "space and dot; no name that Windows reserves"
+            )
+        return name
+
+    @field_validator("joint")
+    @classmethod
+    def _joint_where_needed(cls, joint: str | None, info: ValidationInfo) -> str | None:
+        role = info.data.get("role", "joint" if joint else "gait")  # role itself at fault: that is told first
+        if role == "joint" and joint is None:
+            raise ValueError("missing: role = 'joint' needs the joint: hip_r knee_r ankle_r hip_l knee_l ankle_l")
+        if role != "joint" and joint is not None:
+            raise ValueError(f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'")
+        return joint
+
+
+class StudyFile(Table):
+    """A whole study file. From `load_study_file`, every path in it is absolute and a file lies there."""
+
+    subject: Subject = Field(description="the table [subject] with name, mass_kg, height_m, sex")
+    markers: Markers = Field(description="the table [markers] with set")
+    trials: tuple[Trial, ...] = Field(
+        alias="trial", strict=False, description="at least one [[trial]], with name, role and file"
+    )
+    calibration: CalibrationSettings = Field(default=CalibrationSettings(), description="settings, all optional")
+
+    @field_validator("trials", mode="before")
+    @classmethod
+    def _array_of_tables(cls, trials: object) -> object:
+        if isinstance(trials, dict):
+            raise ValueError("found a single table [trial]; write [[trial]], with two brackets, for each trial")
+        return trials
+
+    @field_validator("trials")
+    @classmethod
+    def _names_and_static(cls, trials: tuple[Trial, ...]) -> tuple[Trial, ...]:
+        seen: dict[str, int] = {}
+        for number, trial in enumerate(trials, start=1):
+            # Some file systems do not tell Walk from walk.
+            if (other := seen.setdefault(trial.name.lower(), number)) != number:
+                raise ValueError(
+                    f"trials {other} and {number} are both named {shown(trial.name)}; every name occurs once "
+                    "(capitals make no difference)"
+                )
+        static = [trial.name for trial in trials if trial.role == "static"]
+        if not static:
+            raise ValueError("no trial stands still; add [[trial]] with name = 'static', role = 'static', file = '...'")
+        if len(static) > 1:
+            raise ValueError(f"found {len(static)} trials with role = 'static' ({', '.join(static)}); allowed: one")
+        return trials
+
+    @property
+    def static(self) -> Trial:
+        """The static trial."""
+        return next(trial for trial in self.trials if trial.role == "static")
+
+    def to_toml(self, folder: Path | None = None) -> str:
+        """The study as the text of a study file, defaults left out, absolute paths made relative to `folder`."""
+
+        def content(table: Table) -> dict[str, object]:
+            values = {key: getattr(table, key) for key in type(table).model_fields}
+            written = table.model_dump(exclude_defaults=True)
+            return {k: _relative(v, folder) if isinstance(v, Path) else v for k, v in values.items() if k in written}
+
+        markers = content(self.markers)
+        if self.markers.set_path:
+            markers["set"] = _relative(self.markers.set_path, folder)
+        tables = [toml_table("[subject]", content(self.subject)), toml_table("[markers]", markers)]
+        tables += [toml_table("[[trial]]", content(trial)) for trial in self.trials]
+        if settings := content(self.calibration):
+            tables.append(toml_table("[calibration]", settings))
+        return "\n".join(tables)
+
+
+def _relative(path: Path, folder: Path | None) -> Path:
+    return Path(os.path.relpath(path, folder)) if folder and path.is_absolute() else path
+
+
+def load_study_file(path: Path | str) -> StudyFile:
+    """Read and check the study file at `path`; relative paths in it are resolved from the file's own folder.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
+    """
+    source = Path(path)
+    content = read_toml(source)
+    try:
+        study = StudyFile.model_validate(content)
+    except ValidationError as error:
+        raise input_error(error, StudyFile, source) from None
+
+    def found(file: Path, field: str) -> Path:
+        return require_file(source.parent.absolute() / file, source=source, field=field)
+
+    markers = study.markers
+    if markers.set_path:
+        markers = markers.model_copy(update={"set": str(found(markers.set_path, "markers.set"))})
+    trials = []
+    for number, trial in enumerate(study.trials, start=1):
+        files: dict[str, Any] = {"file": found(trial.file, f"trial[{number}].file")}
+        if trial.forces:
+            files["forces"] = found(trial.forces, f"trial[{number}].forces")
+        trials.append(trial.model_copy(update=files))
+    return study.model_copy(update={"markers": markers, "trials": tuple(trials)})

@@ -1,0 +1,1 @@
+"""People with known parameters: motions, measurements, and the truth beside them."""

@@ -1,0 +1,101 @@
+"""Checks of forces against the motion: signs, places, gain and mass, and which foot stands on which plate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.checks import Severity
+from gaitcal.model.nominal import published_model
+from gaitcal.recording import ForcePlate
+from gaitcal.study.study import Study
+from tests.checks.spoilt import Change, findings, plate, sound_study, with_corners, with_trial
+
+ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
+
+
+@pytest.fixture(scope="module")
+def sound() -> Study:
+    return sound_study()
+
+
+def negated(axis: int) -> Change:
+    """One component of the force of both plates with the other sign, and the reader's turn where it is the vertical."""
+    sign = np.ones(3)
+    sign[axis] = -1.0
+    whole = -1.0 if axis == 1 else 1.0
+    return lambda r: plate(2, lambda p: replace(p, force=whole * sign * p.force))(
+        plate(1, lambda p: replace(p, force=whole * sign * p.force))(r)
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "words"),
+    [
+        (0, ("drive first and brake later",)),
+        (2, ("push outwards",)),
+        (1, ("drive first", "push outwards", "of the vertical column alone")),
+    ],
+)
+def test_reversed_forces(sound: Study, axis: int, words: tuple[str, ...]) -> None:
+    (found,) = [f for f in findings(with_trial(sound, "walk", negated(axis)), "plates", WARNING) if "rever" in f.found]
+    assert all(word in f"{found.found} {found.cure}" for word in words)
+    assert (len(words) > 1) == ("vertical" in found.cure)
+
+
+@pytest.mark.parametrize(("shift", "side"), [(0.05, "right"), (-0.05, "left")])
+def test_plates_beside_both_feet(sound: Study, shift: float, side: str) -> None:
+    def beside(p: ForcePlate) -> ForcePlate:
+        return replace(p, point=p.point + [0.0, 0.0, shift])
+
+    study = with_trial(sound, "walk", lambda r: plate(2, beside)(plate(1, beside)(r)))
+    (found,) = findings(study, "plate to foot", WARNING)
+    assert f"lie to the {side} of the line heel-toe of both feet" in found.found
+    assert findings(with_trial(sound, "walk", plate(1, beside)), "plate to foot", WARNING) == []
+
+
+@pytest.mark.parametrize(("gain", "mass"), [(1.2, 69.4), (0.85, 69.4), (1.0, 80.0)])
+def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: float) -> None:
+    def louder(p: ForcePlate) -> ForcePlate:
+        return replace(p, force=gain * p.force, moment=gain * p.moment)
+
+    study = with_trial(sound, "walk", lambda r: plate(2, louder)(plate(1, louder)(r)))
+    study = replace(study, subject=replace(study.subject, mass=mass))
+    (found,) = findings(study, "body mass", WARNING)
+    assert f"subject.mass_kg is {mass:g}" in found.found
+    carried = float(found.found.partition("carry ")[2].split()[0])
+    assert carried == pytest.approx(gain * 69.4, rel=0.03)
+
+
+def test_mass_that_plates_carry_is_told(sound: Study) -> None:
+    assert "0.00-1.03 s" in findings(sound, "body mass", INFO)[0].found
+
+
+def test_foot_beside_its_plate(sound: Study) -> None:
+    model = published_model()
+    walk = next(t for t in sound.trials if t.name == "walk").recording
+    toe = float(np.median(walk.markers[40:100, walk.labels.index("R.Toe.Tip"), 0]))
+    assert model.markers.labels == walk.labels
+    beside = findings(with_trial(sound, "walk", with_corners(toe - 0.04)), "plate to foot", WARNING)
+    assert "right foot rests partly beside it (toes" in beside[0].found
+    assert findings(with_trial(sound, "walk", with_corners(toe + 0.06)), "plate to foot", WARNING) == []
+
+
+def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
+    trials = tuple(replace(t, plates={"1": "l"}) if t.name == "walk" else t for t in sound.trials)
+    found = findings(replace(sound, trials=trials), "plate to foot", ERROR)
+    assert "left foot" in found[0].found and 'plates = { 1 = "r" }' in found[0].cure
+
+
+def test_mass_against_standing_force(sound: Study) -> None:
+    static = sound.static.recording
+    weight = 69.4 * 9.81
+    force = np.tile([0.0, weight / 2, 0.0], (len(static.time), 1))
+    zero = np.zeros_like(force)
+    both = tuple(ForcePlate(name, static.time, force, zero, zero) for name in "12")
+    study = with_trial(sound, "static", lambda r: replace(r, plates=both))
+    assert "69.4 kg" in findings(study, "body mass", INFO)[0].found
+    heavier = replace(study, subject=replace(study.subject, mass=80.0))
+    assert "69.4 kg while standing; subject.mass_kg is 80" in findings(heavier, "body mass", WARNING)[0].found

@@ -1,0 +1,217 @@
+"""A calibration made of plain numbers: quick, and with any name anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import COORDINATES, coordinates_of, joint_segments
+from gaitcal.model.parameters import published_subject
+from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.motion.spline import spline_basis
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.person.uncertainty import Uncertainty
+from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study, StudyTrial
+
+FRAMES, RATE = 241, 100.0
+ANGLE_ERROR = 0.02
+"""rad."""
+STRIDE = 1.0
+HOSTILE = (
+    '<script>alert("x")</script> & $\\frac{1}{0}$ ${7*7} {{7*7}} '
+    "'\"><img src=http://evil.test/x onerror=alert(1)> \u202e\u4e2d\u6587"
+)
+FREE = ("hip_r.pelvis.ant", "hip_l.pelvis.ant", "knee_r.thigh.front", "talocrural_l.shank.trans")
+UNSEEN = ("subtalar_r.foot.trans", "subtalar_r.talus.trans")
+
+
+@dataclass(frozen=True)
+class Names:
+    """Text that comes from a study."""
+
+    subject: str = "S07"
+    trial: str = "walk"
+    marker: str = "R.Knee"
+    file: str = "walk.trc"
+    note: str = "forces low-pass filtered at 12 Hz"
+    warning: str = "knee_r.thigh.front ended on its bound"
+
+
+def down(time: np.ndarray, phase: float) -> np.ndarray:
+    """A foot that is on the ground for 60 % of each stride, from `phase` (s) on."""
+    return ((time - phase) % STRIDE) < 0.6 * STRIDE
+
+
+def fake_calibration(
+    names: Names | None = None,
+    *,
+    gait: bool = True,
+    plates: bool = True,
+    valid: bool = True,
+    errors: bool = True,
+    joint: bool = True,
+    cycles: bool = True,
+    isolated: bool = True,
+) -> Calibration:
+    """A whole calibration, or one without force plates, gait, standard errors, joint parameters, full cycles."""
+    names = names or Names()
+    rng = np.random.default_rng(3)
+    parameters = published_subject()
+    fitted = parameters.with_joint(FREE, parameters.joint[[JP_INDEX[n] for n in FREE]] + 0.004) if joint else parameters
+    subject = Subject(names.subject, 70.0, 1.75, "female")
+    markers = MarkerPlacement((names.marker,), ("thigh_r",), np.zeros((1, 3)), np.ones(1))
+    model = SubjectModel(subject, parameters, parameters, markers)
+    trials, study_trials = [], [_study_trial("static", "static", None, names)]
+    if gait:
+        trials.append(_gait(names, rng, plates, valid, errors, cycles))
+        study_trials.append(_study_trial(names.trial, "gait", None, names))
+    if isolated:
+        trials.append(_isolated(names, rng))
+        study_trials.append(_study_trial("knee", "joint", "knee_r", names))
+    study = Study(
+        subject,
+        cast(Any, SimpleNamespace(name="plug-in-gait")),
+        tuple(study_trials),
+        CalibrationSettings(),
+        {},
+        {names.file: "ab" * 32},
+    )
+    inertial = gait and plates and valid
+    phases = (
+        Phase("joint:knee_r", ("knee",), 9, 7, 0.4, True, "small step"),
+        Phase("gait", (names.trial,), 34, 9, 1.2, True, "`ftol` reached"),
+    )
+    return Calibration(
+        study,
+        model,
+        model.with_parameters(fitted.with_inertial(parameters.inertial * 1.02) if inertial else fitted),
+        tuple(trials),
+        phases if joint else (),
+        _joint(fitted) if joint else None,
+        _inertial(parameters.inertial) if inertial else None,
+        _uncertainty(joint and errors),
+        UNSEEN if joint else (),
+        (names.note,),
+        (names.warning,),
+    )
+
+
+def with_phase(calibration: Calibration, converged: bool) -> Calibration:
+    return replace(calibration, phases=tuple(replace(p, converged=converged) for p in calibration.phases))
+
+
+def _joint(parameters: Any) -> JointCalibration:
+    fit = cast(Any, SimpleNamespace(free=FREE, at_bound=("knee_r.thigh.front",)))
+    return JointCalibration(parameters, (), (fit,), (), UNSEEN, ())
+
+
+def _inertial(values: np.ndarray) -> InertialFit:
+    free = symmetric_set()
+    return InertialFit(
+        free.names, values * 1.02, free.selection, np.zeros((1, len(free.names))), 20.0, 9.0, 1, 5, 0.1, True, "done"
+    )
+
+
+def _uncertainty(known: bool) -> Uncertainty:
+    if not known:
+        return Uncertainty(None, None)
+    return Uncertainty(Influence(FREE, np.full((len(FREE), 1), 0.003), ("a",)), np.full((len(IP_NAMES), 1), 1e-3))
+
+
+def _recording(names: Names) -> Recording:
+    time = np.arange(FRAMES) / RATE
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
+    plate = ForcePlate("1", time, np.zeros((FRAMES, 3)), np.zeros((FRAMES, 3)), np.zeros((FRAMES, 3)), corners)
+    return Recording(f"/home/somebody/{names.file}", time, (names.marker,), np.zeros((FRAMES, 1, 3)), (plate,))
+
+
+def _study_trial(name: str, role: str, joint: str | None, names: Names) -> StudyTrial:
+    return StudyTrial(name, role, joint, _recording(names), {})
+
+
+def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErrors:
+    labels = tuple(f"{names.marker}{k}" for k in range(len(segments)))
+    distance = np.full((FRAMES, len(labels)), level) * np.linspace(0.5, 1.5, FRAMES)[:, None]
+    distance[10:20, 0] = np.nan
+    return MarkerErrors(labels, segments, np.ones(len(labels)), distance)
+
+
+def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]) -> Motion:
+    basis = spline_basis(np.arange(FRAMES) / RATE, 30)
+    phase = np.linspace(0.0, 5.0, 30)[:, None] + np.arange(len(coordinates))
+    nodes = 0.3 * np.sin(2.0 * phase) + level
+    if "pelvis_ty" in coordinates:
+        nodes[:, coordinates.index("pelvis_ty")] = 1.0
+    return Motion("m", coordinates, basis, nodes, _errors(names, level, segments), True)
+
+
+def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
+    segments = joint_segments("knee_r")
+    own = coordinates_of(segments[0], segments)
+    before, after = (_motion(names, own, level, segments * 4) for level in (0.006, 0.004))
+    floor, body = _errors(names, 0.003, segments * 4), _motion(names, COORDINATES, 0.004, segments * 4)
+    return TrialResult(
+        name="knee",
+        role="joint",
+        joint="knee_r",
+        recording=_recording(names),
+        nominal=before,
+        calibrated=after,
+        final=_motion(names, own, 0.005, segments * 4),
+        floor=floor,
+        body=body,
+        loads=None,
+    )
+
+
+def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool) -> TrialResult:
+    segments = ("pelvis", "thigh_r", "shank_r", "foot_r", "thigh_l", "shank_l", "foot_l", "head_trunk")
+    before, after = (_motion(names, COORDINATES, level, segments) for level in (0.011, 0.006))
+    floor = _errors(names, 0.005, segments)
+    loads = _loads(rng, valid, errors, cycles) if plates else None
+    return TrialResult(
+        name=names.trial,
+        role="gait",
+        joint=None,
+        recording=_recording(names),
+        nominal=before,
+        calibrated=after,
+        final=after,
+        floor=floor,
+        body=after,
+        loads=loads,
+        coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
+    )
+
+
+def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) -> LoadedTrial:
+    time = np.arange(FRAMES) / RATE
+    loaded = np.stack([down(time, 0.2), down(time, 0.7)], axis=1)
+    if not cycles:
+        loaded[100:] = False
+    wrench = np.zeros((FRAMES, 2, 6))
+    wrench[:, :, 1] = 700.0 * loaded
+    usable = np.full(FRAMES, valid)
+    usable[150:170] = False
+    reactions = GroundReactions(wrench, usable, loaded, loaded, ("plate 1: right foot",))
+
+    def forces(scale: float) -> GeneralisedForces:
+        tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, 27))
+        residual = scale * np.stack([10.0 * np.cos(9.0 * time)] * 3, axis=1)
+        return GeneralisedForces(tau, 0.5 * tau[:, :2], residual, 0.2 * residual)
+
+    spread = TorqueErrors(np.full((FRAMES, 27), 2.0), np.full((FRAMES, 2), 1.0)) if errors else None
+    return LoadedTrial(reactions, forces(1.0), forces(0.9), forces(0.7), None, spread)

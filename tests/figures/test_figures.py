@@ -1,0 +1,162 @@
+"""Figures as files, what they draw, and the words on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+
+from gaitcal.figures.chart import chart_figure, panel_figure
+from gaitcal.figures.charts import charts_of, write_figures
+from gaitcal.figures.style import plain
+from gaitcal.gait.moments import moment_names
+from gaitcal.gait.words import (
+    coordinate_words,
+    explained,
+    inertial_words,
+    joint_words,
+    parameter_words,
+    segment_words,
+)
+from gaitcal.model.inertial_parameters import IP_NAMES
+from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
+from gaitcal.person.residual_limits import residual_limits
+from gaitcal.person.result import Calibration
+from gaitcal.results.summary import summary
+from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
+
+SAME = 1e-9
+"""Relative: the same sums in another order."""
+
+
+@pytest.fixture(scope="module")
+def whole() -> Calibration:
+    return fake_calibration()
+
+
+def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> None:
+    files = write_figures(whole, tmp_path / "figures")
+    stems = [c.name for c in charts_of(whole).all()]
+    assert [f.name for f in files] == [f"{s}.{suffix}" for s in stems for suffix in ("png", "svg")]
+    assert len(set(stems)) == len(stems) == 7
+    for file in files:
+        if file.suffix == ".svg":
+            assert ElementTree.parse(file).getroot().tag.endswith("svg")
+        else:
+            assert file.read_bytes().startswith(b"\x89PNG")
+
+
+def test_file_names_and_contents_ignore_what_a_trial_is_called(tmp_path: Path) -> None:
+    for file in write_figures(fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE)), tmp_path):
+        assert file.parent == tmp_path and file.name.isascii() and not set(file.name) & set("<>\"'$&/ ")
+        if file.suffix == ".svg":
+            tags = {str(e.tag).lower() for e in ElementTree.parse(file).getroot().iter()}
+            assert not [t for t in tags if t.endswith(("script", "image"))]
+
+
+def test_frames_that_are_not_valid_stay_empty(whole: Calibration) -> None:
+    view = charts_of(whole).gait[0]
+    assert view.moments is not None
+    axes = panel_figure(view.moments.panels[0]).axes[0]
+    curves = [line for line in axes.lines if len(line.get_xdata()) == 101 and line.get_linewidth() > 1]
+    assert len(curves) == 2
+    for side, line in zip(("r", "l"), curves, strict=True):
+        cycle = view.layout.main(side)
+        at = np.linspace(cycle.start, cycle.stop, 101)
+        unknown = (at > 1.5 + 1e-6) & (at < 1.69 - 1e-6)
+        values = np.asarray(line.get_ydata())
+        assert np.isnan(values[unknown]).all()
+        assert np.isfinite(values[(at < 1.49) | (at > 1.70)]).all()
+
+
+def test_angles_have_the_band_of_their_standard_error(whole: Calibration) -> None:
+    chart = charts_of(whole).gait[0].angles
+    assert "±1 standard error" in [key.label for key in chart.keys]
+    knee = next(p for p in chart.panels if p.label.startswith("Knee flexion"))
+    bands = [c for c in panel_figure(knee).axes[0].collections if isinstance(c, PolyCollection)]
+    assert len(bands) == 2
+    for band in bands:
+        corners = band.get_paths()[0].vertices
+        at = np.isclose(corners[:, 0], 50.0)
+        assert np.ptp(corners[at, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-6)
+    without = charts_of(fake_calibration(errors=False)).gait[0].angles
+    assert "±1 standard error" not in [key.label for key in without.keys]
+
+
+def test_all_axes_have_units(whole: Calibration) -> None:
+    for chart in charts_of(whole).all():
+        for axes in chart_figure(chart).axes:
+            assert axes.get_xlabel().endswith((")", "%)"))
+            assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
+
+
+def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
+    for chart in charts_of(whole).all():
+        figure = chart_figure(chart)
+        legend = figure.legends[0].get_window_extent()
+        assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1, chart.name
+        drawn = [axes.get_tightbbox() for axes in figure.axes]
+        assert legend.y0 >= 0 and legend.y1 <= min(box.y0 for box in drawn if box is not None), chart.name
+
+
+def test_right_and_left_keep_their_colours(whole: Calibration) -> None:
+    view = charts_of(whole).gait[0]
+    for chart in (view.angles, view.moments, view.forces, view.change):
+        assert chart is not None
+        colours = {key.label: key.colour for key in chart.keys}
+        assert (colours["right"], colours["left"]) == ("#0072B2", "#D55E00")
+
+
+def test_global_settings_of_matplotlib_stay(whole: Calibration) -> None:
+    before = dict(matplotlib.rcParams)
+    chart_figure(charts_of(whole).all()[0])
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
+    view = charts_of(whole).gait[0]
+    written = summary(whole)["trials"]["walk"]["torque_change_bwh"]  # type: ignore[index, call-overload]
+    assert {n.name: n.change_bwh for n in view.numbers} == pytest.approx(written, rel=SAME)
+
+
+def test_limits_of_the_residuals(whole: Calibration) -> None:
+    trial = whole.trial("walk")
+    assert trial.loads is not None
+    limits = residual_limits(whole.model.parameters, trial, trial.loads)
+    assert limits.peak_force == pytest.approx(1400.0)
+    assert limits.force == pytest.approx(70.0)
+    assert limits.moment == pytest.approx(0.01 * limits.centre_height * 1400.0)
+    assert 0.5 < limits.centre_height < 1.5
+
+
+@pytest.mark.parametrize("name", ["$x$", "a$b", "<b>", "\u202eabc", "中文", "x" * 300, "", "\n\t"])
+def test_names_are_no_markup_in_figures(name: str) -> None:
+    shown = plain(name)
+    assert len(shown.replace("\\$", "$")) <= 26
+    assert shown.replace("\\$", "").count("$") == 0
+    assert shown.isprintable()
+
+
+def test_everything_has_words() -> None:
+    assert all(coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n))
+    assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
+    assert all(inertial_words(n) for n in IP_NAMES)
+    assert segment_words("forearm_hand_l") == "left forearm and hand"
+    assert len({segment_words(s) for s in SEGMENTS}) == len(SEGMENTS)
+    assert joint_words("hip_l") == "left hip"
+
+
+def test_messages_explain_parameter_names() -> None:
+    assert explained("hip_r.pelvis.ant is far") == "hip_r.pelvis.ant (right hip centre in the pelvis, forward) is far"
+    assert explained("file.trc and thigh_r.mass") == "file.trc and thigh_r.mass (right thigh: mass)"
+
+
+def test_moments_are_named_once(whole: Calibration) -> None:
+    names = moment_names(whole.model)
+    assert len(names) == len(set(names)) == 23
+    assert names.index("knee_adduction_r") == names.index("knee_angle_r") + 1

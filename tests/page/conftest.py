@@ -1,0 +1,50 @@
+"""Scenes and a browser, made once for all tests of the viewer."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gaitcal.page import Scene, write_view
+from tests.page.browser import Page, browser, chromium
+from tests.page.people import walking_scene
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    return walking_scene()
+
+
+@pytest.fixture(scope="session")
+def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view") / "view.html"
+    write_view(scene, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    binary = chromium()
+    if binary is None:
+        reason = "no Chromium on this machine (its path may stand in CHROMIUM)"
+        if os.environ.get("CI"):
+            pytest.fail(f"{reason}; with CI set it must be there", pytrace=False)
+        pytest.skip(reason)
+    with browser(tmp_path_factory.mktemp("profile"), binary) as page:
+        yield page
+
+
+@pytest.fixture
+def visit(_browser: Page) -> Callable[..., Page]:
+    """Open a page; every console message, exception and request since is kept in it."""
+
+    def open_page(where: Path | str, width: int = 900, height: int = 620, phone: bool = False) -> Page:
+        _browser.console.clear()
+        _browser.requests.clear()
+        _browser.open(where.as_uri() if isinstance(where, Path) else where, width, height, phone)
+        return _browser
+
+    return open_page

@@ -1,0 +1,125 @@
+"""Scenes to look at without solving anything: the built-in subject walking, and variations of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.files.package_data import models_path
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import published_subject
+from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.motion.spline import spline_basis
+from gaitcal.page import Scene, person_scene, trial_scene
+from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import TrueMotion, gait_motion
+
+FITTED = gait_parameters("r") + gait_parameters("l")
+GAIT_CYCLE = 1.035
+
+
+def subject_model(name: str = "Built-in subject") -> SubjectModel:
+    """The built-in subject, as if calibrated: the 34 gait parameters moved by some 8 mm and 4 degrees."""
+    nominal = published_subject()
+    rng = np.random.default_rng(5)
+    scale = np.array(
+        [
+            0.0 if p.name not in FITTED else 0.008 if p.kind is Kind.POSITION else np.deg2rad(4.0)
+            for p in JOINT_PARAMETERS
+        ]
+    )
+    fitted = replace(nominal, joint=nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
+    return SubjectModel(Subject(name, 69.4, 1.70, "male"), fitted, nominal, marker_placement())
+
+
+def marker_placement() -> MarkerPlacement:
+    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    sided = {
+        "thigh": "thigh", "shank": "shank", "foot": "foot", "upperarm": "upper_arm", "forearmhand": "forearm_hand",
+    }  # fmt: skip
+    labels, segments, local = [], [], []
+    for place, markers in data["markers_local_mm_right_side"].items():
+        for label, at in markers.items():
+            if label in data["static_only_markers"]:
+                continue
+            if place not in sided:
+                labels.append(label)
+                segments.append("head_trunk" if place == "headtrunk" else place)
+                local.append(at)
+                continue
+            for side, mirror in (("r", 1), ("l", -1)):
+                labels.append(f"{side.upper()}.{label}")
+                segments.append(f"{sided[place]}_{side}")
+                local.append([at[0], at[1], mirror * at[2]])
+    return MarkerPlacement(tuple(labels), tuple(segments), 1e-3 * np.array(local), np.ones(len(labels)))
+
+
+def standard_errors() -> dict[str, float]:
+    kinds = {p.name: p.kind for p in JOINT_PARAMETERS}
+    return {name: 0.004 if kinds[name] is Kind.POSITION else np.deg2rad(2.0) for name in FITTED}
+
+
+def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-in subject") -> Scene:
+    """One gait cycle, noisy markers with a gap, two plates, forearms without markers on the left."""
+    model = subject_model(subject)
+    if labels is not None:
+        model = replace(model, markers=replace(model.markers, labels=labels))
+    true = gait_motion()
+    wrench = ground_reactions(model.parameters, true, GAIT_CYCLE)
+    first = walking_trial(model, true, "walk", wrench)
+    again = walking_trial(model, true, "no plates", None)
+    return person_scene(model, (first, again), standard_errors())
+
+
+def walking_trial(model, true: TrueMotion, name, wrench):
+    rng = np.random.default_rng(11)
+    time = true.basis.time
+    seen = synthetic_markers(model.parameters, model.markers, true.q)
+    noise = marker_noise(time, len(model.markers.labels), rng)
+    measured = seen + noise
+    measured[40:80, 3] = np.nan
+    plates = ()
+    reactions = None
+    if wrench is not None:
+        plates = tuple(plate(str(k + 1), time, x, z) for k, (x, z) in enumerate([(0.2, 0.12), (0.85, -0.12)]))
+        valid = np.ones(len(time), dtype=bool)
+        valid[150:] = False
+        loaded = wrench[:, :, 1] > 20.0
+        reactions = GroundReactions(wrench, valid, loaded, loaded, ())
+    recording = Recording("walk.c3d", time, model.markers.labels, measured, plates)
+    errors = MarkerErrors(
+        model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)
+    )
+    return trial_scene(
+        model, name, "gait", Motion(name, COORDINATES, true.basis, true.nodes, errors, True), recording, reactions
+    )
+
+
+def long_scene(frames: int = 10_000) -> Scene:
+    """One long walk, with plates under the first steps."""
+    model, true = subject_model(), long_motion(frames)
+    wrench = ground_reactions(model.parameters, true, GAIT_CYCLE)
+    return person_scene(model, (walking_trial(model, true, "long", wrench),), standard_errors())
+
+
+def plate(name: str, time, x: float, z: float) -> ForcePlate:
+    corners = np.array([[x - 0.3, 0, z - 0.2], [x + 0.3, 0, z - 0.2], [x + 0.3, 0, z + 0.2], [x - 0.3, 0, z + 0.2]])
+    none = np.zeros((len(time), 3))
+    return ForcePlate(name, time, none, none, none, corners)
+
+
+def long_motion(frames: int) -> TrueMotion:
+    """The gait cycle over and over, walking on."""
+    true = gait_motion()
+    time = np.arange(frames) / 200.0
+    cycle = len(true.q) - 1
+    q = true.q[np.arange(frames) % cycle].copy()
+    q[:, 0] += (np.arange(frames) // cycle) * (true.q[-1, 0] - true.q[0, 0])
+    basis = spline_basis(time, max(20, frames // 20))
+    return TrueMotion(basis, basis.fit(q))

@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import io
+import re
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaitcal.commands import view as view_command
+from gaitcal.page import Scene, ViewServer, save_scene, view_html, write_view
+from tests.page.browser import Page
+from tests.page.people import long_scene
+from tests.page.test_page import HOSTILE, LIMIT, hostile_scene
+
+pytestmark = pytest.mark.browser
+
+LAYERS = ("body", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
+DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+SHOWN = 0.2
+"""mm: one decimal is shown, of positions packed to some 0.05 mm."""
+POSING = """(() => { let best = Infinity;
+    for (let turn = 0; turn < 10; turn++) {
+        const start = performance.now();
+        for (let k = 0; k < 100; k++) gaitcal.seek(gaitcal.trial.duration * k / 100);
+        best = Math.min(best, performance.now() - start);
+    } return best; })()"""
+"""ms that 100 poses take at best: only to be compared within one browser."""
+Visit = Callable[..., Page]
+
+
+def until(condition: str) -> str:
+    """A promise kept once the condition holds, however slow the machine; `Page.run` gives up in the end."""
+    return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 20); look(); }})"
+
+
+def stage(page: Page) -> np.ndarray:
+    """(h, w, 3) what the stage shows."""
+    box = page.run("(r => [r.left, r.top, r.width, r.height])(document.getElementById('pane').getBoundingClientRect())")
+    scale = page.run("devicePixelRatio")
+    left, top, width, height = (round(scale * x) for x in box)
+    picture = np.asarray(Image.open(io.BytesIO(page.picture())).convert("RGB"), dtype=int)
+    return picture[top : top + height, left : left + width]
+
+
+def paused(page: Page, seconds: float = 0.6) -> Page:
+    page.run(f"gaitcal.play(false); gaitcal.seek({seconds}); {DRAWN}")
+    return page
+
+
+def changed(a: np.ndarray, b: np.ndarray) -> int:
+    """Pixels that differ plainly."""
+    return int((np.abs(a - b).max(axis=2) > 24).sum())
+
+
+def test_it_opens_offline_without_a_word_and_without_a_request(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    assert page.console == []
+    assert [url for url in page.requests if not url.startswith(("data:", "blob:"))] == [html.as_uri()]
+    assert page.run("document.getElementById('failure').hidden")
+    assert page.run("document.title") == "Built-in subject · walk"
+
+
+def test_the_person_is_in_the_picture(visit: Visit, html: Path) -> None:
+    picture = stage(paused(visit(html)))
+    skin = (picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)
+    rows, columns = np.nonzero(skin)
+    height, width = skin.shape
+    assert skin.mean() > 0.03
+    assert np.ptp(rows) > 0.55 * height
+    assert abs(np.median(columns) / width - 0.5) < 0.1
+    assert rows.min() > 0 and rows.max() < height - 1
+
+
+def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> None:
+    page = visit(html)
+    assert page.run("gaitcal.playing")
+    page.run("gaitcal.seek(0)")
+    page.run(until("Number(document.getElementById('time').value) > 0.05"))
+    page.run("document.getElementById('play').click()")
+    assert not page.run("gaitcal.playing")
+    first = stage(paused(page, 0.2))
+    assert changed(first, stage(paused(page, 0.2))) == 0
+    assert changed(first, stage(paused(page, 0.7))) > 2000
+
+
+def test_time_slider_keys_and_speed(visit: Visit, html: Path) -> None:
+    page = paused(visit(html), 0.0)
+    page.run("(s => { s.value = 0.5; s.dispatchEvent(new Event('input')); })(document.getElementById('time'))")
+    assert page.run("gaitcal.seconds") == pytest.approx(0.5, abs=1e-3)
+    assert page.run("document.getElementById('clock').textContent") == "0.50 s"
+    before = page.run("gaitcal.seconds")
+    page.run("document.activeElement.blur()")
+    page.press("ArrowRight")
+    assert page.run("gaitcal.seconds") == pytest.approx(before + 0.005, abs=1e-4)
+    page.press(" ")
+    assert page.run("gaitcal.playing")
+    page.run("(s => { s.value = '0.1'; s.dispatchEvent(new Event('change')); })(document.getElementById('speed'))")
+    assert page.run("gaitcal.speed") == 0.1
+
+
+def test_every_layer_can_be_hidden_and_shown(visit: Visit, html: Path) -> None:
+    page = paused(visit(html), 0.3)
+    full = stage(page)
+    for layer in LAYERS:
+        click = f"document.getElementById('show-{layer}').click(); {DRAWN}"
+        page.run(click)
+        without = stage(page)
+        page.run(click)
+        assert changed(full, without) > 20, layer
+    assert changed(full, stage(page)) == 0
+
+
+def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    page.run("(s => { s.value = '1'; s.dispatchEvent(new Event('change')); })(document.getElementById('trial'))")
+    assert page.run("gaitcal.trial.name") == "no plates"
+    assert page.run("document.getElementById('show-forces').disabled")
+    assert "no force plates" in page.run("document.getElementById('toggles').textContent")
+    assert page.console == []
+
+
+def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:
+    trial = scene.trials[0]
+    page = paused(visit(html), float(trial.time[120] - trial.time[0]))
+    x, y = page.run(
+        """(() => { const p = gaitcal.markers.atMeasured[0].clone().project(gaitcal.viewer.camera);
+        const r = document.getElementById('pane').getBoundingClientRect();
+        return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height]; })()"""
+    )
+    page.move(x, y)
+    page.run(DRAWN)
+    text = page.run("document.getElementById('tip').textContent")
+    assert not page.run("document.getElementById('tip').hidden")
+    found = re.fullmatch(r"R\.ASIS\n([\d.]+) mm from the model's marker", text)
+    error = np.linalg.norm(trial.measured[120, 0] - scene.model_markers(trial)[120, 0])
+    assert found is not None and float(found.group(1)) == pytest.approx(1000 * error, abs=SHOWN)
+
+
+def test_hostile_names_are_text(visit: Visit, tmp_path: Path) -> None:
+    write_view(hostile_scene(), tmp_path / "view.html")
+    page = paused(visit(tmp_path / "view.html"))
+    page.run("document.getElementById('tip').textContent = gaitcal.markers.labels[1]")
+    assert page.run("typeof window.hacked") == "undefined"
+    assert page.run("document.getElementById('subject').textContent") == HOSTILE[0]
+    assert page.run("document.querySelector('#trial option').textContent").startswith(HOSTILE[1])
+    assert page.run("gaitcal.markers.labels[5].length") == 20_000
+    assert page.run("document.images.length") == 0
+    assert page.run("document.scripts.length") == 4
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
+    assert page.console == []
+
+
+def test_even_markup_that_got_in_cannot_run(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    page.run("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hacked=1\">')")
+    page.run("document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.hacked=1'}))")
+    page.run("fetch('data:,x').catch(() => 0)")
+    assert page.run("typeof window.hacked") == "undefined"
+    assert page.console and all("Content Security Policy" in line for line in page.console)
+
+
+@pytest.mark.parametrize("width, height", [(390, 844), (320, 568), (844, 390)])
+def test_a_phone_shows_person_and_controls(width: int, height: int, visit: Visit, html: Path) -> None:
+    page = paused(visit(html, width, height, phone=True))
+    assert page.run("document.documentElement.scrollWidth") <= width
+    inside = """(id => { const r = document.getElementById(id).getBoundingClientRect();
+        return r.width > 20 && r.left >= 0 && r.right <= innerWidth && r.bottom <= innerHeight; })"""
+    for control in ("play", "time", "clock", "trial", "speed"):
+        assert page.run(f"{inside}('{control}')"), control
+    picture = stage(page)
+    assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02
+    if width < 760:
+        assert page.run("getComputedStyle(document.getElementById('layers')).display") == "none"
+        page.run("document.getElementById('open').click()")
+        assert page.run(f"{inside}('layers')")
+    assert page.console == []
+
+
+def test_ten_thousand_frames_stay_responsive(
+    visit: Visit, html: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
+    page_file = tmp_path / "view.html"
+    save_scene(long_scene(), tmp_path / "scene.npz")
+    view_command.run(tmp_path, page_file, quiet=False, verbose=False)
+    assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
+    assert page_file.stat().st_size < LIMIT
+    of_a_short_walk = visit(html).run(POSING)
+    page = visit(page_file)
+    page.run(DRAWN)
+    assert changed(stage(paused(page, 1.0)), stage(paused(page, 1.2))) > 2000
+    assert "every third frame" in page.run("document.getElementById('about').textContent")
+    assert page.run(POSING) < 4 * of_a_short_walk
+    page.run("gaitcal.seek(gaitcal.trial.duration)")
+    assert page.run("gaitcal.person.x") > 50.0
+    assert page.console == []
+
+
+def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene: Scene) -> None:
+    page = paused(visit(html))
+    time, origins = scene.trials[0].time, scene.trials[0].origins
+    page.run(f"gaitcal.seek({(time[50] + time[51]) / 2 - time[0]})")
+    where = page.run(f"gaitcal.body.groups[{scene.segments.index('foot_r')}].position.toArray()")
+    assert where == pytest.approx((origins[50, 4] + origins[51, 4]) / 2, abs=1e-3)
+
+
+def test_the_served_page_works_too(visit: Visit, scene: Scene) -> None:
+    with ViewServer(view_html(scene)) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        try:
+            page = paused(visit(server.url))
+            assert page.console == []
+            assert {url for url in page.requests if not url.startswith(("data:", "blob:"))} <= {
+                server.url,
+                server.url + "favicon.ico",
+            }
+            assert page.run("gaitcal.trial.name") == "walk"
+        finally:
+            server.shutdown()
+            thread.join()

@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.model.chain import Chain
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
+from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.linkage import COORDINATES, SEGMENTS
+from gaitcal.model.parameters import published_subject
+from gaitcal.page import Scene, person_scene
+from gaitcal.page.body_fit import MESHES, garments_of
+from gaitcal.page.joint_marks import joint_marks
+from gaitcal.page.scene import MOST_FRAMES
+from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.motion import gait_motion
+from tests.page.people import GAIT_CYCLE, long_motion, standard_errors, subject_model, walking_trial
+
+SINGLE = 2e-6
+"""m: single precision on a few metres, quaternions included."""
+EXACT = 1e-12
+"""m: double precision all the way."""
+DRAWN = 0.015
+"""m: meshes are cut for joints where the reference body has them, not where this mesh is thickest."""
+
+
+def test_the_poses_put_model_markers_where_the_model_has_them(scene: Scene) -> None:
+    model = subject_model()
+    expected = synthetic_markers(model.parameters, model.markers, gait_motion().q)
+    assert scene.model_markers(scene.trials[0]) == pytest.approx(expected, abs=SINGLE)
+
+
+def test_gaps_stay_gaps(scene: Scene) -> None:
+    measured = scene.trials[0].measured
+    assert np.isnan(measured[40:80, 3]).all()
+    assert np.isfinite(measured[:40]).all()
+
+
+def test_quaternions_do_not_jump(scene: Scene) -> None:
+    turns = scene.trials[0].turns
+    assert (np.sum(turns[1:] * turns[:-1], axis=2) > 0.99).all()
+
+
+def test_arrows_stand_where_the_moment_is_vertical(scene: Scene) -> None:
+    wrench = ground_reactions(subject_model().parameters, gait_motion(), GAIT_CYCLE)
+    trial = scene.trials[0]
+    shown = np.isfinite(trial.forces).all(axis=2)
+    assert shown.any() and not shown.all()
+    assert (shown == (wrench[:, :, 1] > 20.0)).all()
+    force, centre = trial.forces[shown].astype(float), trial.pressure_centres[shown].astype(float)
+    assert force == pytest.approx(wrench[shown][:, :3], rel=1e-6, abs=1e-4)
+    rest = wrench[shown][:, 3:] - np.cross(centre, force)
+    assert np.abs(rest[:, [0, 2]]).max() < 1e-3  # N·m; single precision of 700 N at a metre
+    assert np.abs(centre[:, 1]).max() == 0.0
+
+
+def test_a_trial_without_plates_has_no_arrows(scene: Scene) -> None:
+    assert scene.trials[0].has_forces and scene.trials[0].valid.any() and not scene.trials[0].valid.all()
+    assert not scene.trials[1].has_forces and not scene.trials[1].valid.any()
+    assert scene.trials[1].plates.shape == (0, 4, 3)
+
+
+def test_segments_without_markers_are_not_tracked() -> None:
+    model = subject_model()
+    kept = [k for k, s in enumerate(model.markers.segments) if not s.startswith(("foot_l", "upper_arm_r"))]
+    markers = replace(
+        model.markers,
+        labels=tuple(model.markers.labels[k] for k in kept),
+        segments=tuple(model.markers.segments[k] for k in kept),
+        local=model.markers.local[kept],
+        weight=model.markers.weight[kept],
+    )
+    trial = walking_trial(replace(model, markers=markers), gait_motion(), "walk", None)
+    hidden = {s for s, tracked in zip(SEGMENTS, trial.tracked, strict=True) if not tracked}
+    assert hidden == {"foot_l", "talus_l", "upper_arm_r"}
+
+
+def test_a_long_trial_is_thinned_when_the_scene_is_made() -> None:
+    trial = walking_trial(subject_model(), long_motion(10_000), "long", None)
+    assert (trial.recorded, trial.stride, len(trial.time)) == (10_000, 3, 3334)
+    assert len(trial.time) <= MOST_FRAMES
+    assert trial.time[1] - trial.time[0] == pytest.approx(3 / 200)
+    assert len(trial.origins) == len(trial.turns) == len(trial.measured) == len(trial.valid) == len(trial.time)
+
+
+def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
+    """Whatever the coordinates, centre and axis of a joint are the same point and line from parent and child."""
+    model = subject_model()
+    q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, len(COORDINATES)))
+    chain = Chain("pelvis", SEGMENTS)
+    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for mark in joint_marks(model.nominal, model.parameters, {}):
+        s = chain.segments.index(mark.segment)
+        centre = origins[s] + np.einsum("j,jif->if", mark.fitted_centre, axes[s])
+        seen.setdefault(mark.joint, []).append((centre, np.einsum("j,jif->if", mark.fitted_axis, axes[s])))
+    pairs = {name: both for name, both in seen.items() if len(both) == 2}
+    assert set(pairs) >= {"hip_r", "knee_l", "subtalar_r", "back", "shoulder_l", "elbow_r"}
+    for name, ((centre_1, axis_1), (centre_2, axis_2)) in pairs.items():
+        assert centre_1 == pytest.approx(centre_2, abs=EXACT)
+        if not name.startswith("shoulder"):  # two axes: one is fixed in the trunk, the other in the arm
+            assert axis_1 == pytest.approx(axis_2, abs=EXACT, nan_ok=True)
+
+
+def test_standard_errors_become_clouds_and_cones() -> None:
+    model = subject_model()
+    errors = {
+        "hip_r.pelvis.ant": 0.003, "hip_r.pelvis.sup": 0.004, "knee_r.thigh.front": 0.02, "knee_r.thigh.trans": 0.03,
+    }  # fmt: skip
+    marks = {(m.joint, m.segment): m for m in joint_marks(model.nominal, model.nominal, errors)}
+    hip = marks["hip_r", "pelvis"]
+    assert hip.fitted and not marks["hip_r", "thigh_r"].fitted
+    assert hip.centre_spread @ hip.centre_spread.T == pytest.approx(np.diag([9e-6, 16e-6, 0.0]), abs=1e-12)
+    knee = marks["knee_r", "thigh_r"]
+    # the axis lies along -z: turning about x tips it in y, about y in x
+    assert knee.axis_spread @ knee.axis_spread.T == pytest.approx(np.diag([9e-4, 4e-4, 0.0]), abs=1e-9)
+    assert np.isnan(marks["hip_l", "pelvis"].centre_spread).all()
+    assert np.isnan(hip.nominal_axis).all()
+
+
+def test_an_error_that_is_no_number_draws_nothing() -> None:
+    model = subject_model()
+    marks = joint_marks(model.nominal, model.nominal, {"hip_r.pelvis.ant": float("nan"), "hip_r.pelvis.sup": np.inf})
+    assert not any(mark.fitted for mark in marks)
+
+
+def test_limb_meshes_end_at_the_joint_centres() -> None:
+    model = subject_model()
+    worn = {(g.mesh, g.segment): g.place for g in garments_of(model)}
+    knee = joint_marks(model.nominal, model.parameters, {})
+    centre = next(m.fitted_centre for m in knee if m.joint == "knee_r" and m.segment == "thigh_r")
+    place = worn["upperleg", "thigh_r"]
+    assert place[:, :3] @ [0.0, -60.8, 0.0] + place[:, 3] == pytest.approx(centre, abs=EXACT)
+    # the sole is under the ankle, the toes in front
+    foot = worn["foot", "foot_r"]
+    low, high = (foot[:, :3] @ MESHES["foot"][k] + foot[:, 3] for k in (0, 1))
+    assert low[1] < high[1] and high[0] - low[0] == pytest.approx(0.152 * 1.70, abs=DRAWN)
+
+
+@pytest.mark.parametrize("height", [1.2, 1.70, 2.05])
+def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
+    base = subject_model()
+    scale = height / 1.70
+    joint = published_subject().joint * np.array([scale if abs(x) > 0 else 1.0 for x in base.nominal.joint])
+    parameters = replace(base.nominal, joint=joint)
+    model = replace(base, subject=replace(base.subject, height=height), parameters=parameters, nominal=parameters)
+    head = next(g.place for g in garments_of(model) if g.mesh == "head")
+    marks = {(m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})}
+    legs = marks["hip_r", "thigh_r"] - marks["knee_r", "thigh_r"] - marks["talocrural_r", "shank_r"]
+    lumbar = legs + marks["knee_r", "shank_r"] + marks["back", "pelvis"] - marks["hip_r", "pelvis"] + 0.039 * height
+    top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1] - marks["back", "head_trunk"]
+    assert lumbar + top == pytest.approx(height, abs=0.01)
+
+
+def test_every_massive_segment_is_dressed(scene: Scene) -> None:
+    assert {g.segment for g in scene.garments} == set(MASSIVE_SEGMENTS)
+
+
+def test_a_scene_needs_no_errors() -> None:
+    model = subject_model()
+    bare = person_scene(replace(model, parameters=model.nominal), (), {})
+    assert not any(joint.fitted for joint in bare.joints)
+    assert standard_errors()

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.page import Scene, load_scene, save_scene
+from tests.page.people import walking_scene
+
+
+def same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    if isinstance(a, tuple):
+        return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
+    if hasattr(a, "__dataclass_fields__"):
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))  # type: ignore[arg-type]
+    return a == b
+
+
+def test_a_scene_comes_back_as_it_was(scene: Scene, tmp_path: Path) -> None:
+    save_scene(scene, tmp_path / "scene.npz")
+    assert same(load_scene(tmp_path / "scene.npz"), scene)
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.npz"]
+
+
+def test_any_name_comes_back(tmp_path: Path) -> None:
+    count = len(walking_scene().labels)
+    labels = tuple(f"../{k}\u202e</script>\ud800" for k in range(count))
+    odd = walking_scene(labels, "\x00 ä 漢 🦵")
+    save_scene(odd, tmp_path / "scene.npz")
+    back = load_scene(tmp_path / "scene.npz")
+    assert back.labels == labels and back.subject == odd.subject
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        load_scene(tmp_path / "scene.npz")
+
+
+def test_a_folder_is_no_scene(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no scene"):
+        load_scene(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nonsense", b"{}", b"\x93NUMPY"])
+def test_other_files_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="no scene of gaitcal"):
+        load_scene(path)
+
+
+def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    save_scene(scene, path)
+    good = path.read_bytes()
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(200):
+        content = bytearray(good)
+        content[int(rng.integers(len(good)))] ^= int(rng.integers(1, 256))
+        path.write_bytes(content if rng.random() < 0.8 else content[: int(rng.integers(len(good)))])
+        try:
+            load_scene(path)
+        except InputError:
+            refused += 1
+    assert refused > 150
+
+
+def test_pickles_are_not_opened(scene: Scene, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    buffer = io.BytesIO()
+    np.savez(buffer, scene=np.array([{"version": 1}], dtype=object))
+    path.write_bytes(buffer.getvalue())
+    with pytest.raises(InputError, match="no scene"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 99},
+        {"labels": ["one"]},
+        {"garments": [["unknown", "pelvis"]]},
+        {"trials": [["walk", "gait", "many", 1]]},
+        {"segments": ["pelvis"]},
+    ],
+)
+def test_contents_that_do_not_fit_together_are_refused(change: dict, scene: Scene, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    save_scene(replace(scene, trials=scene.trials[:1]), path)
+    with np.load(path) as arrays:
+        content = dict(arrays)
+    text = json.loads(content["scene"].tobytes().decode()) | change
+    content["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
+    np.savez(path, **content)
+    with pytest.raises(InputError, match="no scene of gaitcal"):
+        load_scene(path)

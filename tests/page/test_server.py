@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import http.client
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.page import Scene, ViewServer, save_scene, view_html
+
+SERVE = """
+import sys
+from gaitcal.page import load_scene, serve
+serve(load_scene(sys.argv[1]), open_browser=False, ready=lambda url: print(url, flush=True))
+print("ended", flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def server(scene: Scene) -> Iterator[ViewServer]:
+    with ViewServer(view_html(scene)) as running:
+        thread = threading.Thread(target=running.serve_forever, args=(0.05,))
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+def ask(server: ViewServer, method: str, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    try:
+        connection.request(method, path, headers={"Host": host} if host else {})
+        answer = connection.getresponse()
+        return answer, answer.read()
+    finally:
+        connection.close()
+
+
+def test_it_listens_on_the_loopback_interface_only(server: ViewServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # sends nothing; tells which own address would
+            own = probe.getsockname()[0]
+        except OSError:
+            pytest.skip("this machine has no other interface")
+    with pytest.raises(OSError):
+        socket.create_connection((own, server.server_port), timeout=60)
+
+
+def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
+    answer, body = ask(server, "GET", "/")
+    assert answer.status == 200 and body == server.page
+    policy = answer.headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-") and "frame-ancestors 'none'" in policy
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+    answer, body = ask(server, "HEAD", "/")
+    assert answer.status == 200 and body == b"" and int(answer.headers["Content-Length"]) == len(server.page)
+
+
+@pytest.mark.parametrize("path", ["/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html"])
+def test_there_is_nothing_else(path: str, server: ViewServer) -> None:
+    answer, body = ask(server, "GET", path)
+    assert answer.status == 404 and b"root:" not in body
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example:80", "127.0.0.1:x"]
+)
+def test_other_names_of_this_machine_get_nothing(host: str, server: ViewServer) -> None:
+    answer, body = ask(server, "GET", "/", host)
+    assert answer.status == 421 and len(body) < 1000
+
+
+@pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1", "[::1]:8080"])
+def test_a_tunnel_may_end_at_another_port(host: str, server: ViewServer) -> None:
+    answer, _ = ask(server, "GET", "/", host)
+    assert answer.status == 200
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+def test_it_only_reads(method: str, server: ViewServer) -> None:
+    answer, _ = ask(server, method, "/")
+    assert answer.status == 501
+
+
+@pytest.mark.parametrize("port", [-1, 70_000])
+def test_a_port_that_cannot_be(port: int) -> None:
+    with pytest.raises(InputError, match="port"):
+        ViewServer("", port)
+
+
+def test_a_port_in_use(server: ViewServer) -> None:
+    with pytest.raises(InputError, match="port"):
+        ViewServer("", server.server_port)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to send")
+def test_ctrl_c_ends_it_cleanly(scene: Scene, tmp_path: Path) -> None:
+    save_scene(scene, tmp_path / "scene.npz")
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVE, str(tmp_path / "scene.npz")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(b"http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+        process.wait()
+    assert (process.returncode, out, err) == (0, b"ended\n", b"")

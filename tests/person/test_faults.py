@@ -1,0 +1,257 @@
+"""Every fault of a study ends in exit code 1 and one clear line, and leaves an existing result folder as it was."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitcal import cli
+from gaitcal.study.study import Study
+from tests.real_studies import write_study
+from tests.synthetic_studies import write_synthetic_study
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run of the command line ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Ending]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """The command line in this process."""
+
+    def call(*arguments: object) -> Ending:
+        monkeypatch.setattr(sys, "argv", ["gaitcal", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as ending:
+            code = int(ending.code or 0)
+        printed = capsys.readouterr()
+        return Ending(code, printed.out, printed.err)
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sound synthetic study."""
+    folder = tmp_path_factory.mktemp("study")
+    write_synthetic_study(folder)
+    return folder
+
+
+@pytest.fixture
+def study(made: Path, tmp_path: Path) -> Path:
+    """A copy of the sound study, to be spoilt."""
+    return Path(shutil.copytree(made, tmp_path / "study")) / "study.toml"
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def change_table(path: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
+    change(pd.read_csv(path)).to_csv(path, index=False)
+
+
+def missing_file(study: Path) -> None:
+    (study.parent / "walk.csv").unlink()
+
+
+def text_named_c3d(study: Path) -> None:
+    (study.parent / "walk.c3d").write_text("time,RASI_x\n0.0,1.0\n" * 50, encoding="utf-8")
+    replace(study, 'file = "walk.csv"', 'file = "walk.c3d"')
+
+
+def unknown_marker_set(study: Path) -> None:
+    replace(study, 'set = "published"', 'set = "publishd"')
+
+
+def renamed_marker_not_there(study: Path) -> None:
+    replace(study, 'set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS" }')
+
+
+def landmark_not_there(study: Path) -> None:
+    change_table(study.parent / "static.csv", lambda t: t.drop(columns=[f"R.ASIS_{a}" for a in "xyz"]))
+
+
+def _emptied(name: str, marker: str) -> Callable[[Path], None]:
+    def spoil(study: Path) -> None:
+        change_table(study.parent / name, lambda t: t.assign(**{f"{marker}_{a}": np.nan for a in "xyz"}))
+
+    return spoil
+
+
+def static_walks(study: Path) -> None:
+    shutil.copy(study.parent / "walk.csv", study.parent / "static.csv")
+
+
+def no_mass(study: Path) -> None:
+    replace(study, "mass_kg = 69.4", "mass_kg = 0")
+
+
+def negative_height(study: Path) -> None:
+    replace(study, "height_m = 1.70", "height_m = -1.70")
+
+
+def _millimetres(*names: str) -> Callable[[Path], None]:
+    def spoil(study: Path) -> None:
+        for name in names:
+            change_table(study.parent / name, lambda t: t.assign(**{c: 1e3 * t[c] for c in t if c != "time"}))
+
+    return spoil
+
+
+def one_name_twice(study: Path) -> None:
+    replace(study, 'name = "walk"', 'name = "static"')
+
+
+def forces_too_short(study: Path) -> None:
+    change_table(study.parent / "walk_forces.csv", lambda t: t[t["time"] < 0.6])
+
+
+def unknown_key(study: Path) -> None:
+    replace(study, "mass_kg", "mass_gk")
+
+
+FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
+    "missing file": (missing_file, ("study.toml", "trial[2].file", "walk.csv", "walk_forces.csv")),
+    "text named .c3d": (text_named_c3d, ("walk.c3d", "not a C3D file")),
+    "unknown marker set": (unknown_marker_set, ("publishd", "published")),
+    "renamed marker not there": (renamed_marker_not_there, ("study.toml", "markers.rename", "RASIS", "R.ASIS")),
+    "landmark not there": (landmark_not_there, ("static.csv", "asis_r", "R.ASIS")),
+    "landmark never seen": (_emptied("static.csv", "R.ASIS"), ("static.csv", "R.ASIS")),
+    "marker never seen": (_emptied("walk.csv", "L.Thigh.Front"), ("walk.csv", "L.Thigh.Front", "weight")),
+    "no still window": (static_walks, ("static.csv", "still window", "m/s")),
+    "mass 0": (no_mass, ("study.toml", "subject.mass_kg", "0", "greater than 0")),
+    "negative height": (negative_height, ("study.toml", "subject.height_m", "-1.7", "0.3 to 2.6")),
+    "all in mm": (_millimetres("static.csv", "walk.csv"), ("static.csv", "mm")),
+    "walk in mm": (_millimetres("walk.csv"), ("walk.csv", "mm")),
+    "two trials with one name": (one_name_twice, ("study.toml", "trial", "static")),
+    "forces end early": (forces_too_short, ("walk_forces.csv", "0.595", "1.035", "time")),
+    "unknown key": (unknown_key, ("study.toml", "subject", "mass_gk", "mass_kg")),
+}
+"""What is done to the study, and what the line has to name."""
+
+
+def assert_refused(ending: Ending, named: tuple[str, ...]) -> None:
+    assert ending.code == 1, ending
+    assert ending.out == ""
+    lines = ending.err.splitlines()
+    assert len(lines) == 1, ending.err
+    assert lines[0].startswith("gaitcal: ")
+    for part in named:
+        assert part in lines[0]
+    assert "internal error" not in lines[0]
+
+
+def former_result(folder: Path) -> dict[str, bytes]:
+    """A folder that looks like an earlier result, and its content."""
+    folder.mkdir()
+    (folder / "manifest.json").write_text('{"gaitcal": "0", "kind": "calibration"}', encoding="utf-8")
+    (folder / "summary.json").write_text("{}", encoding="utf-8")
+    return content_of(folder)
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_told_in_one_line(fault: str, study: Path, run: Run) -> None:
+    spoil, named = FAULTS[fault]
+    spoil(study)
+    result = study.parent.parent / "result"
+    before = former_result(result)
+    assert_refused(run("calibrate", study, "--out", result), named)
+    assert content_of(result) == before
+    assert sorted(p.name for p in study.parent.parent.iterdir()) == ["result", "study"]
+
+
+def test_sound_study_passes(study: Path, run: Run) -> None:
+    result = study.parent.parent / "result"
+    former_result(result)
+    ending = run("calibrate", study, "--out", result)
+    assert (ending.code, ending.err) == (0, "")
+    assert (result / "report.html").exists()
+
+
+def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
+    for name in ("static.csv", "walk.csv"):
+        change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))
+    change_table(study.parent / "static.csv", lambda t: t.rename(columns={f"R.Heel_{a}": f"RHEE_{a}" for a in "xyz"}))
+    replace(study, 'set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS", "RHEE" = "R.Heel" }')
+    assert run("calibrate", study, "--out", study.parent / "result", "-q") == Ending(0, "", "")
+
+
+@pytest.mark.parametrize("kept", [0.5, 0.1, 0.999])
+def test_truncated_c3d(data_dir: Path, tmp_path: Path, run: Run, kept: float) -> None:
+    path = write_study("pig_c3d", data_dir, tmp_path)
+    content = (data_dir / "pig_c3d/gait.c3d").read_bytes()
+    (tmp_path / "gait.c3d").write_bytes(content[: int(kept * len(content))])
+    replace(path, (data_dir / "pig_c3d/gait.c3d").as_posix(), "gait.c3d")
+    assert_refused(run("calibrate", path, "--out", tmp_path / "result"), ("gait.c3d", "bytes"))
+    assert not (tmp_path / "result").exists()
+
+
+def test_mips_c3d(data_dir: Path, tmp_path: Path, run: Run) -> None:
+    path = write_study("pig_c3d", data_dir, tmp_path)
+    replace(path, (data_dir / "pig_c3d/gait.c3d").as_posix(), (data_dir / "c3d_formats/Eb015si.c3d").as_posix())
+    named = ("Eb015si.c3d", "MIPS", "Intel and DEC")
+    assert_refused(run("calibrate", path, "--out", tmp_path / "result"), named)
+
+
+def test_output_is_a_file(study: Path, run: Run) -> None:
+    target = study.parent / "walk.csv"
+    before = target.read_bytes()
+    assert_refused(run("calibrate", study, "--out", target), ("walk.csv", "folder"))
+    assert target.read_bytes() == before
+
+
+def test_output_below_a_file(study: Path, run: Run) -> None:
+    assert_refused(run("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which even root cannot write")
+def test_output_not_writable(study: Path, run: Run) -> None:
+    assert_refused(run("calibrate", study, "--out", "/proc/gaitcal-result"), ("/proc/gaitcal-result", "written"))
+
+
+def test_output_is_looked_at_before_the_work(study: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Study, "load", lambda _: pytest.fail("the study was read first"))
+    assert_refused(run("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
+
+
+def test_foreign_folder_is_kept(study: Path, run: Run) -> None:
+    folder = study.parent.parent / "thesis"
+    folder.mkdir()
+    (folder / "chapter.tex").write_text("years of work", encoding="utf-8")
+    assert_refused(run("calibrate", study, "--out", folder), ("thesis", "holds 'chapter.tex'"))
+    assert content_of(folder) == {"chapter.tex": b"years of work"}
+
+
+def test_as_a_process_of_its_own(study: Path, tmp_path: Path) -> None:
+    unknown_key(study)
+    command = [sys.executable, "-m", "gaitcal.cli", "calibrate", str(study), "--out", str(tmp_path / "result")]
+    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300)
+    assert_refused(Ending(done.returncode, done.stdout, done.stderr), ("study.toml", "mass_gk", "mass_kg"))

@@ -1,1 +1,0 @@
-"""Tests of the reproduction of the published study."""

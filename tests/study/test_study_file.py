@@ -1,0 +1,294 @@
+"""The study file: what is read, and that every mistake ends in one line naming field, find and cure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from gaitcal.errors import InputError
+from gaitcal.files.toml import MAX_BYTES
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_file import Markers, StudyFile, Subject, Trial, load_study_file
+
+STUDY = """\
+[subject]
+name = "subject01"
+mass_kg = 72.6
+height_m = 1.803
+sex = "male"
+[markers]
+set = "gait2354"
+rename = { "RASI" = "R.ASIS" }
+[[trial]]
+name = "static"
+role = "static"
+file = "static.trc"
+[[trial]]
+name = "hip"
+role = "joint"
+joint = "hip_r"
+file = "hip.csv"
+[[trial]]
+name = "walk"
+role = "gait"
+file = "data/walk.C3D"
+forces = "walk_grf.mot"
+plates = { 1 = "r", 2 = "none" }
+time = [0.4, 1.6]
+filter_hz = 12
+[calibration]
+nodes = 20
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "data").mkdir()
+    for name in ("static.trc", "hip.csv", "data/walk.C3D", "walk_grf.mot", "own_set.toml"):
+        (folder / name).touch()
+    return folder
+
+
+def load(folder: Path, text: str | bytes) -> StudyFile:
+    path = folder / "study.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return load_study_file(path)
+
+
+def message(folder: Path, text: str | bytes) -> str:
+    with pytest.raises(InputError) as caught:
+        load(folder, text)
+    line = str(caught.value)
+    assert len(line.splitlines()) == 1
+    assert line.startswith(str(folder / "study.toml"))
+    return line
+
+
+def test_reads_everything_and_resolves_paths_from_its_own_folder(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    study = load(folder, STUDY)
+    assert study.subject == Subject(name="subject01", mass_kg=72.6, height_m=1.803, sex="male")
+    assert study.markers.rename == {"RASI": "R.ASIS"}
+    assert study.static is study.trials[0]
+    walk = study.trials[2]
+    assert (walk.file, walk.forces) == (folder / "data/walk.C3D", folder / "walk_grf.mot")
+    assert (walk.plates, walk.time, walk.filter_hz) == ({"1": "r", "2": "none"}, (0.4, 1.6), 12.0)
+    assert study.calibration == CalibrationSettings(nodes=20)
+    assert study.calibration.force_filter_hz == "matched"
+
+
+def test_byte_order_mark_windows_line_ends_and_no_calibration(folder: Path) -> None:
+    text = STUDY.split("[calibration]")[0].replace("\n", "\r\n")
+    assert load(folder, b"\xef\xbb\xbf" + text.encode()).calibration == CalibrationSettings()
+
+
+def test_own_marker_set_is_a_path(folder: Path) -> None:
+    assert load(folder, STUDY).markers.set_path is None
+    own = load(folder, STUDY.replace('"gait2354"', '"./own_set.toml"'))
+    assert own.markers.set_path == folder / "own_set.toml"
+    assert "own_set.toml" in message(folder, STUDY.replace('"gait2354"', '"own_sets.toml"'))
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> None:
+    study = load(folder, STUDY.replace("nodes = 20", 'nodes = 20\nforce_filter_hz = 6.5\nrobust = "huber"'))
+    text = study.to_toml(folder if relative else None)
+    assert load(folder, text) == study
+    assert (str(folder) in text) is not relative
+
+
+def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
+    study = StudyFile(
+        subject=Subject(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
+        markers=Markers(set="gait2354", weights={"Top.Head": 0.0}),
+        trial=(Trial(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
+    )
+    read = load(folder, study.to_toml())
+    assert (read.subject, read.markers, read.trials[0].time) == (study.subject, study.markers, (0.0, 1.0))
+
+
+def test_frozen() -> None:
+    with pytest.raises(ValidationError):
+        CalibrationSettings().jp = False  # type: ignore[misc]
+
+
+def test_every_calibration_field_is_described_and_has_a_default() -> None:
+    for name, field in CalibrationSettings.model_fields.items():
+        assert field.description, name
+        assert not field.is_required(), name
+
+
+# One row a mistake: what is replaced in STUDY, by what, and what the line must hold.
+FAULTS = {
+    "mass 0": ("72.6", "0", ["subject.mass_kg", "found 0", "greater than 0"]),
+    "mass negative": ("72.6", "-3", ["subject.mass_kg", "found -3"]),
+    "mass nan": ("72.6", "nan", ["subject.mass_kg", "found nan", "finite"]),
+    "mass infinite": ("72.6", "inf", ["subject.mass_kg", "found inf", "finite"]),
+    "mass as text": ("72.6", '"72.6"', ["subject.mass_kg", "found '72.6'", "a number"]),
+    "mass as truth value": ("72.6", "true", ["subject.mass_kg", "found True"]),
+    "mass beyond floats": ("72.6", "1" + "0" * 400, ["subject.mass_kg", "a number"]),
+    "mass missing": ("mass_kg = 72.6\n", "", ["subject.mass_kg", "missing", "body mass in kg"]),
+    "mass misspelt": ("mass_kg", "mas_kg", ["subject", "'mas_kg'", "did you mean 'mass_kg'"]),
+    "height negative": ("1.803", "-1.8", ["subject.height_m", "found -1.8", "0.3 to 2.6"]),
+    "height in cm": ("1.803", "180.3", ["subject.height_m", "centimetres", "1.803"]),
+    "height in mm": ("1.803", "1803", ["subject.height_m", "millimetres", "1.803"]),
+    "sex": ('"male"', '"mail"', ["subject.sex", "'mail'", "'male' or 'female'"]),
+    "name empty": ('"subject01"', '" "', ["subject.name", "printable"]),
+    "name with control characters": ('"subject01"', '"a\\u001b[31m"', ["subject.name", "printable"]),
+    "table unknown": ("[calibration]", "[calibraton]", ["'calibraton'", "did you mean 'calibration'"]),
+    "table missing": ("[markers]\n", "", ["subject", "unknown key"]),
+    "table is a number": ("[subject]\n", "markers = 3\n[subject]\n", ["not valid TOML"]),
+    "calibration key unknown": ("nodes =", "node =", ["calibration", "'node'", "did you mean 'nodes'"]),
+    "key with a line break": ("nodes =", '"a\\nb" =', ["calibration", "unknown key"]),
+    "nodes too few": ("nodes = 20", "nodes = 3", ["calibration.nodes", "found 3", "at least 6"]),
+    "nodes no whole number": ("nodes = 20", "nodes = 20.5", ["calibration.nodes", "whole number"]),
+    "mode": ("nodes = 20", 'mode = "simultanous"', ["calibration.mode", "did you mean 'simultaneous'"]),
+    "flag as text": ("nodes = 20", 'jp = "yes"', ["calibration.jp", "true or false"]),
+    "filter word": ("nodes = 20", 'force_filter_hz = "match"', ["calibration.force_filter_hz", "'matched' or 'none'"]),
+    "joint step without ip": ("nodes = 20", 'ip = "none"\njoint_step = true', ["calibration.joint_step", "ip other"]),
+    "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
+    "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
+    "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
+    "two static": ('role = "gait"', 'role = "static"', ["trial", "found 2", "static, walk"]),
+    "trial name with a path": ('"walk"', '"../walk"', ["trial[3].name", "'../walk'"]),
+    "trial name hidden": ('"walk"', '".walk"', ["trial[3].name"]),
+    "trial name reserved": ('"walk"', '"con"', ["trial[3].name", "Windows"]),
+    "trial name long": ('"walk"', f'"{"w" * 81}"', ["trial[3].name", "80"]),
+    "trial name unicode": ('"walk"', '"gehen ü"', ["trial[3].name"]),
+    "role": ('role = "gait"', 'role = "walk"', ["trial[3].role", "'static', 'joint' or 'gait'"]),
+    "joint missing": ('joint = "hip_r"\n', "", ["trial[2].joint", "missing", "knee_r"]),
+    "joint unknown": ('joint = "hip_r"', 'joint = "hip"', ["trial[2].joint", "found 'hip'", "'ankle_l'"]),
+    "joint for gait": ('role = "gait"', 'role = "gait"\njoint = "hip_r"', ["trial[3].joint", "role = 'gait'"]),
+    "file missing": ('"static.trc"', '"statics.trc"', ["trial[1].file", "statics.trc", "did you mean 'static.trc'"]),
+    "file far from any": ('"static.trc"', '"zzz.c3d"', ["trial[1].file", "the folder holds", "hip.csv"]),
+    "folder missing": ('"static.trc"', '"raw/static.trc"', ["trial[1].file", "'raw' does not exist"]),
+    "file is a folder": ('"static.trc"', '"../x.trc/"', ["trial[1].file"]),
+    "file with a null": ('"static.trc"', '"st\\u0000.trc"', ["trial[1].file", "no such file"]),
+    "file name endless": ('"static.trc"', f'"{"s" * 5000}.trc"', ["trial[1].file", "no such file"]),
+    "file empty": ('"static.trc"', '""', ["trial[1].file", ".c3d .trc .csv"]),
+    "file of another kind": ('"static.trc"', '"static.xlsx"', ["trial[1].file", "static.xlsx", ".c3d .trc .csv"]),
+    "forces missing": ("walk_grf.mot", "walk_gfr.mot", ["trial[3].forces", "did you mean 'walk_grf.mot'"]),
+    "forces of another kind": ("walk_grf.mot", "walk_grf.trc", ["trial[3].forces", ".mot .sto .csv"]),
+    "plate side": ('2 = "none"', '2 = "left"', ["trial[3].plates.2", "'left'", "'r', 'l' or 'none'"]),
+    "plates no table": ('{ 1 = "r", 2 = "none" }', '["r", "l"]', ["trial[3].plates", "a table"]),
+    "time decreasing": ("[0.4, 1.6]", "[1.6, 0.4]", ["trial[3].time", "increasing"]),
+    "time one number": ("[0.4, 1.6]", "0.4", ["trial[3].time", "found 0.4", "increasing"]),
+    "time nan": ("[0.4, 1.6]", "[0.4, nan]", ["trial[3].time", "increasing"]),
+    "trial filter": ("filter_hz = 12", "filter_hz = -12", ["trial[3].filter_hz", "found -12", "'none'"]),
+    "trial key": ("forces =", "force =", ["trial[3]", "did you mean 'forces'"]),
+    "renamed twice": ('"RASI" =', '"A" = "R.ASIS", "RASI" =', ["markers.rename", "'A' and 'RASI'"]),
+    "weight negative": ("rename = {", 'weights = { "x" = -1 }\nrename = {', ["markers.weights.x", "at least 0"]),
+    "marker set empty": ('"gait2354"', '""', ["markers.set"]),
+    "no TOML": ("[markers]", "[markers", ["not valid TOML", "line 6"]),
+    "unclosed text": ('"male"', '"male', ["not valid TOML", "line 5"]),
+    "key twice": ("sex =", "mass_kg = 3\nsex =", ["not valid TOML", "line 5"]),
+    "windows path": ('"static.trc"', '"C:\\data\\static.trc"', ["not valid TOML", "line 12", "single quotes"]),
+    "too deep": ("nodes = 20", "nodes = " + "[" * 5000, ["not valid TOML", "deep"]),
+    "number of 5000 digits": ("nodes = 20", "nodes = 1" + "0" * 5000, ["not valid TOML"]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault(folder: Path, fault: str) -> None:
+    old, new, parts = FAULTS[fault]
+    assert old in STUDY
+    line = message(folder, STUDY.replace(old, new, 1))
+    for part in parts:
+        assert part in line
+    assert len(line) < 900
+
+
+def test_single_bracket_trial(folder: Path) -> None:
+    text = STUDY.split("[[trial]]")[0] + '[trial]\nname = "static"\nrole = "static"\nfile = "static.trc"\n'
+    assert "two brackets" in message(folder, text)
+    assert "two brackets" in message(folder, STUDY.replace('[[trial]]\nname = "walk"', '[trial]\nname = "walk"'))
+
+
+@pytest.mark.parametrize(
+    "content, part",
+    [
+        (b"", "missing"),
+        (b"[subject]\nname = \"M\xfcller\"\n", "line 2 is not UTF-8"),
+        (bytes(range(256)), "not UTF-8"),
+        (b"\x00" * 100, "not valid TOML"),
+        (b"# " + b"x" * MAX_BYTES, "over 1 MB"),
+    ],
+)  # fmt: skip
+def test_content_that_is_no_study(folder: Path, content: bytes, part: str) -> None:
+    assert part in message(folder, content)
+
+
+def test_no_study_file(folder: Path) -> None:
+    load(folder, STUDY)
+    with pytest.raises(InputError, match="did you mean 'study.toml'"):
+        load_study_file(folder / "studi.toml")
+    with pytest.raises(InputError, match="is a folder"):
+        load_study_file(folder)
+    with pytest.raises(InputError, match="no regular file"):
+        load_study_file("/dev/null")
+
+
+FRAGMENTS = [
+    "[",
+    "]",
+    "{",
+    "}",
+    "=",
+    '"',
+    "'",
+    "\\",
+    "\n",
+    ",",
+    ".",
+    "[[trial]]",
+    "[subject]",
+    "nan",
+    "-1e400",
+    "0x",
+    "true",
+]
+FRAGMENTS += [
+    "1979-05-27T07:32:00Z",
+    "\\u0000",
+    "\x1b",
+    "☃",
+    '"""',
+    "role",
+    'joint = "hip_r"',
+    "9" * 400,
+    "[]",
+    "{}",
+    "..",
+    "/",
+]
+
+
+@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    edits=st.lists(
+        st.tuples(
+            st.integers(0, len(STUDY)),
+            st.integers(0, 12),
+            st.one_of(
+                st.sampled_from(FRAGMENTS), st.text(max_size=4), st.sampled_from(STUDY.splitlines(keepends=True))
+            ),
+        ),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_mutated_files_end_in_a_study_or_one_line(folder: Path, edits: list[tuple[int, int, str]]) -> None:
+    text = STUDY
+    for at, length, new in edits:
+        text = text[:at] + new + text[at + length :]
+    try:
+        load(folder, text.encode("utf-8", "surrogatepass"))
+    except InputError as error:
+        assert len(str(error).splitlines()) == 1

@@ -1,0 +1,79 @@
+"""A synthetic person's study as CSV files: standing, walking over two plates, moving one joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.recording import ForcePlate, Recording, write_forces_csv, write_markers_csv
+from gaitcal.recording.force_plate import plate_from_moment
+from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.motion import TrueMotion, gait_motion, isolated_motion, static_motion
+
+Array = NDArray[np.float64]
+
+CYCLE_S = 1.04
+UP = np.array([0.0, 1.0, 0.0])
+
+STUDY = """
+[subject]
+name = "synthetic"
+mass_kg = 69.4
+height_m = 1.70
+sex = "male"
+
+[markers]
+set = "published"
+
+[[trial]]
+name = "static"
+role = "static"
+file = "static.csv"
+
+[[trial]]
+name = "walk"
+role = "gait"
+file = "walk.csv"
+forces = "walk_forces.csv"
+"""
+
+
+def made_recording(motion: TrueMotion, parameters: Parameters | None = None, *, static: bool = False) -> Recording:
+    """The published markers of a motion."""
+    model = published_model(static_only=static)
+    own = model.parameters if parameters is None else parameters
+    markers = synthetic_markers(own, model.markers, motion.q)
+    return Recording("made up", motion.basis.time, model.markers.labels, markers)
+
+
+def made_plates(motion: TrueMotion, parameters: Parameters | None = None) -> tuple[ForcePlate, ForcePlate]:
+    """A plate under each foot that carries what the motion asks for."""
+    own = published_model().parameters if parameters is None else parameters
+    wrench = ground_reactions(own, motion, CYCLE_S)
+    time, origin = motion.basis.time, np.zeros(3)
+    right, left = (
+        plate_from_moment(name, time, wrench[:, k, :3], wrench[:, k, 3:], origin, UP, None)
+        for k, name in enumerate(("1", "2"))
+    )
+    return right, left
+
+
+def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = "") -> Path:
+    """Files and study file in `folder`; `more` is put at the end of the study file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_markers_csv(folder / "static.csv", made_recording(static_motion(), static=True))
+    walk = gait_motion()
+    write_markers_csv(folder / "walk.csv", made_recording(walk))
+    write_forces_csv(folder / "walk_forces.csv", made_plates(walk))
+    text = STUDY
+    for joint in joints:
+        write_markers_csv(folder / f"{joint}.csv", made_recording(isolated_motion(joint)))
+        text += f'\n[[trial]]\nname = "{joint}"\nrole = "joint"\njoint = "{joint}"\nfile = "{joint}.csv"\n'
+    path = folder / "study.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
