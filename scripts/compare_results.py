@@ -54,7 +54,8 @@ def difference(before: Path, after: Path, rtol: float) -> str:
 def _arrays(before: dict[str, np.ndarray], after: dict[str, np.ndarray], rtol: float) -> str:
     if list(before) != list(after):
         return f"holds {sorted(set(before) ^ set(after))} on one side only"
-    told = []
+    told: list[str] = []
+    apart_by: dict[str, float] = {}
     for name, a in before.items():
         b = after[name]
         if a.shape != b.shape:
@@ -63,8 +64,10 @@ def _arrays(before: dict[str, np.ndarray], after: dict[str, np.ndarray], rtol: f
             if not (a == b).all():
                 told.append(f"{name}: other words")
         elif a.size and (apart := _apart(a.astype(float), b.astype(float))) > rtol:
-            told.append(f"{name}: {apart:.1e}")
-    return "; ".join(told)
+            apart_by[name] = apart
+    worst = sorted(apart_by, key=lambda name: -apart_by[name])
+    told += [f"{name} apart by {apart_by[name]:.1e}" for name in worst[:3]]
+    return "; ".join(told) + (f" and {len(worst) - 3} more" if len(worst) > 3 else "")
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:

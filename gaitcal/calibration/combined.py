@@ -1,39 +1,45 @@
-"""Third step: joint parameters, inertial parameters and motions together, against markers and ground reactions.
+"""Third step: joint parameters, inertial parameters and motions combined, against markers and ground reactions.
 
     min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }  +  |x / spread|^2
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW H with one figure
 s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
 `inertial_chart.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes as
-the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point.
-Levenberg-Marquardt from the end of phases 1 and 2.
+the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
+(`motion/arrow.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.calibration.far_start import SharedTrials
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.dynamics.root_residual import root_residual
+from gaitcal.dynamics.root_residual import RootResidual, root_residual
 from gaitcal.model.inertial_parameters import InertialSet, dynamic_jacobian
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.spline import ORDER
+from gaitcal.motion.arrow import ArrowEquations, SharedPrior
+from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
 
+DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)
+"""A little damped at first: markers and loads pull apart where phases 1 and 2 ended."""
+
 
 @dataclass(frozen=True)
-class JointStepTrial:
-    """A trial of the third step."""
+class CombinedTrial:
+    """A trial of the combined fit."""
 
     problem: TrialProblem
     nodes: Array
@@ -41,23 +47,22 @@ class JointStepTrial:
     wrench: Array | None = None
     """(nf, 2, 6) ground reactions of a whole-body trial; None: markers only."""
     valid: NDArray[np.bool_] | None = None
-    """(nf,) frames whose residual counts."""
+    """(nf,) frames whose residual counts; None: all."""
 
 
 @dataclass(frozen=True)
-class JointStepSettings:
+class CombinedSettings:
     """Weights and tolerances."""
 
     load_share: float = 0.005
     """s: standard deviation of F / BW and of T / (BW H) that measurement alone explains."""
     spread: ConsistentSettings = field(default_factory=ConsistentSettings)
-    tolerance: float = 1e-6
-    most_steps: int = 60
+    descent: DescentSettings = DESCENT
 
 
-@dataclass(frozen=True)
-class JointStepFit:
-    """Where the third step ended."""
+@dataclass(frozen=True, kw_only=True)
+class CombinedFit:
+    """Where the combined fit ended."""
 
     parameters: Parameters
     nodes: tuple[Array, ...]
@@ -67,194 +72,174 @@ class JointStepFit:
     cost: float
     steps: int
     seconds: float
-    converged: bool
+    ending: Ending
+
+    @property
+    def converged(self) -> bool:
+        """Whether it reached its tolerance."""
+        return self.ending.converged
 
 
-@dataclass(frozen=True)
-class _System:
-    cost: float
-    band: Array
-    mixed: Array
-    gradient: Array
-    corner: Array
-    corner_gradient: Array
-
-
-def joint_step(
-    trials: Sequence[JointStepTrial],
+def combined_fit(
+    trials: Sequence[CombinedTrial],
     parameters: Parameters,
     free: tuple[str, ...],
     which: InertialSet,
     subject: Subject,
-    settings: JointStepSettings | None = None,
-) -> JointStepFit:
+    settings: CombinedSettings | None = None,
+) -> CombinedFit:
     """Fit joint parameters `free`, the inertial variables `which` and all motions together."""
     began = time.perf_counter()
-    settings = settings or JointStepSettings()
-    problem = _JointStep(trials, parameters, free, which, subject, settings)
+    settings = settings or CombinedSettings()
+    problem = _MarkersAndLoads(trials, parameters, free, which, subject, settings)
     theta = np.concatenate([parameters.joint[[JP_INDEX[n] for n in free]], np.zeros(problem.chart.size)])
-    nodes = [trial.nodes for trial in trials]
-    systems, damping = problem.systems(theta, nodes), 1e-4
-    cost = problem.cost(theta, systems)
-    converged, step = False, 0
-    while step < settings.most_steps and not converged:
-        step += 1
-        d_theta, d_nodes = problem.step(theta, systems, damping)
-        next_theta = theta + d_theta
-        next_nodes = [n + d for n, d in zip(nodes, d_nodes, strict=True)]
-        candidate = problem.systems(next_theta, next_nodes)
-        next_cost = problem.cost(next_theta, candidate)
-        if next_cost <= cost:
-            converged = cost - next_cost <= settings.tolerance * cost
-            theta, nodes, systems, cost = next_theta, next_nodes, candidate, next_cost
-            damping = damping / 10 if damping > 1e-10 else 0.0
-        else:
-            damping = max(10 * damping, 1e-8)
-            if damping > 1e8:
-                converged = True
-    return JointStepFit(
-        problem.parameters_at(theta),
-        tuple(nodes),
-        problem.sigma,
-        settings.load_share,
-        cost,
-        step,
-        time.perf_counter() - began,
-        converged,
+    end = descend(problem, problem.joined(theta, [trial.nodes for trial in trials]), settings.descent)
+    theta, nodes = problem.parted(end.x)
+    return CombinedFit(
+        parameters=problem.parameters_at(theta),
+        nodes=tuple(nodes),
+        marker_sigma=problem.sigma,
+        load_share=settings.load_share,
+        cost=end.cost,
+        steps=end.steps,
+        seconds=time.perf_counter() - began,
+        ending=end.ending,
     )
 
 
-class _JointStep:
+class _MarkersAndLoads(SharedTrials):
+    """The cost by theta = (joint parameters, inertial variables) and the nodes of each trial."""
+
     def __init__(
         self,
-        trials: Sequence[JointStepTrial],
+        trials: Sequence[CombinedTrial],
         parameters: Parameters,
         free: tuple[str, ...],
         which: InertialSet,
         subject: Subject,
-        settings: JointStepSettings,
+        settings: CombinedSettings,
     ) -> None:
-        self.trials, self.free, self.start = trials, free, parameters
+        super().__init__([trial.problem for trial in trials], parameters, free)
         self.chart = LogChart(parameters.inertial, which)
-        self.prior = 1.0 / self.chart.spread(settings.spread)
-        self.open = [trial.problem.with_free(free) for trial in trials]
-        place = {name: k for k, name in enumerate(free)}
-        self.columns = [np.array([place[n] for n in p.chain.free], dtype=np.intp) for p in self.open]
+        self.size = len(free) + self.chart.size
+        self.nothing_left = 0.0
+        self.trials = trials
+        self.precision = 1.0 / self.chart.spread(settings.spread)
         self.sigma = self._marker_sigma()
         scale = settings.load_share * subject.weight
         self.load_weight = np.repeat([1.0 / scale, 1.0 / (scale * subject.height)], 3)
+        """(6,) one over sigma_F (1/N) and sigma_T (1/(N m))."""
 
     def _marker_sigma(self) -> float:
         """Marker error in m per coordinate: the marker residual at the start, over all trials."""
         total, count = 0.0, 0.0
         for trial, problem in zip(self.trials, self.open, strict=True):
-            total += problem.cost(trial.nodes, problem.constants(self.start))
+            total += problem.cost(trial.nodes, problem.constants(self.parameters))
             count += 3.0 * float((problem.data.weight > 0).sum())
         return float(np.sqrt(total / count))
 
     def parameters_at(self, theta: Array) -> Parameters:
-        size = len(self.free)
-        moved = self.start.with_joint(self.free, theta[:size])
-        return moved.with_inertial(self.chart.inertial(theta[size:]))
+        """The linkage at theta."""
+        split = len(self.free)
+        moved = self.parameters.with_joint(self.free, theta[:split])
+        return moved.with_inertial(self.chart.inertial(theta[split:]))
 
-    def cost(self, theta: Array, systems: Sequence[_System]) -> float:
-        x = theta[len(self.free) :] * self.prior
-        return sum(s.cost for s in systems) + float(x @ x)
+    def evaluate(self, x: Array) -> Evaluation:
+        """Cost and half gradient, without unit."""
+        return self.linearise(x, curved=False).evaluation
 
-    def systems(self, theta: Array, nodes: Sequence[Array]) -> list[_System]:
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        """The same with the arrow."""
+        theta, nodes = self.parted(x)
         parameters = self.parameters_at(theta)
-        x = theta[len(self.free) :]
-        return [self._system(k, parameters, x, n) for k, n in enumerate(nodes)]
+        equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(nodes)]
+        everything = [np.arange(self.size)] * len(equations)
+        return ArrowEquations(equations, everything, self.size, self._prior(theta))
 
-    def _system(self, k: int, parameters: Parameters, x: Array, nodes: Array) -> _System:
+    def _prior(self, theta: Array) -> SharedPrior:
+        """|x / spread|^2; joint parameters are held by the markers alone."""
+        precision = np.concatenate([np.zeros(len(self.free)), self.precision])
+        scaled = precision * theta
+        return SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
+
+    def _trial(self, k: int, parameters: Parameters, theta: Array, nodes: Array) -> NormalEquations:
+        """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
         marker = problem.equations(nodes, problem.constants(parameters))
-        share, size = 1.0 / self.sigma**2, len(self.free) + self.chart.size
-        mixed, corner = np.zeros((nodes.size, size)), np.zeros((size, size))
+        share = 1.0 / self.sigma**2
+        mixed, corner = np.zeros((nodes.size, self.size)), np.zeros((self.size, self.size))
+        corner_gradient = np.zeros(self.size)
         mixed[:, columns] = share * marker.mixed
         corner[np.ix_(columns, columns)] = share * marker.parameters
-        corner_gradient = np.zeros(size)
         corner_gradient[columns] = share * marker.parameter_gradient
-        system = _System(
-            share * marker.cost,
-            share * marker.band,
-            mixed,
-            share * marker.node_gradient.ravel(),
-            corner,
-            corner_gradient,
+        scaled = NormalEquations(
+            cost=share * marker.cost,
+            band=share * marker.band,
+            mixed=mixed,
+            parameters=corner,
+            node_gradient=share * marker.node_gradient,
+            parameter_gradient=corner_gradient,
         )
         if trial.wrench is None:
-            return system
-        return self._add_loads(system, problem, trial.wrench, trial.valid, parameters, x, nodes)
+            return scaled
+        valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
+        q, v, a = (problem.basis.evaluate(nodes, d)[valid] for d in range(3))
+        load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
+        by_theta = self._by_theta(load, parameters, theta)
+        return _with_loads(scaled, problem.basis, valid, load, by_theta, self.load_weight)
 
-    def _add_loads(
-        self,
-        system: _System,
-        problem: TrialProblem,
-        wrench: Array,
-        counts: NDArray[np.bool_] | None,
-        parameters: Parameters,
-        x: Array,
-        nodes: Array,
-    ) -> _System:
-        basis, nq = problem.basis, nodes.shape[1]
-        valid = np.ones(len(basis.time), bool) if counts is None else counts
-        q, v, a = (basis.evaluate(nodes, d)[valid] for d in range(3))
-        load = root_residual(parameters, self.free, q, v, a, wrench[valid])
-        weight = self.load_weight[None, :, None]
-        value = load.value * self.load_weight
-        by_phi = dynamic_jacobian(parameters.inertial)
-        by_ip = np.einsum("frsd,sdk->frsk", load.regressor.reshape(*load.value.shape, 12, 10), by_phi)
-        by_x = by_ip.reshape(*load.value.shape, 84) @ self.chart.jacobian(x)
-        by_theta = np.zeros((*load.value.shape, len(self.free) + self.chart.size))
-        by_theta[:, :, [self.free.index(n) for n in load.free]] = load.by_parameter
-        by_theta[:, :, len(self.free) :] = by_x
-        by_theta *= weight
-        system.corner[:] += np.einsum("fri,frj->ij", by_theta, by_theta)
-        system.corner_gradient[:] += np.einsum("fri,fr->i", by_theta, value)
-        rows, within = np.cumsum(valid) - 1, ORDER * nq
-        i, j = np.tril_indices(within)
-        for first, frames in basis.spans:
-            at = rows[frames][valid[frames]]
-            if not len(at):
-                continue
-            w0, w1, w2 = (w[frames][valid[frames]] for w in (basis.value, basis.rate, basis.acceleration))
-            block = (
-                np.einsum("fk,frq->frkq", w0, load.by_position[at])
-                + np.einsum("fk,frq->frkq", w1, load.by_velocity[at])
-                + np.einsum("fk,frq->frkq", w2, load.by_acceleration[at])
-            )
-            matrix = (block.reshape(len(at), 6, within) * weight).reshape(-1, within)
-            start = first * nq
-            gram = matrix.T @ matrix
-            system.band[start + j, i - j] += gram[i, j]
-            span = slice(start, start + within)
-            system.mixed[span] += matrix.T @ by_theta[at].reshape(len(matrix), -1)
-            system.gradient[span] += matrix.T @ value[at].ravel()
-        return _System(
-            system.cost + float(np.sum(value**2)),
-            system.band,
-            system.mixed,
-            system.gradient,
-            system.corner,
-            system.corner_gradient,
+    def _by_theta(self, load: RootResidual, parameters: Parameters, theta: Array) -> Array:
+        """(frames, 6, size) derivative of the root residual by theta, in its standard deviations."""
+        frames = len(load.value)
+        by_dynamic = load.regressor.reshape(frames, 6, 12, 10)
+        by_inertial = np.einsum("frsd,sdk->frsk", by_dynamic, dynamic_jacobian(parameters.inertial))
+        out = np.zeros((frames, 6, self.size))
+        out[:, :, [self.free.index(n) for n in load.free]] = load.by_parameter
+        split = len(self.free)
+        out[:, :, split:] = by_inertial.reshape(frames, 6, 84) @ self.chart.jacobian(theta[split:])
+        out *= self.load_weight[None, :, None]
+        return out
+
+
+def _with_loads(
+    markers: NormalEquations,
+    basis: SplineBasis,
+    valid: NDArray[np.bool_],
+    load: RootResidual,
+    by_theta: Array,
+    weight: Array,
+) -> NormalEquations:
+    """The equations of the markers, the root residuals of the valid frames added in place."""
+    value = load.value * weight
+    corner = markers.parameters + np.einsum("fri,frj->ij", by_theta, by_theta)
+    corner_gradient = markers.parameter_gradient + np.einsum("fri,fr->i", by_theta, value)
+    nn, nq = markers.node_gradient.shape
+    gradient = markers.node_gradient.reshape(nn * nq)
+    # Row of each frame in the arrays over valid frames; the six nodes of a span are neighbours in the band.
+    row, within = np.cumsum(valid) - 1, ORDER * nq
+    i, j = np.tril_indices(within)
+    for first_node, frames in basis.spans:
+        here = row[frames][valid[frames]]
+        if not len(here):
+            continue
+        # d residual / d node k, coordinate q = d/dq B_k + d/dv B'_k + d/da B''_k: (frames, 6 rows, 6 nodes, nq)
+        b, rate, acceleration = (w[frames][valid[frames]] for w in (basis.value, basis.rate, basis.acceleration))
+        by_node = (
+            np.einsum("fk,frq->frkq", b, load.by_position[here])
+            + np.einsum("fk,frq->frkq", rate, load.by_velocity[here])
+            + np.einsum("fk,frq->frkq", acceleration, load.by_acceleration[here])
         )
-
-    def step(self, theta: Array, systems: Sequence[_System], damping: float) -> tuple[Array, list[Array]]:
-        size = len(theta)
-        matrix, right = np.zeros((size, size)), np.zeros(size)
-        inertial = slice(len(self.free), size)
-        matrix[inertial, inertial] = np.diag(self.prior**2)
-        right[inertial] = self.prior**2 * theta[inertial]
-        solved = []
-        for s in systems:
-            both = BandFactor(s.band, damping).solve(np.column_stack([s.mixed, s.gradient]))
-            solved.append(both)
-            matrix += s.corner - s.mixed.T @ both[:, :-1]
-            right += s.corner_gradient - s.mixed.T @ both[:, -1]
-        matrix += np.diag(damping * np.diag(sum(s.corner for s in systems)) + 1e-14 * np.trace(matrix))
-        d_theta = np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
-        shapes = [trial.nodes.shape for trial in self.trials]
-        return d_theta, [
-            -(b[:, -1] + b[:, :-1] @ d_theta).reshape(shape) for b, shape in zip(solved, shapes, strict=True)
-        ]
+        matrix = (by_node.reshape(len(here), 6, within) * weight[None, :, None]).reshape(-1, within)
+        start = first_node * nq
+        gram = matrix.T @ matrix
+        markers.band[start + j, i - j] += gram[i, j]  # entry (i, j) of a lower band stands at row j, column i - j
+        span = slice(start, start + within)
+        markers.mixed[span] += matrix.T @ by_theta[here].reshape(len(matrix), -1)
+        gradient[span] += matrix.T @ value[here].ravel()
+    return replace(
+        markers,
+        cost=markers.cost + float(np.sum(value**2)),
+        parameters=corner,
+        node_gradient=gradient.reshape(nn, nq),
+        parameter_gradient=corner_gradient,
+    )

@@ -2,8 +2,8 @@
 
 Variable projection solves each motion fully for the joint parameters of the moment; where those are absurd (all zero,
 as in the published protocol) that motion folds up and leads into a valley of its own. Levenberg-Marquardt steps in
-nodes and joint parameters together do not: damped, they move both a little, and converge from absolute zero. One step
-solves the arrow-shaped system of `motion/banded.py` by its Schur complement, over all trials at once.
+nodes and joint parameters together do not: damped, they move both a little, and converge from absolute zero. Each step
+solves the arrow of `motion/arrow.py` over all trials at once.
 """
 
 from __future__ import annotations
@@ -15,15 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.banded import BandFactor, NormalEquations
+from gaitcal.motion.arrow import ArrowEquations
+from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.track import NOTHING_LEFT_M
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
 
+DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
+"""Every step on its own matrix: far away none serves twice."""
 
-@dataclass(frozen=True)
-class Approached:
-    """Where the approach ended."""
+
+@dataclass(frozen=True, kw_only=True)
+class FarStart:
+    """Where the steps ended."""
 
     p: Array
     """(np,) m, rad."""
@@ -31,62 +36,57 @@ class Approached:
     cost: float
     """m^2."""
     steps: int
-    converged: bool
+    ending: Ending
+
+    @property
+    def converged(self) -> bool:
+        """Whether it reached its tolerance."""
+        return self.ending.converged
 
 
-def approach(
+def step_together(
     problems: Sequence[TrialProblem],
     parameters: Parameters,
     free: tuple[str, ...],
     starts: Sequence[Array],
     p: Array,
-    *,
-    tolerance: float = 1e-6,
-    most_steps: int = 60,
-) -> Approached:
-    """Levenberg-Marquardt on nodes and joint parameters together, until the cost falls by less than `tolerance`."""
-    opened = [problem.with_free(free) for problem in problems]
-    place = {name: k for k, name in enumerate(free)}
-    columns = [np.array([place[name] for name in problem.chain.free], dtype=np.intp) for problem in opened]
-    nodes = list(starts)
-
-    def equations(p: Array, nodes: Sequence[Array]) -> list[NormalEquations]:
-        values = parameters.with_joint(free, p)
-        return [problem.equations(n, problem.constants(values)) for problem, n in zip(opened, nodes, strict=True)]
-
-    current, damping = equations(p, nodes), 1e-3
-    cost = sum(e.cost for e in current)
-    small = 1e-28 * sum(float(problem.data.weight.sum()) for problem in opened)
-    for step in range(1, most_steps + 1):
-        dp, dn = _arrow_step(current, columns, len(free), damping)
-        next_p = p + dp
-        next_nodes = [n + d.reshape(n.shape) for n, d in zip(nodes, dn, strict=True)]
-        trial = equations(next_p, next_nodes)
-        next_cost = sum(e.cost for e in trial)
-        if next_cost <= cost:
-            done = cost - next_cost <= tolerance * cost and damping < 1e-3
-            p, nodes, current, cost = next_p, next_nodes, trial, next_cost
-            damping = damping / 30 if damping > 1e-12 else 0.0
-            if done or cost <= small:
-                return Approached(p, tuple(nodes), cost, step, True)
-        else:
-            damping = max(10 * damping, 1e-9)
-            if damping > 1e12:
-                break
-    return Approached(p, tuple(nodes), cost, most_steps, False)
+    settings: DescentSettings = DAMPED,
+) -> FarStart:
+    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,)."""
+    shared = SharedTrials(problems, parameters, free)
+    end = descend(shared, shared.joined(p, starts), settings)
+    values, nodes = shared.parted(end.x)
+    return FarStart(p=values, nodes=tuple(nodes), cost=end.cost, steps=end.steps, ending=end.ending)
 
 
-def _arrow_step(
-    equations: Sequence[NormalEquations], columns: Sequence[NDArray[np.intp]], size: int, damping: float
-) -> tuple[Array, list[Array]]:
-    schur, right = np.zeros((size, size)), np.zeros(size)
-    solved = []
-    for e, at in zip(equations, columns, strict=True):
-        stacked = np.column_stack([e.mixed, e.node_gradient.ravel()])
-        x = BandFactor(e.band, damping).solve(stacked)
-        solved.append(x)
-        schur[np.ix_(at, at)] += e.parameters + damping * np.diag(np.diag(e.parameters)) - e.mixed.T @ x[:, :-1]
-        right[at] += e.parameter_gradient - e.mixed.T @ x[:, -1]
-    schur += 1e-14 * np.trace(schur) * np.eye(size)
-    dp = np.asarray(-np.linalg.solve(schur, right), dtype=np.float64)
-    return dp, [-(x[:, -1] + x[:, :-1] @ dp[at]) for x, at in zip(solved, columns, strict=True)]
+class SharedTrials:
+    """Markers of several trials by x = (joint parameters, nodes of each trial), as a problem for `descend`."""
+
+    has_curvature = False
+
+    def __init__(self, problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters, self.free, self.size = parameters, free, len(free)
+        self.open = [problem.with_free(free) for problem in problems]
+        self.columns = [problem.places_in(free) for problem in self.open]
+        self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
+
+    def joined(self, p: Array, nodes: Sequence[Array]) -> Array:
+        """The vector x."""
+        return np.concatenate([p, *(of_trial.ravel() for of_trial in nodes)])
+
+    def parted(self, x: Array) -> tuple[Array, list[Array]]:
+        """The shared parameters (np,) and the nodes (nn, nq) of each trial."""
+        sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
+        p, *nodes = np.split(x, np.cumsum(sizes)[:-1])
+        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(nodes, self.open, strict=True)]
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Cost (m^2) and half gradient."""
+        return self.linearise(x, curved=False).evaluation
+
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        """The same with the arrow."""
+        p, nodes = self.parted(x)
+        moved = self.parameters.with_joint(self.free, p)
+        trials = [problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, nodes, strict=True)]
+        return ArrowEquations(trials, self.columns, self.size)

@@ -44,7 +44,7 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -58,7 +58,7 @@ NOMINAL_ORIENTATION = np.deg2rad(10.0) / np.sqrt(3.0)
 """rad, the same of nominal axes: uniform within 10 deg."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialScores:
     """Scores of one trial's marker coordinates, the motion eliminated."""
 
@@ -170,18 +170,14 @@ def _inverse(hessian: Array) -> Array:
 def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
     """Scores of one trial's marker coordinates at its motion, for the free joint parameters of its chain."""
     constants = problem.constants(parameters)
-    equations = problem.equations(nodes, constants)
-    factor = BandFactor(equations.band)
+    eliminated = eliminate(problem.equations(nodes, constants))
     by_node, by_parameter = _cluster_gradients(problem, constants, nodes)
-    sensitivity = factor.solve(equations.mixed) if equations.mixed.shape[1] else np.zeros((len(by_node), 0))
-    clusters = tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz")
-    hessian = equations.parameters - equations.mixed.T @ sensitivity
     return TrialScores(
-        by_parameter - sensitivity.T @ by_node,
-        factor.solve(np.asfortranarray(by_node)),
-        sensitivity,
-        0.5 * (hessian + hessian.T),
-        clusters,
+        reduced=by_parameter - eliminated.sensitivity.T @ by_node,
+        nodes=eliminated.factor.solve(np.asfortranarray(by_node)),
+        sensitivity=eliminated.sensitivity,
+        hessian=eliminated.hessian,
+        clusters=tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"),
     )
 
 

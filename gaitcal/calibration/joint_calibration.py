@@ -16,7 +16,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.track import TrackSettings
+from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ class JointSettings:
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
-    tracking: TrackSettings = field(default_factory=TrackSettings)
+    tracking: DescentSettings = field(default_factory=DescentSettings)
 
     def prior_deviation(self, names: Sequence[str]) -> Array:
         """(n,) m, rad: standard deviations of the priors of joint parameters."""

@@ -10,9 +10,10 @@ the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full p
 A singular S is no obstacle: its null directions are parameters that these trials cannot see, and p does not move
 along them. Priors add one row each, (p - p0) / sigma.
 
-On the way, a motion is solved no further than the next step needs (`NEAR`), and while parameters and motion have moved
-less than `KEPT` since H was formed, H, S and dN/dp are kept and only the gradient is formed. `settle` ends with all of
-them formed anew, and with motions solved as far as tracking alone would solve them.
+On the way, a motion is predicted from the last point by dN/dp and solved no further than the next step needs
+(`CORRECTOR`); while parameters and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and dN/dp are
+kept and only the gradient is formed. `settle` ends with all of them formed anew, and with motions solved as far as
+tracking alone would solve them.
 """
 
 from __future__ import annotations
@@ -26,27 +27,28 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.arrow import Elimination, eliminate
+from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
 
-NEAR = 1e-4
-"""A motion predicted from the last point is near enough, after one more step, where that step gains less than this."""
-START = 0.1
-"""What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
-KEPT = 0.005
+KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
+CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, persistent=False)
+"""A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of the cost; where plain
+steps do not get there, it is tracked."""
+FIRST_GAIN = 0.1
+"""What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
 NULL = 1e-12
 """Eigenvalues of S below this fraction of the largest count as zero."""
 MUCH_NEARER = 0.5
 """A trial whose cost has fallen to this part tries Gauss-Newton's steps again."""
-SLOW = 0.1
-"""A motion whose steps do not each promise less than this part of the one before is tracked, with damping."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Matrices:
     """What a trial's normal equations give at one point, as long as it serves."""
 
@@ -54,20 +56,24 @@ class Matrices:
     """(np_t,) the free parameters of this trial's chain where they were formed."""
     nodes: Array
     """(nn, nq) where they were formed."""
-    factor: BandFactor
-    """Of H_qq."""
-    sensitivity: Array
-    """(nn * nq, np_t) -dN/dp = H_qq^-1 H_qp."""
-    hessian: Array
-    """(np_t, np_t) reduced."""
+    eliminated: Elimination
+
+    @property
+    def hessian(self) -> Array:
+        """(np_t, np_t) reduced."""
+        return self.eliminated.hessian
 
     def serve(self, values: Array, nodes: Array) -> bool:
         """Whether another point is near enough."""
         far = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
-        return bool(far < KEPT)
+        return bool(far < KEPT_WITHIN)
+
+    def solve(self, gradient: Array) -> Array:
+        """H_qq^-1 times a gradient by the nodes, one after the other."""
+        return self.eliminated.factor.solve(gradient)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialState:
     """One trial at the joint parameters last visited."""
 
@@ -81,7 +87,7 @@ class TrialState:
     converged: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReducedState:
     """All trials at one p."""
 
@@ -110,7 +116,7 @@ class ReducedProblem:
         parameters: Parameters,
         free: tuple[str, ...],
         starts: Sequence[Array],
-        settings: TrackSettings,
+        settings: DescentSettings,
         prior: Array | None = None,
         centre: Array | None = None,
     ) -> None:
@@ -120,8 +126,7 @@ class ReducedProblem:
         self.settings = settings
         self.fixed = [problem.with_free(()) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
-        place = {name: k for k, name in enumerate(free)}
-        self.columns = [np.array([place[name] for name in problem.chain.free], dtype=np.intp) for problem in self.open]
+        self.columns = [problem.places_in(free) for problem in self.open]
         self.starts = list(starts)
         self.prior = np.zeros((0, len(free))) if prior is None else prior
         self.centre = np.zeros(len(free)) if centre is None else centre
@@ -149,11 +154,13 @@ class ReducedProblem:
         return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
 
     def _keep(self, p: Array, trials: tuple[TrialState, ...]) -> ReducedState:
+        """Sum the trials up, and remember the point if it is the best."""
         hessian, gradient = np.zeros((len(p), len(p))), np.zeros(len(p))
         for trial, columns in zip(trials, self.columns, strict=True):
             hessian[np.ix_(columns, columns)] += trial.matrices.hessian
             gradient[columns] += trial.reduced_gradient
-        state = ReducedState(p.copy(), trials, sum(t.cost for t in trials), hessian, gradient)
+        cost = sum(t.cost for t in trials)
+        state = ReducedState(p=p.copy(), trials=trials, cost=cost, hessian=hessian, gradient=gradient)
         if self.best is None or self._total(state) <= self._total(self.best):
             self.best = state
         self.state = state
@@ -164,48 +171,45 @@ class ReducedProblem:
         return state.cost + float(np.sum((self.prior @ (state.p - self.centre)) ** 2))
 
     def _solve(self, k: int, p: Array, parameters: Parameters) -> TrialState:
+        """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
         problem, values = self.open[k], p[self.columns[k]]
         constants = problem.constants(parameters)
-        near = replace(self.settings, tolerance=max(self.settings.tolerance, NEAR))
-        matrices: Matrices | None = None
+        near = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
+        kept: Matrices | None = None
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
-            about = self.settings if damped else replace(near, tolerance=max(near.tolerance, START))
+            about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
             predicted = track_nodes(self.fixed[k], constants.without_parameters(), self.starts[k], about).nodes
         else:
             last = self.best.trials[k]
-            ahead = last.matrices.sensitivity @ (p - self.best.p)[self.columns[k]]
-            predicted, matrices = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
+            ahead = last.matrices.eliminated.sensitivity @ (p - self.best.p)[self.columns[k]]
+            predicted, kept = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
         if self._curved(k):
             return self._tracked(k, predicted, values, constants, self.settings)
-        nodes, before = predicted, np.inf
-        while True:
-            if matrices is not None and matrices.serve(values, nodes):
-                found = _with_kept(problem, constants, matrices, nodes)
-            else:
-                found = _linearised(problem, constants, values, nodes)
-            if found.gain <= NEAR * found.cost:
-                return found.state(converged=True)
-            if not found.gain <= SLOW * before:
-                return self._tracked(k, predicted, values, constants, near)
-            nodes, matrices, before = nodes - found.step, found.matrices, found.gain
+        motion = _OpenMotion(problem, constants, values)
+        serving = kept if kept is not None and kept.serve(values, predicted) else None
+        end = descend(motion, predicted.ravel(), CORRECTOR, serving)
+        return motion.ended(end) if end.converged else self._tracked(k, predicted, values, constants, near)
 
     def _settled(self, k: int, trial: TrialState, p: Array, parameters: Parameters) -> TrialState:
+        """One trial, solved as far as the settings of tracking ask."""
         problem, values = self.open[k], p[self.columns[k]]
         constants = problem.constants(parameters)
-        found = _linearised(problem, constants, values, trial.nodes)
-        if found.gain <= self.settings.tolerance * found.cost:
-            return found.state(trial.converged)
+        stepped, share = _OpenMotion(problem, constants, values).stepped(trial.nodes, converged=trial.converged)
+        if share <= self.settings.gain:
+            return stepped
         return self._tracked(k, trial.nodes, values, constants, self.settings)
 
     def _tracked(
-        self, k: int, nodes: Array, values: Array, constants: ChainConstants, settings: TrackSettings
+        self, k: int, nodes: Array, values: Array, constants: ChainConstants, settings: DescentSettings
     ) -> TrialState:
+        """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
         tracked = track_nodes(self.fixed[k], constants.without_parameters(), nodes, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        return _linearised(self.open[k], constants, values, tracked.nodes).state(tracked.converged)
+        motion = _OpenMotion(self.open[k], constants, values)
+        return motion.stepped(tracked.nodes, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""
@@ -226,50 +230,69 @@ class ReducedProblem:
 
 
 @dataclass(frozen=True)
-class _Linearised:
-    """A trial's equations at some nodes, solved for the nodes."""
+class _OpenEvaluation(Evaluation):
+    """With the gradient by the joint parameters too."""
 
-    nodes: Array
-    matrices: Matrices
-    cost: float
-    gain: float
-    """m^2 by which one step of the nodes lowers the cost."""
-    step: Array
-    gradient: Array
-    """(np_t,) reduced."""
-
-    def state(self, converged: bool) -> TrialState:
-        """The trial after that step."""
-        cost = max(self.cost - self.gain, 0.0)
-        return TrialState(self.nodes - self.step, self.matrices, cost, self.gradient, converged)
+    by_parameter: Array
+    """(np_t,) half gradient."""
 
 
-def _linearised(problem: TrialProblem, constants: ChainConstants, values: Array, nodes: Array) -> _Linearised:
-    equations = problem.equations(nodes, constants)
-    factor = BandFactor(equations.band)
-    solved = factor.solve(np.column_stack([equations.mixed, equations.node_gradient.ravel()]))
-    sensitivity, step = solved[:, :-1], solved[:, -1]
-    hessian = equations.parameters - equations.mixed.T @ sensitivity
-    return _Linearised(
-        nodes,
-        Matrices(values, nodes, factor, sensitivity, 0.5 * (hessian + hessian.T)),
-        equations.cost,
-        float(equations.node_gradient.ravel() @ step),
-        step.reshape(nodes.shape),
-        equations.parameter_gradient - equations.mixed.T @ step,
-    )
+class _OpenMotion:
+    """A trial's marker cost by its nodes; what the free joint parameters would change is carried along."""
+
+    nothing_left = 0.0
+    has_curvature = False
+
+    def __init__(self, problem: TrialProblem, constants: ChainConstants, values: Array) -> None:
+        self.problem, self.constants, self.values = problem, constants, values
+
+    def nodes(self, x: Array) -> Array:
+        return x.reshape(self.problem.basis.nodes, -1)
+
+    def evaluate(self, x: Array) -> _OpenEvaluation:
+        cost, by_nodes, by_parameter = self.problem.both_gradients(self.nodes(x), self.constants)
+        return _OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
+
+    def linearise(self, x: Array, *, curved: bool) -> _OpenMatrix:
+        nodes = self.nodes(x)
+        return _OpenMatrix(self.values, nodes, self.problem.equations(nodes, self.constants, curved=curved))
+
+    def ended(self, end: Descent[_OpenEvaluation, Matrices]) -> TrialState:
+        """The trial where an iteration on it converged."""
+        matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
+        return self._state(end.x, end.evaluation, matrices, end.promise, converged=True)
+
+    def stepped(self, nodes: Array, *, converged: bool) -> tuple[TrialState, float]:
+        """The trial one plain step from `nodes` (nn, nq), and the share of the cost that this promises to gain."""
+        matrix = self.linearise(nodes.ravel(), curved=False)
+        here, matrices = matrix.evaluation, matrix.factor(0.0)
+        step = -matrices.solve(here.gradient)
+        promise = -float(here.gradient @ step)
+        state = self._state(nodes.ravel() + step, here, matrices, promise, converged=converged)
+        return state, promise / here.cost if here.cost > 0.0 else 0.0
+
+    def _state(
+        self, x: Array, before: _OpenEvaluation, matrices: Matrices, promise: float, *, converged: bool
+    ) -> TrialState:
+        """At nodes x, reached from `before` by a last step that promised to gain `promise`."""
+        return TrialState(
+            nodes=self.nodes(x),
+            matrices=matrices,
+            cost=max(before.cost - promise, 0.0),
+            reduced_gradient=matrices.eliminated.reduced(before.gradient, before.by_parameter),
+            converged=converged,
+        )
 
 
-def _with_kept(problem: TrialProblem, constants: ChainConstants, kept: Matrices, nodes: Array) -> _Linearised:
-    """The same with matrices formed at a point nearby."""
-    cost, by_nodes, by_values = problem.both_gradients(nodes, constants)
-    right = by_nodes.ravel()
-    step = kept.factor.solve(right)
-    return _Linearised(
-        nodes,
-        kept,
-        cost,
-        float(right @ step),
-        step.reshape(nodes.shape),
-        by_values - kept.sensitivity.T @ right,
-    )
+class _OpenMatrix:
+    """Its equations at some nodes."""
+
+    spent = False
+
+    def __init__(self, values: Array, nodes: Array, equations: NormalEquations) -> None:
+        self.values, self.nodes, self.equations = values, nodes, equations
+        by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
+        self.evaluation = _OpenEvaluation(equations.cost, by_node, by_parameter)
+
+    def factor(self, damping: float) -> Matrices:
+        return Matrices(values=self.values, nodes=self.nodes, eliminated=eliminate(self.equations, damping))

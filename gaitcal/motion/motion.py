@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.rigid import rigid_distances
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import with_one_blas_thread
@@ -125,7 +126,7 @@ def track(
     rule: NodeRule | None = None,
     root: str = "pelvis",
     segments: tuple[str, ...] = SEGMENTS,
-    settings: TrackSettings | None = None,
+    settings: DescentSettings | None = None,
 ) -> Motion:
     """Track the markers of a recording with a person's model: 27 quintic splines that bring the model's markers
     nearest to the measured ones, over all frames at once.

@@ -5,6 +5,7 @@ From a recording and a person's model to a least-squares problem: here a marker 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -66,6 +67,10 @@ class TrialProblem:
     def with_free(self, free: tuple[str, ...]) -> TrialProblem:
         """The same trial with other joint parameters free."""
         return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free))
+
+    def places_in(self, free: Sequence[str]) -> NDArray[np.intp]:
+        """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
+        return np.array([free.index(name) for name in self.chain.free], dtype=np.intp)
 
     def with_weight(self, weight: Array) -> TrialProblem:
         """The same trial with other marker weights (nm, nf)."""

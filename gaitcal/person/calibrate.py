@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.calibration.combined import JointStepFit, JointStepSettings, JointStepTrial, joint_step
+from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import InertialFit, TorqueScale, fit_consistent, fit_published
 from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
 from gaitcal.calibration.joint_phases import (
@@ -181,7 +181,7 @@ def _third_step(
     reactions: dict[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
-) -> JointStepFit | None:
+) -> CombinedFit | None:
     if not settings.joint_step or joint is None or inertial is None or impossible_bodies(parameters.inertial):
         return None
     progress("joint and inertial parameters together")
@@ -190,7 +190,7 @@ def _third_step(
         r = reactions.get(t.name)
         used = None if r is None or not r.valid.any() else r
         steps.append(
-            JointStepTrial(
+            CombinedTrial(
                 t.body,
                 motions[t.name].nodes,
                 None if used is None else used.wrench,
@@ -198,11 +198,11 @@ def _third_step(
             )
         )
     which = symmetric_set() if settings.ip_set == "symmetric" else full_set()
-    chosen = JointStepSettings(load_share=settings.joint_step_load_share)
-    return joint_step(steps, parameters, joint.free, which, nominal.subject, chosen)
+    chosen = CombinedSettings(load_share=settings.joint_step_load_share)
+    return combined_fit(steps, parameters, joint.free, which, nominal.subject, chosen)
 
 
-def _third_motions(trials: list[PreparedTrial], third: JointStepFit, final: Parameters) -> dict[str, Motion]:
+def _third_motions(trials: list[PreparedTrial], third: CombinedFit, final: Parameters) -> dict[str, Motion]:
     return {
         t.name: motion_of(t.body, final, nodes, converged=third.converged)
         for t, nodes in zip(trials, third.nodes, strict=True)
@@ -212,7 +212,7 @@ def _third_motions(trials: list[PreparedTrial], third: JointStepFit, final: Para
 def _phases(
     joint: JointCalibration | None,
     inertial: InertialFit | None,
-    third: JointStepFit | None,
+    third: CombinedFit | None,
     reactions: dict[str, GroundReactions],
 ) -> tuple[Phase, ...]:
     phases = list(joint.phases) if joint else []
@@ -230,7 +230,8 @@ def _phases(
             )
         )
     if third and joint and inertial:
-        text = f"marker sigma {1e3 * third.marker_sigma:.2f} mm a coordinate, load share {third.load_share:g}"
+        text = "" if third.converged else f"{third.ending.value}; "
+        text += f"marker sigma {1e3 * third.marker_sigma:.2f} mm a coordinate, load share {third.load_share:g}"
         count = len(joint.free) + len(inertial.names)
         phases.append(Phase("joint and inertial", used, count, third.steps, third.seconds, third.converged, text))
     return tuple(phases)

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.combined import JointStepTrial, joint_step
+from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     RootEquations,
     TorqueScale,
@@ -138,9 +138,9 @@ def third_step(markers: TrialProblem, gait: JointRecovery) -> ThirdStep:
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.nodes)
     inertial = fit_consistent(equations, subject().parameters.inertial, symmetric_set())
-    trial = JointStepTrial(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
+    trial = CombinedTrial(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
-    fit = joint_step([trial], start, free, symmetric_set(), subject().subject)
+    fit = combined_fit([trial], start, free, symmetric_set(), subject().subject)
     force, torque = gait_equations(fit.parameters, fit.nodes[0]).rms(fit.parameters.inertial)
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
     return ThirdStep(

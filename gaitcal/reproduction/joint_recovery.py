@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.far_start import approach
+from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters, leg_parameters
 from gaitcal.model.nominal import published_model
@@ -137,7 +137,7 @@ def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecover
     truth, motion, free = subject().parameters, true_motion(problem), free_parameters(problem)
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
-    first = approach([markers], held, free, [zero], np.zeros(len(free)))
+    first = step_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = calibrate_joints([markers], held.with_joint(free, first.p), free, first.nodes)
     seconds = time.process_time() - began
     at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)

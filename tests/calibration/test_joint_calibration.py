@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.calibration import reduced_problem
-from gaitcal.calibration.far_start import approach
+from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.calibration.reduced_problem import ReducedProblem
@@ -19,7 +19,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import TrackSettings
+from gaitcal.motion.track import DescentSettings
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
@@ -63,7 +63,7 @@ def test_from_absolute_zero_gait_is_found() -> None:
     recording = Recording("gait", motion.basis.time, model.markers.labels, markers)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     zero = model.parameters.with_joint(free, np.zeros(17))
-    near = approach([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
+    near = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
     found = calibrate_joints([problem], zero.with_joint(free, near.p), free, near.nodes)
     np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
 
@@ -85,7 +85,7 @@ def test_reduced_problem_has_the_cost_gradient_and_minimum_of_the_whole() -> Non
     assert found.state.cost == pytest.approx(2 * dense.cost, rel=1e-8)
     np.testing.assert_allclose(found.values, dense.x[nodes.size :], atol=2e-5)
 
-    reduced = ReducedProblem([problem], start, KNEE, [nodes], TrackSettings(tolerance=1e-14))
+    reduced = ReducedProblem([problem], start, KNEE, [nodes], DescentSettings(gain=1e-14))
     p = values(start, KNEE)
     f, jacobian = reduced.residual(p), reduced.jacobian(p)
     assert f @ f == pytest.approx(reduced.at(p).cost, rel=1e-12)
@@ -171,8 +171,8 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     problem, truth = knee_trial(9, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
     used: list[int] = []
-    plain = reduced_problem._with_kept
-    monkeypatch.setattr(reduced_problem, "_with_kept", lambda *a: (used.append(1), plain(*a))[1])
+    plain = reduced_problem._OpenMotion.evaluate
+    monkeypatch.setattr(reduced_problem._OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
@@ -182,7 +182,8 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
     assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
-    monkeypatch.setattr(reduced_problem, "KEPT", 0.0)
+    monkeypatch.setattr(reduced_problem, "KEPT_WITHIN", 0.0)
+    monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))
     fresh = fit(problem, start, KNEE)
     np.testing.assert_allclose(kept.values, fresh.values, rtol=0, atol=2e-5)
     assert kept.state.cost == pytest.approx(fresh.state.cost, rel=1e-9)

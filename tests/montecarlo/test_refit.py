@@ -9,7 +9,7 @@ from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import disturb
 from gaitcal.montecarlo.refit import refit
 from gaitcal.montecarlo.settings import RefitSettings, Varied
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
 
@@ -42,10 +42,10 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         start = context.case.nodes + context.sensitivity @ change.joint
         found = refit(context.problem, constants, start, RefitSettings())
         assert found.failure == ""
-        tight = TrackSettings(tolerance=0.0, most_steps=60)
+        tight = DescentSettings(gain=0.0, most_steps=60)
         kept = track_nodes(context.problem, constants, found.nodes, tight)
         assert np.abs(kept.nodes - found.nodes).max() < NODES
-        afar = track_nodes(context.problem, constants, context.case.nodes, TrackSettings(tolerance=1e-12))
+        afar = track_nodes(context.problem, constants, context.case.nodes, DescentSettings(gain=1e-12))
         assert context.problem.cost(found.nodes, constants) <= afar.cost * (1 + 1e-9)
 
 

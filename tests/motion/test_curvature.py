@@ -9,14 +9,13 @@ import pytest
 
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.joint_parameters import gait_parameters
-from gaitcal.motion import track
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 from tests.motion.test_marker_equations import dense
 
-EXACT = TrackSettings(tolerance=1e-13)
+EXACT = DescentSettings(gain=1e-13)
 
 
 def misplaced_trial() -> tuple[TrialProblem, ChainConstants, Array]:
@@ -56,14 +55,13 @@ def test_free_joint_parameters_are_refused() -> None:
         problem.equations(true, problem.constants(parameters), curved=True)
 
 
-def test_tracking_ends_where_gauss_newton_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tracking_ends_where_gauss_newton_does_not() -> None:
     problem, constants, start = misplaced_trial()
     found = track_nodes(problem, constants, start, EXACT)
     assert found.converged and found.curved
     size = np.abs(problem.gradient(start, constants)[1]).max()
     assert np.abs(problem.gradient(found.nodes, constants)[1]).max() < 1e-9 * size
-    monkeypatch.setattr(track, "MOST_TRIES", 0)
-    without = track_nodes(problem, constants, start, EXACT)
+    without = track_nodes(problem, constants, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.motion import track
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
@@ -40,24 +39,22 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     kept = track_nodes(problem, constants, start)  # type: ignore[arg-type]
     with_keeping = list(calls)
     calls.clear()
-    monkeypatch.setattr(track, "NEAR", 0.0)
-    fresh = track_nodes(problem, constants, start)  # type: ignore[arg-type]
+    fresh = track_nodes(problem, constants, start, DescentSettings(keep_within=0.0))  # type: ignore[arg-type]
     assert with_keeping[-1] == "gradient"
     assert "gradient" not in calls
     assert with_keeping.count("equations") < calls.count("equations")
-    exact = track_nodes(problem, constants, fresh.nodes, TrackSettings(tolerance=1e-15))  # type: ignore[arg-type]
+    exact = track_nodes(problem, constants, fresh.nodes, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
     for found in (kept, fresh):
         assert found.converged
         np.testing.assert_allclose(found.nodes, exact.nodes, rtol=0, atol=SAME)
 
 
-def test_a_kept_factor_that_no_longer_serves_is_formed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     """Kept from however far away, the end is the same: too slow a step asks for a new matrix."""
     problem, constants, start = noisy_trial()
     far = start + np.random.default_rng(31).normal(0, 0.3, start.shape)
-    exact = track_nodes(problem, constants, start, TrackSettings(tolerance=1e-15))  # type: ignore[arg-type]
-    monkeypatch.setattr(track, "NEAR", np.inf)
-    found = track_nodes(problem, constants, far, TrackSettings(tolerance=1e-10))  # type: ignore[arg-type]
+    exact = track_nodes(problem, constants, start, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
+    found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))  # type: ignore[arg-type]
     assert found.converged
     assert found.steps < FEW
     np.testing.assert_allclose(found.nodes, exact.nodes, rtol=0, atol=SAME)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.motion import track
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import DescentSettings, track_nodes
 from tests.derivatives import perturbed_parameters, random_trial
 from tests.scripts import script
 
@@ -20,7 +20,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     parameters = perturbed_parameters(rng)
     problem, true = random_trial(rng, parameters)
     constants = problem.constants(parameters)
-    settings = TrackSettings(first_damping=first_damping)
+    settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
     plain = track_nodes(problem, constants, start, settings)
     monkeypatch.setattr(track, "LARGE_BYTES", 0)

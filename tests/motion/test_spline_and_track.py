@@ -12,7 +12,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import TrackSettings, track_nodes
+from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import NodeRule, cutoff
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
@@ -59,7 +59,7 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
         start = np.zeros_like(true)
     else:
         start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    result = track_nodes(problem, constants, start, TrackSettings(first_damping=1e-3 if zero else 0.0))
+    result = track_nodes(problem, constants, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
     np.testing.assert_allclose(problem.basis.evaluate(result.nodes), problem.basis.evaluate(true), atol=1e-9)
@@ -88,7 +88,7 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     reference = least_squares(
         residual, true.ravel(), jac="3-point", method="trf", tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15
     )
-    result = track_nodes(problem, constants, np.zeros_like(true), TrackSettings(1e-14, first_damping=1e-3))
+    result = track_nodes(problem, constants, np.zeros_like(true), DescentSettings(gain=1e-14, first_damping=1e-3))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
     np.testing.assert_allclose(result.nodes.ravel(), reference.x, atol=1e-5)
 

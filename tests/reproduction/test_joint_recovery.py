@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.calibration.far_start import approach
+from gaitcal.calibration.far_start import step_together
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.reproduction import joint_recovery
 from gaitcal.reproduction.joint_recovery import LEG, free_parameters, subject, synthetic_problem, true_motion
@@ -46,9 +46,9 @@ def test_everything_starts_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def spy(problems: Any, parameters: Any, free: Any, starts: Any, p: Any, **options: Any) -> Any:
         seen.append((starts, p))
-        return approach(problems, parameters, free, starts, p, **options)
+        return step_together(problems, parameters, free, starts, p, **options)
 
-    monkeypatch.setattr(joint_recovery, "approach", spy)
+    monkeypatch.setattr(joint_recovery, "step_together", spy)
     joint_recovery.solve("full leg", synthetic_problem("full leg", None), subject().parameters)
     (starts, p) = seen[0]
     assert p.shape == (17,) and not p.any()

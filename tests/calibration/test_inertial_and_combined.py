@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.combined import JointStepTrial, joint_step
+from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     RootEquations,
     TorqueScale,
@@ -95,8 +95,8 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     joint = calibrate_joints([problem], nominal, free, [start])
     inertial = fit_consistent(equations(joint.nodes[0], joint.parameters), nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
-    third = joint_step(
-        [JointStepTrial(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
+    third = combined_fit(
+        [CombinedTrial(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
     )
 
     def residuals(parameters: Parameters, nodes: Array) -> tuple[float, float, float]:
@@ -122,9 +122,9 @@ def test_third_step_stays_where_nothing_is_left_to_explain() -> None:
     markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
     recording = Recording("gait", MOTION.basis.time, MODEL.markers.labels, markers + 1e-4)
     problem = trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
-    trial = JointStepTrial(problem, MOTION.nodes, WRENCH, EVERY)
+    trial = CombinedTrial(problem, MOTION.nodes, WRENCH, EVERY)
     free = gait_parameters("r")
-    found = joint_step([replace(trial)], MODEL.parameters, free, symmetric_set(), MODEL.subject)
+    found = combined_fit([replace(trial)], MODEL.parameters, free, symmetric_set(), MODEL.subject)
     np.testing.assert_allclose(found.parameters.joint, MODEL.parameters.joint, atol=2e-3)
 
 

@@ -1,0 +1,123 @@
+"""Trials that share parameters: each has a band for its own nodes, all meet in the corner of an arrow.
+
+    [ H_1           C_1 ] [dN_1]     [g_1]       H_t: band of trial t,       C_t: (nodes of t, parameters)
+    [       H_2     C_2 ] [dN_2] = - [g_2]
+    [ C_1^T C_2^T   P   ] [dp  ]     [g_p]       P = sum_t H_pp + prior
+
+Elimination of the nodes leaves the Schur complement S = P - sum_t C_t^T H_t^-1 C_t for the parameters:
+
+    dp = -S^-1 (g_p - sum_t C_t^T H_t^-1 g_t),      dN_t = -H_t^-1 g_t - X_t dp,      X_t = H_t^-1 C_t.
+
+X_t is what the nodes of trial t lose by the parameters: -dN_t/dp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.motion.banded import BandFactor, NormalEquations
+from gaitcal.motion.descent import Evaluation
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+ROUNDING = 1e-14
+"""Part of its trace that is added to S: parameters that no trial sees do not move."""
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """One trial, its nodes eliminated."""
+
+    factor: BandFactor
+    """Of H_t."""
+    sensitivity: Array
+    """(nn * nq, np_t) X_t."""
+    hessian: Array
+    """(np_t, np_t) H_pp - C_t^T X_t."""
+
+    def reduced(self, node_gradient: Array, parameter_gradient: Array) -> Array:
+        """(np_t,) half gradient by the parameters, nodes following; from half gradients at one point."""
+        out: Array = parameter_gradient - self.sensitivity.T @ node_gradient.ravel()
+        return out
+
+
+def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
+    """Eliminate the nodes of one trial; `damping` is relative to the diagonals of H_t and H_pp."""
+    factor = BandFactor(equations.band, damping)
+    mixed = np.asfortranarray(equations.mixed)
+    sensitivity = factor.solve(mixed) if mixed.shape[1] else np.zeros(mixed.shape)
+    hessian = equations.parameters - equations.mixed.T @ sensitivity
+    if damping:
+        hessian += damping * np.diag(np.diag(equations.parameters))
+    return Elimination(factor, sensitivity, 0.5 * (hessian + hessian.T))
+
+
+@dataclass(frozen=True)
+class SharedPrior:
+    """What is known of the shared parameters besides the trials: |L (p - c)|^2."""
+
+    cost: float
+    gradient: Array
+    """(np,) half of it, L^T L (p - c)."""
+    matrix: Array
+    """(np, np) L^T L."""
+
+
+class ArrowEquations:
+    """Equations of several trials at x = (p, nodes of each trial), as `descend` asks for them.
+
+    `columns`: per trial, places (np_t,) of its own parameters among the shared ones.
+    """
+
+    spent = False
+
+    def __init__(
+        self,
+        trials: Sequence[NormalEquations],
+        columns: Sequence[IntArray],
+        size: int,
+        prior: SharedPrior | None = None,
+    ) -> None:
+        self.trials, self.columns = trials, columns
+        self.prior = prior or SharedPrior(0.0, np.zeros(size), np.zeros((size, size)))
+        shared = self.prior.gradient.copy()
+        for trial, at in zip(trials, columns, strict=True):
+            shared[at] += trial.parameter_gradient
+        gradient = np.concatenate([shared, *(trial.node_gradient.ravel() for trial in trials)])
+        self.evaluation = Evaluation(sum(trial.cost for trial in trials) + self.prior.cost, gradient)
+
+    def factor(self, damping: float) -> ArrowFactor:
+        """With the nodes of every trial eliminated."""
+        return ArrowFactor([eliminate(trial, damping) for trial in self.trials], self.columns, self.prior.matrix)
+
+
+class ArrowFactor:
+    """Solves for parameters and nodes together."""
+
+    def __init__(self, trials: Sequence[Elimination], columns: Sequence[IntArray], prior: Array) -> None:
+        self.trials, self.columns = trials, columns
+        self.schur = prior.copy()
+        for trial, at in zip(trials, columns, strict=True):
+            self.schur[np.ix_(at, at)] += trial.hessian
+        self.schur += ROUNDING * np.trace(self.schur) * np.eye(len(prior))
+
+    def solve(self, gradient: Array) -> Array:
+        """The whole matrix' inverse times `gradient`, both in the order of x."""
+        size = len(self.schur)
+        ends = size + np.cumsum([0, *(len(trial.sensitivity) for trial in self.trials)])
+        by_node = [gradient[a:b] for a, b in pairwise(ends.tolist())]
+        right = gradient[:size].copy()
+        for trial, at, own in zip(self.trials, self.columns, by_node, strict=True):
+            right[at] -= trial.sensitivity.T @ own
+        shared = np.linalg.solve(self.schur, right)
+        nodes = [
+            trial.factor.solve(own) - trial.sensitivity @ shared[at]
+            for trial, at, own in zip(self.trials, self.columns, by_node, strict=True)
+        ]
+        return np.concatenate([shared, *nodes])

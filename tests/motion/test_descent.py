@@ -1,0 +1,206 @@
+"""The one iteration: minima of plain functions, and an ending that says what happened, through all that use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.combined import CombinedTrial, combined_fit
+from gaitcal.calibration.far_start import SharedTrials, step_together
+from gaitcal.calibration.reduced_problem import ReducedProblem, _OpenMotion
+from gaitcal.model.inertial_parameters import symmetric_set
+from gaitcal.model.nominal import published_model
+from gaitcal.montecarlo.refit import refit
+from gaitcal.montecarlo.settings import RefitSettings
+from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+from tests.derivatives import Array, perturbed_parameters, random_trial
+
+KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")
+
+
+@dataclass(frozen=True)
+class _Dense:
+    """M as a dense matrix."""
+
+    matrix: Array
+
+    def solve(self, gradient: Array) -> Array:
+        return np.asarray(np.linalg.solve(self.matrix, gradient))
+
+
+class _Rosenbrock:
+    """r = (10 (y - x^2), 1 - x), whose valley is curved; the minimum is 0 at (1, 1)."""
+
+    nothing_left = 1e-28
+    has_curvature = False
+
+    def __init__(self) -> None:
+        self.matrices = 0
+
+    def evaluate(self, x: Array) -> Evaluation:
+        residual, jacobian = self._parts(x)
+        return Evaluation(float(residual @ residual), jacobian.T @ residual)
+
+    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+        assert not curved
+        self.matrices += 1
+        jacobian = self._parts(x)[1]
+        return _Linear(self.evaluate(x), jacobian.T @ jacobian)
+
+    @staticmethod
+    def _parts(x: Array) -> tuple[Array, Array]:
+        residual = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
+        return residual, np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class _Linear:
+    evaluation: Evaluation
+    matrix: Array
+    spent: bool = False
+
+    def factor(self, damping: float) -> _Dense:
+        return _Dense(self.matrix + damping * np.diag(np.diag(self.matrix)))
+
+
+class _Uphill(_Rosenbrock):
+    """Its gradient points the wrong way: every step raises the cost."""
+
+    def evaluate(self, x: Array) -> Evaluation:
+        plain = super().evaluate(x)
+        return Evaluation(plain.cost, -plain.gradient)
+
+
+@pytest.mark.parametrize("settings", [DescentSettings(), DescentSettings(first_damping=1e-3, keep_within=0.0)])
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -4.0)])
+def test_the_minimum_of_a_curved_valley_is_found(settings: DescentSettings, start: tuple[float, float]) -> None:
+    end = descend(_Rosenbrock(), np.array(start), settings)
+    assert end.converged
+    np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
+
+
+def test_a_short_last_step_is_taken() -> None:
+    end = descend(_Rosenbrock(), np.array([0.9, 0.8]), DescentSettings(gain=0.0, shortest_step=1e-3))
+    assert end.ending in (Ending.SHORT_STEP, Ending.NOTHING_LEFT)
+    np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
+
+
+def test_a_known_factor_spares_the_first_matrix() -> None:
+    start = np.array([0.98, 0.96])
+    problem = _Rosenbrock()
+    known = problem.linearise(start, curved=False).factor(0.0)
+    problem.matrices = 0
+    found = descend(problem, start, DescentSettings(keep_within=np.inf), known)
+    with_known, problem.matrices = problem.matrices, 0
+    descend(problem, start, DescentSettings(keep_within=np.inf))
+    assert found.converged
+    assert with_known < problem.matrices
+
+
+def test_every_step_uphill_is_told() -> None:
+    start = np.array([-1.2, 1.0])
+    end = descend(_Uphill(), start, DescentSettings())
+    assert (end.ending, end.converged) == (Ending.NO_DESCENT, False)
+    np.testing.assert_array_equal(end.x, start)
+    impatient = descend(_Uphill(), start, DescentSettings(persistent=False))
+    assert (impatient.ending, impatient.converged) == (Ending.SLOW, False)
+    few = descend(_Uphill(), start, DescentSettings(most_steps=3))
+    assert (few.ending, few.steps) == (Ending.MOST_STEPS, 3)
+
+
+def test_what_is_not_finite_is_told() -> None:
+    end = descend(_Rosenbrock(), np.array([np.nan, 1.0]), DescentSettings())
+    assert end.ending is Ending.NOT_FINITE
+
+
+# ------------------------------------------------------------------------------- through everything that iterates
+
+
+@pytest.fixture
+def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[TrialProblem, Array]:
+    """A trial whose gradients all point the wrong way, and where to start."""
+    rng = np.random.default_rng(12)
+    truth = perturbed_parameters(rng)
+    problem, true = random_trial(rng, truth, frames=40, nodes=8)
+    equations, gradients = TrialProblem.equations, TrialProblem.both_gradients
+
+    def wrong_equations(*a: object, **k: object) -> NormalEquations:
+        right = equations(*a, **k)  # type: ignore[arg-type]
+        return replace(right, node_gradient=-right.node_gradient, parameter_gradient=-right.parameter_gradient)
+
+    def wrong_gradients(*a: object) -> tuple[float, Array, Array]:
+        cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]
+        return cost, -by_node, -by_parameter
+
+    monkeypatch.setattr(TrialProblem, "equations", wrong_equations)
+    monkeypatch.setattr(TrialProblem, "both_gradients", wrong_gradients)
+    return problem, true + rng.normal(0, 0.05, true.shape)
+
+
+def test_tracking_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+    problem, start = uphill
+    found = track_nodes(
+        problem, problem.constants(published_model().parameters), start, DescentSettings(curved_tries=0)
+    )
+    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
+
+
+def test_a_far_start_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+    problem, start = uphill
+    parameters = published_model().parameters
+    p = problem.with_free(KNEE).values(parameters)
+    found = step_together([problem], parameters, KNEE, [start], p)
+    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
+    assert SharedTrials([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
+
+
+def test_the_combined_fit_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+    problem, start = uphill
+    model = published_model()
+    found = combined_fit([CombinedTrial(problem, start)], model.parameters, KNEE, symmetric_set(), model.subject)
+    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
+
+
+def test_the_reduced_problem_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+    problem, start = uphill
+    parameters = published_model().parameters
+    reduced = ReducedProblem([problem], parameters, KNEE, [start], DescentSettings(curved_tries=0))
+    p = problem.with_free(KNEE).values(parameters)
+    assert not reduced.at(p).trials[0].converged
+    assert not reduced.settle(p).trials[0].converged
+
+
+def test_a_re_fit_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+    problem, start = uphill
+    found = refit(problem, problem.constants(published_model().parameters), start, RefitSettings())
+    assert found.failure == Ending.NO_DESCENT.value
+
+
+def test_what_an_open_motion_evaluates_is_what_its_equations_hold() -> None:
+    rng = np.random.default_rng(13)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    opened = problem.with_free(KNEE)
+    motion = _OpenMotion(opened, opened.constants(parameters), opened.values(parameters))
+    x = true.ravel() + 0.01
+    plain, linear = motion.evaluate(x), motion.linearise(x, curved=False).evaluation
+    assert plain.cost == pytest.approx(linear.cost, rel=1e-12)
+    np.testing.assert_allclose(plain.gradient, linear.gradient, atol=1e-12)
+    np.testing.assert_allclose(plain.by_parameter, linear.by_parameter, atol=1e-12)
+
+
+def test_starting_nodes_are_a_start() -> None:
+    """Tracking from rigid fits ends at the truth where there is no noise."""
+    rng = np.random.default_rng(14)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    constants = problem.constants(parameters)
+    found = track_nodes(problem, constants, starting_nodes(problem.chain, constants, problem.data, problem.basis))
+    assert found.converged
+    np.testing.assert_allclose(found.nodes, true, atol=1e-9)
