@@ -93,7 +93,7 @@ class Linearisation(Protocol[PointOf, FactorOf]):
 
 
 class Problem(Protocol[PointOf, FactorOf]):
-    """What is minimised. A cost below `nothing_left` leaves nothing to fit; `has_curvature`: Newton's matrix is known."""
+    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give Newton's matrix."""
 
     @property
     def nothing_left(self) -> float: ...  # noqa: D102
