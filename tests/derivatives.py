@@ -66,4 +66,4 @@ def random_trial(
     x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), data, basis.evaluate(true))
     data = MarkerData(segment, local, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
-    return TrialProblem("random", chain, basis, data, labels), true
+    return TrialProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true

@@ -91,8 +91,24 @@ def fake_calibration(
     )
     inertial = gait and plates and valid
     phases = (
-        Phase("joint:knee_r", ("knee",), 9, 7, 0.4, True, "small step"),
-        Phase("gait", (names.trial,), 34, 9, 1.2, True, "`ftol` reached"),
+        Phase(
+            name="joint:knee_r",
+            trials=("knee",),
+            parameters=9,
+            iterations=7,
+            seconds=0.4,
+            converged=True,
+            message="small step",
+        ),
+        Phase(
+            name="gait",
+            trials=(names.trial,),
+            parameters=34,
+            iterations=9,
+            seconds=1.2,
+            converged=True,
+            message="`ftol` reached",
+        ),
     )
     return Calibration(
         study,
@@ -115,13 +131,25 @@ def with_phase(calibration: Calibration, converged: bool) -> Calibration:
 
 def _joint(parameters: Any) -> JointCalibration:
     fit = cast(Any, SimpleNamespace(free=FREE, at_bound=("knee_r.thigh.front",)))
-    return JointCalibration(parameters, (), (fit,), (), UNSEEN, ())
+    return JointCalibration(
+        parameters=parameters, phases=(), fits=(fit,), influence=(), unidentifiable=UNSEEN, warnings=()
+    )
 
 
 def _inertial(values: np.ndarray) -> InertialFit:
     free = symmetric_set()
     return InertialFit(
-        free.names, values * 1.02, free.selection, np.zeros((1, len(free.names))), 20.0, 9.0, 1, 5, 0.1, True, "done"
+        names=free.names,
+        inertial=values * 1.02,
+        jacobian=free.selection,
+        residual_jacobian=np.zeros((1, len(free.names))),
+        rms_force=20.0,
+        rms_moment=9.0,
+        seeds=1,
+        iterations=5,
+        seconds=0.1,
+        converged=True,
+        message="done",
     )
 
 
@@ -155,7 +183,14 @@ def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: 
     nodes = 0.3 * np.sin(2.0 * phase) + level
     if "pelvis_ty" in coordinates:
         nodes[:, coordinates.index("pelvis_ty")] = 1.0
-    return Motion("m", coordinates, basis, nodes, _errors(names, level, segments), True)
+    return Motion(
+        name="m",
+        coordinates=coordinates,
+        basis=basis,
+        nodes=nodes,
+        errors=_errors(names, level, segments),
+        converged=True,
+    )
 
 
 def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:

@@ -3,9 +3,7 @@
     min_p  sum_frames { |F|^2 / BW^2 + |T|^2 / L^2 } + sum_n ((p_n - p'_n) / s_n)^2
 
 F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L = BW * H (or
-another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m, m c, I_origin): the frames are
-compressed once by a QR factorisation of their regressor to 121 rows, whose norm is the full residual's exactly; the
-iteration never sees a frame again.
+another scale); p' the seed. The frames are compressed once (`inertial_equations.py`); the iteration never sees them.
 
 `published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than 0.1 %. That is a
 proximal-point iteration: its fixed points are those of the residual alone, whatever the penalty's weight w, but along a
@@ -23,13 +21,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
@@ -47,60 +45,7 @@ NOISE_CHANGE = 1e-3
 """The noise of the pelvis residual is known when it changes by less than this share."""
 
 
-class TorqueScale(Enum):
-    """Length L/BW by which residual torques are normalised (the three choices of the paper's discussion)."""
-
-    BODY_HEIGHT = "bwh"
-    PELVIS_WIDTH = "pelvis_width"
-    MILLIMETRE = "1mm"
-
-
-@dataclass(frozen=True)
-class RootEquations:
-    """The root wrench of all valid frames, linear in the dynamic parameters, compressed."""
-
-    factor: Array
-    """(n, 120) rows of R."""
-    target: Array
-    """(n,) the ground reactions' part, Q^T w, in the same rows."""
-    frames: int
-    force_rows: Array
-    """(n_f, 121) the same for force alone, unscaled (N), for reporting."""
-    moment_rows: Array
-    """(n_m, 121) the same for moment alone (N·m)."""
-
-    def rms(self, inertial: Array) -> tuple[float, float]:
-        """RMS residual force (N) and moment (N·m) over frames and the three components."""
-        phi = np.append(dynamic_parameters(inertial).ravel(), 1.0)
-        count = np.sqrt(3.0 * self.frames)
-        force, moment = np.linalg.norm(self.force_rows @ phi), np.linalg.norm(self.moment_rows @ phi)
-        return float(force / count), float(moment / count)
-
-
-def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
-    """Compress the root wrench of the valid frames.
-
-    Parameters
-    ----------
-    regressor : (nf, 6, 12, 10) of `Dynamics.root_regressor`.
-    ground : (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
-    weight : body weight, N.
-    length : m, torques are divided by weight * length.
-    """
-    nf = len(regressor)
-    rows = np.concatenate([regressor.reshape(nf, 6, 120), ground[:, :, None]], axis=2)
-    force, moment = _compressed(rows[:, :3].reshape(3 * nf, 121)), _compressed(rows[:, 3:].reshape(3 * nf, 121))
-    stacked = _compressed(np.vstack([force / weight, moment / (weight * length)]))
-    return RootEquations(stacked[:, :120], stacked[:, 120], nf, force, moment)
-
-
-def _compressed(rows: Array) -> Array:
-    """Triangular rows with the same norm in every direction."""
-    out: Array = np.linalg.qr(rows, mode="r")  # type: ignore[assignment]
-    return out
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InertialFit:
     """Inertial parameters found."""
 
@@ -181,7 +126,18 @@ def fit_published(
     else:
         message, converged = f"the residuals still change after {MOST_SEEDS} seeds", False
     return InertialFit(
-        which.names, inertial, s, jac, *last, seeds, iterations, time.perf_counter() - began, converged, message, False
+        names=which.names,
+        inertial=inertial,
+        jacobian=s,
+        residual_jacobian=jac,
+        rms_force=last[0],
+        rms_moment=last[1],
+        seeds=seeds,
+        iterations=iterations,
+        seconds=time.perf_counter() - began,
+        converged=converged,
+        message=message,
+        statistical=False,
     )
 
 
@@ -221,15 +177,17 @@ def fit_consistent(
         if abs(noise - last) < NOISE_CHANGE * last:
             break
     inertial = chart.inertial(x)
+    rms_force, rms_moment = equations.rms(inertial)
     return InertialFit(
-        which.names,
-        inertial,
-        chart.jacobian(x),
-        jacobian(x, weight),
-        *equations.rms(inertial),
-        1,
-        iterations,
-        time.perf_counter() - began,
-        bool(result.status > 0),
-        ending(result),
+        names=which.names,
+        inertial=inertial,
+        jacobian=chart.jacobian(x),
+        residual_jacobian=jacobian(x, weight),
+        rms_force=rms_force,
+        rms_moment=rms_moment,
+        seeds=1,
+        iterations=iterations,
+        seconds=time.perf_counter() - began,
+        converged=bool(result.status > 0),
+        message=ending(result),
     )

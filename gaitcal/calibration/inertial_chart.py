@@ -18,7 +18,7 @@ from gaitcal.model.inertial_parameters import InertialSet, is_physical, table
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ConsistentSettings:
     """Spread of people about the anthropometric table, and how good a root wrench can be expected to be."""
 

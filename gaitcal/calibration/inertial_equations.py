@@ -1,22 +1,83 @@
-"""Inertial parameters of a person from gait trials: from motions and ground reactions to `inertial_calibration`."""
+"""The pelvis residual of walking trials, linear in the inertial parameters.
+
+F and T, the root wrench that no ground reaction explains, are linear in the dynamic parameters phi(p) = (m, m c,
+I_origin) of the bodies. The rows of all valid frames are compressed once by a QR factorisation of their regressor to at
+most 121 rows, whose norm is that of the full residual exactly.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.inertial_calibration import RootEquations, TorqueScale, root_equations
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+class TorqueScale(Enum):
+    """Length L/BW by which residual torques are normalised (the three choices of the paper's discussion)."""
+
+    BODY_HEIGHT = "bwh"
+    PELVIS_WIDTH = "pelvis_width"
+    MILLIMETRE = "1mm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RootEquations:
+    """The root wrench of all valid frames, linear in the dynamic parameters, compressed."""
+
+    factor: Array
+    """(n, 120) rows of R."""
+    target: Array
+    """(n,) the ground reactions' part, Q^T w, in the same rows."""
+    frames: int
+    force_rows: Array
+    """(n_f, 121) the same for force alone, unscaled (N), for reporting."""
+    moment_rows: Array
+    """(n_m, 121) the same for moment alone (N·m)."""
+
+    def rms(self, inertial: Array) -> tuple[float, float]:
+        """RMS residual force (N) and moment (N·m) over frames and the three components."""
+        phi = np.append(dynamic_parameters(inertial).ravel(), 1.0)
+        count = np.sqrt(3.0 * self.frames)
+        force, moment = np.linalg.norm(self.force_rows @ phi), np.linalg.norm(self.moment_rows @ phi)
+        return float(force / count), float(moment / count)
+
+
+def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
+    """Compress the root wrench of the valid frames.
+
+    Parameters
+    ----------
+    regressor : (nf, 6, 12, 10) of `Dynamics.root_regressor`.
+    ground : (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
+    weight : body weight, N.
+    length : m, torques are divided by weight * length.
+    """
+    nf = len(regressor)
+    rows = np.concatenate([regressor.reshape(nf, 6, 120), ground[:, :, None]], axis=2)
+    force, moment = _compressed(rows[:, :3].reshape(3 * nf, 121)), _compressed(rows[:, 3:].reshape(3 * nf, 121))
+    stacked = _compressed(np.vstack([force / weight, moment / (weight * length)]))
+    return RootEquations(
+        factor=stacked[:, :120], target=stacked[:, 120], frames=nf, force_rows=force, moment_rows=moment
+    )
+
+
+def _compressed(rows: Array) -> Array:
+    """Triangular rows with the same norm in every direction."""
+    out: Array = np.linalg.qr(rows, mode="r")  # type: ignore[assignment]
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
 class LoadedMotion:
     """A motion with ground reactions on the feet, for the frames that are valid."""
 

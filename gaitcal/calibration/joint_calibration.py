@@ -25,7 +25,7 @@ POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointSettings:
     """Bounds, priors and tolerances of a joint-parameter calibration."""
 
@@ -54,7 +54,7 @@ class JointSettings:
         return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointFit:
     """Joint parameters found, and everything needed to say how well."""
 
@@ -138,18 +138,18 @@ def calibrate_joints(
     state = problem.settle(result.x)
     edge = np.isfinite(reach) & (np.abs(result.x - middle) > 0.999 * np.where(np.isfinite(reach), reach, 1.0))
     return JointFit(
-        free,
-        result.x,
-        parameters.with_joint(free, result.x),
-        tuple(trial.nodes for trial in state.trials),
-        state,
-        problem.prior,
-        settings.marker_noise,
-        int(result.nfev),
-        time.perf_counter() - began,
-        bool(result.status > 0) and all(trial.converged for trial in state.trials),
-        ending(result),
-        tuple(name for name, on_edge in zip(free, edge, strict=True) if on_edge),
+        free=free,
+        values=result.x,
+        parameters=parameters.with_joint(free, result.x),
+        nodes=tuple(trial.nodes for trial in state.trials),
+        state=state,
+        prior=problem.prior,
+        marker_noise=settings.marker_noise,
+        iterations=int(result.nfev),
+        seconds=time.perf_counter() - began,
+        converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
+        message=ending(result),
+        at_bound=tuple(name for name, on_edge in zip(free, edge, strict=True) if on_edge),
     )
 
 

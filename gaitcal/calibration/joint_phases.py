@@ -72,7 +72,7 @@ class Phase:
         return "converged" if self.converged else "not converged"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointCalibration:
     """All phases together."""
 
@@ -127,7 +127,18 @@ class _Run:
         self.information[np.ix_(at, at)] += fit.state.hessian / fit.marker_noise**2
         trials = tuple(p.name for p in problems)
         noise = fit.marker_noise if self.settings.cumulative else None
-        self.phases.append(Phase(name, trials, len(fit.free), iterations, seconds, fit.converged, fit.message, noise))
+        self.phases.append(
+            Phase(
+                name=name,
+                trials=trials,
+                parameters=len(fit.free),
+                iterations=iterations,
+                seconds=seconds,
+                converged=fit.converged,
+                message=fit.message,
+                marker_noise=noise,
+            )
+        )
         return fit
 
     def _attempts(
@@ -167,12 +178,12 @@ class _Run:
         fitted = {name for fit in self.fits for name in fit.free}
         unseen = tuple(name for name in self.unseen if name not in fitted)
         return JointCalibration(
-            self.parameters,
-            tuple(self.phases),
-            tuple(self.fits),
-            self.influence,
-            unseen,
-            tuple(dict.fromkeys(self.warnings)),
+            parameters=self.parameters,
+            phases=tuple(self.phases),
+            fits=tuple(self.fits),
+            influence=self.influence,
+            unidentifiable=unseen,
+            warnings=tuple(dict.fromkeys(self.warnings)),
         )
 
 

@@ -44,7 +44,7 @@ class MonteCarloContext:
         self.basis = spline_basis(case.time, len(case.nodes))
         q = self.basis.evaluate(case.nodes)
         self.data, self.labels = own_markers(case, q)
-        self.problem = TrialProblem(case.name, Chain(), self.basis, self.data, self.labels)
+        self.problem = TrialProblem(name=case.name, chain=Chain(), basis=self.basis, data=self.data, labels=self.labels)
         constants = self.problem.constants(case.parameters)
         self.undisturbed_factor = BandFactor(self.problem.equations(case.nodes, constants).band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""

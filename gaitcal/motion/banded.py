@@ -25,7 +25,7 @@ _HIGH = np.array([a for a, _ in _NODE_PAIRS])
 _LOW = np.array([b for _, b in _NODE_PAIRS])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NormalEquations:
     """Half gradient and Gauss-Newton matrix of one trial at given nodes and joint parameters."""
 
@@ -63,11 +63,11 @@ class Assembler:
         """Zero sums to add frames to."""
         nn = self.basis.nodes
         return _Sums(
-            np.zeros((nn, ORDER, len(self._i))),
-            np.zeros((nn, self.nq, self.np)),
-            np.zeros((self.np, self.np)),
-            np.zeros((nn, self.nq)),
-            np.zeros(self.np),
+            blocks=np.zeros((nn, ORDER, len(self._i))),
+            mixed=np.zeros((nn, self.nq, self.np)),
+            parameters=np.zeros((self.np, self.np)),
+            node_gradient=np.zeros((nn, self.nq)),
+            parameter_gradient=np.zeros(self.np),
         )
 
     def spans(self, most_frames: int) -> list[list[int]]:
@@ -145,16 +145,16 @@ class Assembler:
                 band[:, i[mirror], d * nq + j[mirror] - i[mirror]] = sums.blocks[:, d, mirror]
         band[:, self._idle, 0] = 1.0
         return NormalEquations(
-            cost,
-            band.reshape(nn * nq, ORDER * nq),
-            sums.mixed.reshape(nn * nq, self.np),
-            sums.parameters,
-            sums.node_gradient,
-            sums.parameter_gradient,
+            cost=cost,
+            band=band.reshape(nn * nq, ORDER * nq),
+            mixed=sums.mixed.reshape(nn * nq, self.np),
+            parameters=sums.parameters,
+            node_gradient=sums.node_gradient,
+            parameter_gradient=sums.parameter_gradient,
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Sums:
     blocks: Array
     mixed: Array

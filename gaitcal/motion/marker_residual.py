@@ -91,7 +91,7 @@ class MarkerData:
         return MarkerData(self.segment, self.local, self.measured[:, :, part], self.weight[:, part])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrameEquations:
     """Cost and normal equations of every frame of a stretch."""
 
@@ -183,13 +183,15 @@ def frame_equations(
     forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]
     gradient = np.einsum("kif,kif->kf", columns, forces)
     if not hessian:
-        return FrameEquations(pairs, cost, gradient, columns, np.empty((0, 6, len(q))))
+        return FrameEquations(
+            pairs=pairs, cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q)))
+        )
     carried = _apply_inertia(_sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns)
     if curved:
         first = np.einsum("sjaf,sjbf->sabf", segments, arms)
         summed = _sums(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
         carried[:, 3:] += curvature_pulls(columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1))
-    return FrameEquations(pairs, cost, gradient, columns, carried)
+    return FrameEquations(pairs=pairs, cost=cost, gradient=gradient, columns=columns, carried=carried)
 
 
 def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:

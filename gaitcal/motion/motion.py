@@ -56,7 +56,7 @@ class MarkerErrors:
         return float(peaks.max()), self.labels[kept[int(peaks.argmax())]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """Coordinates of one trial as splines, with the markers' errors."""
 
@@ -98,7 +98,14 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
     """The motion that `nodes` describe, with the errors of every marker."""
     positions = problem.positions(nodes, problem.constants(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
-    return Motion(problem.name, problem.chain.coordinates, problem.basis, nodes, _errors(problem, distance), converged)
+    return Motion(
+        name=problem.name,
+        coordinates=problem.chain.coordinates,
+        basis=problem.basis,
+        nodes=nodes,
+        errors=_errors(problem, distance),
+        converged=converged,
+    )
 
 
 def rigid_floor(problem: TrialProblem) -> MarkerErrors:

@@ -55,7 +55,7 @@ class Loss(Enum):
         return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RobustTracking:
     """Where the iteration ended."""
 
@@ -110,4 +110,4 @@ def robust_tracking(
         weighted = problem.with_weight(own * present)
         tracked = track_nodes(weighted, constants, tracked.nodes)
         count += 1
-    return RobustTracking(weighted, present, scale, tracked, count, settled)
+    return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked, rounds=count, settled=settled)

@@ -23,7 +23,7 @@ ORDER = DEGREE + 1
 MINIMUM_NODES = ORDER
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SplineBasis:
     """The basis at the frames of one trial."""
 
@@ -55,12 +55,12 @@ class SplineBasis:
     def at(self, frames: NDArray[np.intp]) -> SplineBasis:
         """The same splines at some of the frames (increasing)."""
         return SplineBasis(
-            self.time[frames],
-            self.knots,
-            self.first[frames],
-            self.value[frames],
-            self.rate[frames],
-            self.acceleration[frames],
+            time=self.time[frames],
+            knots=self.knots,
+            first=self.first[frames],
+            value=self.value[frames],
+            rate=self.rate[frames],
+            acceleration=self.acceleration[frames],
         )
 
     def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
@@ -96,8 +96,10 @@ def spline_basis(time: Array, nodes: int) -> SplineBasis:
     inner = np.linspace(start, end, nodes - DEGREE + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
     first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
-    weights = [_local_weights(knots, time, first + DEGREE, k) for k in range(3)]
-    return SplineBasis(time, knots, first.astype(np.intp), *weights)
+    value, rate, acceleration = (_local_weights(knots, time, first + DEGREE, k) for k in range(3))
+    return SplineBasis(
+        time=time, knots=knots, first=first.astype(np.intp), value=value, rate=rate, acceleration=acceleration
+    )
 
 
 def _local_weights(knots: Array, time: Array, span: NDArray[np.intp], derivative: int) -> Array:

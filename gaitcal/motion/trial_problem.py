@@ -30,7 +30,7 @@ FRAMES_AT_ONCE = 512
 """Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialProblem:
     """Markers of one trial, the part of the linkage that carries them, and the spline basis."""
 
@@ -235,4 +235,4 @@ def trial_problem(
     data = MarkerData(
         index[order], model.markers.local[chosen], np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight
     )
-    return TrialProblem(name, chain, basis, data, labels)
+    return TrialProblem(name=name, chain=chain, basis=basis, data=data, labels=labels)

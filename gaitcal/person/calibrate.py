@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import InertialFit, TorqueScale, fit_consistent, fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_calibration import InertialFit, fit_consistent, fit_published
+from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     Phase,
@@ -157,7 +157,7 @@ def _inertial_parameters(
     progress: Progress,
 ) -> InertialFit | None:
     loaded = [
-        LoadedMotion(name, m.q, m.velocity, m.acceleration, r.wrench, r.valid)
+        LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
         for name, m, r in ((name, motions[name], r) for name, r in reactions.items() if r.valid.any())
     ]
     if settings.ip == "none" or not loaded:
@@ -220,20 +220,30 @@ def _phases(
     if inertial:
         phases.append(
             Phase(
-                "inertial",
-                used,
-                len(inertial.names),
-                inertial.iterations,
-                inertial.seconds,
-                inertial.converged,
-                inertial.message,
+                name="inertial",
+                trials=used,
+                parameters=len(inertial.names),
+                iterations=inertial.iterations,
+                seconds=inertial.seconds,
+                converged=inertial.converged,
+                message=inertial.message,
             )
         )
     if third and joint and inertial:
         text = "" if third.converged else f"{third.ending.value}; "
         text += f"marker sigma {1e3 * third.marker_sigma:.2f} mm a coordinate, load share {third.load_share:g}"
         count = len(joint.free) + len(inertial.names)
-        phases.append(Phase("joint and inertial", used, count, third.steps, third.seconds, third.converged, text))
+        phases.append(
+            Phase(
+                name="joint and inertial",
+                trials=used,
+                parameters=count,
+                iterations=third.steps,
+                seconds=third.seconds,
+                converged=third.converged,
+                message=text,
+            )
+        )
     return tuple(phases)
 
 

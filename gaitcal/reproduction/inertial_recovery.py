@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import (
-    RootEquations,
-    TorqueScale,
-    fit_consistent,
-    fit_published,
-)
-from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
+from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
 from gaitcal.model.inertial_parameters import IP_INDEX, is_physical, symmetric_set, table
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import motion_of
@@ -94,7 +89,9 @@ def gait_equations(parameters: Parameters, nodes: Array, scale: TorqueScale = To
     """The pelvis residual of the gait trial for joint parameters and nodes (20, 27)."""
     basis = true_motion("full leg").basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-    motion = LoadedMotion("gait", q, v, a, true_wrench(), np.ones(len(q), dtype=bool))
+    motion = LoadedMotion(
+        name="gait", q=q, velocity=v, acceleration=a, wrench=true_wrench(), valid=np.ones(len(q), dtype=bool)
+    )
     hips = [subject().landmarks[f"hjc_{side}"][1] for side in ("r", "l")]
     width = float(np.linalg.norm(hips[0] - hips[1]))
     return equations_of([motion], parameters, subject().subject, scale, width)

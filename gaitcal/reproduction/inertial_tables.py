@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gaitcal.calibration.inertial_calibration import TorqueScale
+from gaitcal.calibration.inertial_equations import TorqueScale
 from gaitcal.reproduction.inertial_recovery import NOISELESS_DECAY, InertialRecovery
 from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import table_four, table_three, text

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from gaitcal.calibration.inertial_calibration import TorqueScale
+from gaitcal.calibration.inertial_equations import TorqueScale
 from gaitcal.reproduction.inertial_recovery import (
     NOISELESS_DECAY,
     RANDOM_SEEDS,

@@ -133,7 +133,14 @@ def _scale_rows(name: str, calibration: Calibration) -> list[TableRow]:
     """The published cost with each normalisation, with the joints and motions of phase 1."""
     nominal, parameters = calibration.nominal, calibration.model.parameters
     motions = [
-        LoadedMotion(t.name, t.body.q, t.body.velocity, t.body.acceleration, r.wrench, r.valid)
+        LoadedMotion(
+            name=t.name,
+            q=t.body.q,
+            velocity=t.body.velocity,
+            acceleration=t.body.acceleration,
+            wrench=r.wrench,
+            valid=r.valid,
+        )
         for t in calibration.trials
         if t.loads is not None and (r := t.loads.reactions).valid.any()
     ]

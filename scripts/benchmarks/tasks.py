@@ -13,8 +13,8 @@ from benchmarks.programs import section_calibrate_study, section_montecarlo, sec
 from benchmarks.references import lower_bound, passes, plain_least_squares
 from benchmarks.scaling import section_scaling
 from benchmarks.trials import CYCLE, GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
-from gaitcal.calibration.inertial_calibration import TorqueScale, fit_consistent, fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
+from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.build import build_model
 from gaitcal.model.inertial_parameters import symmetric_set
@@ -111,7 +111,12 @@ def section_ip() -> list[Timing]:
     wrench = ground_reactions(model.parameters, motion, CYCLE)
     tracked = track(model, recording("gait"), rule=NODES)
     loaded = LoadedMotion(
-        "gait", tracked.q, tracked.velocity, tracked.acceleration, wrench, np.ones(len(tracked.time), bool)
+        name="gait",
+        q=tracked.q,
+        velocity=tracked.velocity,
+        acceleration=tracked.acceleration,
+        wrench=wrench,
+        valid=np.ones(len(tracked.time), bool),
     )
 
     def run(fit: Callable[..., object]) -> object:

@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import (
-    RootEquations,
-    TorqueScale,
-    fit_consistent,
-    fit_published,
-)
+from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
+from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
@@ -41,7 +36,7 @@ EVERY = np.ones(len(MOTION.basis.time), dtype=bool)
 
 def equations(nodes: Array, parameters: Parameters) -> RootEquations:
     q, v, a = (MOTION.basis.evaluate(nodes, k) for k in range(3))
-    loaded = LoadedMotion("gait", q, v, a, WRENCH, EVERY)
+    loaded = LoadedMotion(name="gait", q=q, velocity=v, acceleration=a, wrench=WRENCH, valid=EVERY)
     return equations_of([loaded], parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
 
 

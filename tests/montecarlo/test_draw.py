@@ -36,7 +36,9 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
         parameters = parameters.with_inertial(parameters.inertial * factor)
     if change.noise is not None:
         data = replace(data, measured=data.measured + change.noise)
-    problem = TrialProblem("reference", context.problem.chain, context.basis, data, context.labels)
+    problem = TrialProblem(
+        name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.labels
+    )
     constants = problem.constants(parameters)
     nodes = case.nodes
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time

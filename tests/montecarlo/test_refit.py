@@ -23,7 +23,9 @@ def test_other_measured_markers_keep_the_pattern() -> None:
     constants = problem.constants(perturbed_parameters(rng))
     measured = problem.data.measured + rng.normal(0, 0.01, problem.data.measured.shape)
     other = problem.with_measured(measured)
-    made = TrialProblem(problem.name, problem.chain, problem.basis, other.data, problem.labels)
+    made = TrialProblem(
+        name=problem.name, chain=problem.chain, basis=problem.basis, data=other.data, labels=problem.labels
+    )
     assert other._assembler is problem._assembler
     found, expected = (p.equations(true, constants, curved=True) for p in (other, made))
     np.testing.assert_array_equal(found.band, expected.band)
@@ -63,11 +65,11 @@ def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: Mont
     problem = context.problem
     data = context.data
     noisy = TrialProblem(
-        "noisy",
-        problem.chain,
-        problem.basis,
-        type(data)(data.segment, data.local, data.measured + change.noise, data.weight),
-        problem.labels,
+        name="noisy",
+        chain=problem.chain,
+        basis=problem.basis,
+        data=type(data)(data.segment, data.local, data.measured + change.noise, data.weight),
+        labels=problem.labels,
     )
     constants = problem.constants(context.case.parameters)
     found = [

@@ -72,13 +72,7 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     problem, true = random_trial(rng, parameters, frames=40, nodes=8, segments=segments)
     noisy = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
     weight = rng.uniform(0.3, 1.0, problem.data.weight.shape)
-    problem = type(problem)(
-        problem.name,
-        problem.chain,
-        problem.basis,
-        type(problem.data)(problem.data.segment, problem.data.local, noisy, weight),
-        problem.labels,
-    )
+    problem = problem.with_measured(noisy).with_weight(weight)
     constants = problem.constants(parameters)
 
     def residual(x: Array) -> Array:
@@ -116,8 +110,7 @@ def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     problem, _ = random_trial(rng, parameters, frames=50, nodes=8)
     turn = axis_rotation(1, heading)
     turned = np.einsum("ij,mjf->mif", turn, problem.data.measured) + np.array([3.0, 0.0, -2.0])[None, :, None]
-    data = type(problem.data)(problem.data.segment, problem.data.local, turned, problem.data.weight)
-    problem = type(problem)(problem.name, problem.chain, problem.basis, data, problem.labels)
+    problem = problem.with_measured(turned)
     constants = problem.constants(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     result = track_nodes(problem, constants, start)

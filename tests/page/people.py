@@ -97,7 +97,12 @@ def walking_trial(model, true: TrueMotion, name, wrench):
         model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)
     )
     return trial_scene(
-        model, name, "gait", Motion(name, COORDINATES, true.basis, true.nodes, errors, True), recording, reactions
+        model,
+        name,
+        "gait",
+        Motion(name=name, coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True),
+        recording,
+        reactions,
     )
 
 

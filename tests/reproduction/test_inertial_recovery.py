@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.inertial_calibration import RootEquations, fit_published
+from gaitcal.calibration.inertial_calibration import fit_published
+from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import IP_INDEX, dynamic_jacobian, symmetric_set
 from gaitcal.reproduction.inertial_recovery import (
