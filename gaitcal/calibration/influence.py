@@ -129,11 +129,14 @@ def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influen
         hessian[np.ix_(rows, rows)] += scores.hessian
         pulls.append(pull)
         own += scores.clusters
+    # One column a source of error: those of earlier phases first, then this fit's marker coordinates. Sources that
+    # both know (a trial that takes part in two phases) share a column, so that their errors add before they square.
     clusters = tuple(dict.fromkeys((*known.clusters, *own)))
     column = {name: k for k, name in enumerate(clusters)}
     error = np.zeros((len(names), len(clusters)))
     error[np.ix_([place[n] for n in known.free], [column[c] for c in known.clusters])] = known.parameters
     count, prior = len(fit.free), fit.prior.T @ fit.prior
+    # H d p = -(sum_c u_c + S_pk d p_k - L^T L d c), row by row of the free parameters; other rows stay as known
     right = hessian[:count, count:] @ error[count:] - prior @ error[:count]
     right[:, [column[c] for c in own]] += np.hstack(pulls)[:count]
     error[:count] = -_inverse(hessian[:count, :count] + prior) @ right
@@ -196,10 +199,12 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     by_node = np.zeros((basis.nodes, nq, count))
     by_parameter = np.zeros((len(chain.free), count))
     for m, segment in enumerate(data.segment):
+        # coordinates come before the free joint parameters in the chain's variables
         moved = np.flatnonzero(chain.support[:, segment])
         own = moved[moved < nq]
         velocity = _point_velocity(spatial[moved], x[m])
         among = velocity[: len(own)]
+        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
         leverage = np.einsum("kif,fkl,lif->if", among, inverse[np.ix_(np.arange(len(q)), own, own)], among)
         leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
         pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
@@ -222,6 +227,7 @@ def _point_velocity(spatial: Array, x: Array) -> Array:
 def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
     """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
     hessian = problem.frame_hessians(q, constants)
+    # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
     scaled = hessian * scale[:, :, None] * scale[:, None, :]
     inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)

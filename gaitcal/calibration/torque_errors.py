@@ -71,6 +71,7 @@ def torque_standard_errors(
 def _marker_part(problem: TrialProblem, part: slice, moves: MarkerMoves, slopes: ForceDerivatives) -> Array:
     """(frames of the part, 29, nc) d tau_c."""
     basis, nq = problem.basis, len(problem.chain.coordinates)
+    # only the nodes whose splines reach these frames: (their nodes, nq, nc)
     near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
     by_node = moves.change(slice(near.start * nq, near.stop * nq)).reshape(near.stop - near.start, -1)
     out: Array = slopes.by_parameter @ moves.shift

@@ -47,6 +47,7 @@ class Assembler:
 
     def __init__(self, pairs: VariablePairs, coordinates: int, parameters: int, basis: SplineBasis) -> None:
         self.nq, self.np, self.basis, self.pairs = coordinates, parameters, basis, pairs
+        # Only pairs (i >= j) of coordinates that move a common marker have entries: about a third of nq (nq + 1) / 2.
         i, j = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
         self._i, self._j = i, j
         self._place = pairs.shallow[pairs.coordinates] * coordinates + pairs.deep[pairs.coordinates]
@@ -104,6 +105,7 @@ class Assembler:
     def add_matrices(self, sums: _Sums, matrices: Array, group: list[int]) -> None:
         """Add matrices (frames of the group, nq, nq) of the coordinates, entry (k, l) valid where l comes after k."""
         start = self._weights[group[0]][1].start
+        # entries (frames, pairs); for each span  blocks[21 node pairs, pairs] = sum_f B_a(f) B_b(f) entries(f)
         entries = np.take(matrices.reshape(len(matrices), self.nq**2), self._place, axis=1)
         blocks = np.empty((len(group), len(_NODE_PAIRS), entries.shape[1]))
         for k, out in zip(group, blocks, strict=True):
@@ -117,6 +119,7 @@ class Assembler:
         """Add H_qp; for each pair the one of the two products whose second variable comes after its first."""
         start, nq = self._weights[group[0]][1].start, self.nq
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
+        # H_kl is J_k . Y_l J_l with l the later of the two in the chain: which one that is the masks tell
         later = equations.products(coordinates, parameters).reshape(-1, nq * self.np)
         earlier = equations.products(parameters, coordinates).reshape(-1, nq * self.np)
         for k in group:
@@ -137,12 +140,15 @@ class Assembler:
     def finish(self, sums: _Sums, cost: float) -> NormalEquations:
         """The sums as a banded matrix; coordinates that move no marker get a unit diagonal."""
         nn, nq = self.basis.nodes, self.nq
+        # Row (node a, coordinate j), column (node a + d, coordinate i) stands at band[a, j, d nq + i - j]: the distance
+        # from the diagonal. A symmetric block of two nodes d > 0 needs its mirror image, on the diagonal (d = 0) not.
         band = np.zeros((nn, nq, ORDER * nq))
         i, j, mirror = self._i, self._j, self._mirror
         for d in range(ORDER):
             band[:, j, d * nq + i - j] = sums.blocks[:, d]
             if d:
                 band[:, i[mirror], d * nq + j[mirror] - i[mirror]] = sums.blocks[:, d, mirror]
+        # A coordinate that moves no marker would leave a zero on the diagonal: with one there it stays where it is.
         band[:, self._idle, 0] = 1.0
         return NormalEquations(
             cost=cost,
@@ -187,6 +193,7 @@ class BandFactor:
         """
         copy = band if overwrite else band.copy()
         diagonal = copy[:, 0]
+        # Nodes in a gap of the markers have no entries: a floor far below any other entry keeps them where they are.
         floor = 1e-13 * float(diagonal.max())
         diagonal *= 1.0 + damping
         diagonal += floor

@@ -2,10 +2,8 @@
 
 Tracking, the motions behind joint parameters, starts from far away, the combined fit and the re-fits of a Monte Carlo
 study all call `descend`; they differ in what they minimise (a `Problem`) and in `DescentSettings`. A step solves
-
-    (M + damping diag(M)) step = -g,
-
-g the half gradient of the cost at x, M its Gauss-Newton matrix. -g . step is the gain that the step promises.
+(M + damping diag(M)) step = -g, with g the half gradient of the cost at x and M its Gauss-Newton matrix; -g . step is
+the gain that it promises.
 
 - *Damping* (Levenberg 1944, Marquardt 1963) is raised only when a step raised the cost, and falls again afterwards.
 - *A kept factor.* Forming and factorising M costs three times a gradient, and near the minimum M hardly changes: after

@@ -130,6 +130,7 @@ class VariablePairs:
     """Which pairs of variables (coordinates, then free joint parameters) of a chain move a common marker."""
 
     def __init__(self, chain: Chain, seen: NDArray[np.bool_]) -> None:
+        # support (variables, segments): 1 where a variable moves a segment that shows a marker
         support = chain.support * seen
         active = np.asarray(support.any(axis=1))
         nq = len(chain.coordinates)
@@ -179,6 +180,7 @@ def frame_equations(
     poses = forward(chain, constants, q)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
+    # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it moves)
     arms, cost = _segment_arms(data, segments)
     forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]
     gradient = np.einsum("kif,kif->kf", columns, forces)
@@ -188,6 +190,7 @@ def frame_equations(
         )
     carried = _apply_inertia(_sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns)
     if curved:
+        # C_l = sum x r^T of each segment: T_s [l; 1] against the same arms that give its force
         first = np.einsum("sjaf,sjbf->sabf", segments, arms)
         summed = _sums(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
         carried[:, 3:] += curvature_pulls(columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1))
@@ -202,6 +205,7 @@ def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
     pull = data.weight[:, None] * r
     cost = float(np.vdot(pull, r))
     arms = np.zeros((ns, 4, 3, nf))
+    # one small matrix product a segment, over all its markers and frames at once
     for s, markers in data.groups:
         flat = pull[markers].reshape(-1, 3 * nf)
         np.matmul(data.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
@@ -224,6 +228,7 @@ def _segment_inertias(data: MarkerData, segments: Array) -> Array:
     ns, nf = len(segments), segments.shape[-1]
     carriers = [s for s, _ in data.groups]
     placed = segments[carriers]
+    # T P T^T takes two products; where weights never change the first is one matrix for all frames
     if data.moments.shape[-1] == 1:
         turned = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(placed.shape)
     else:
