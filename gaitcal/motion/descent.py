@@ -236,8 +236,7 @@ class _Iteration(Generic[Point, AnyFactor]):
             else:
                 self._raise_damping()
             return None
-        if self.linear.spent:
-            self.linear = None
+        self.linear = None if self.linear.spent else self.linear
         self.fresh = True
         return self.factor
 
