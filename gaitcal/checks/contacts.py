@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from gaitcal.checks.evidence import FEET, SIDES, TrialEvidence
 from gaitcal.checks.finding import Finding, error, info, warning
-from gaitcal.dynamics.ground_contact import LOADED, RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
+from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
 from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
 from gaitcal.recording import resample_wrench
-from gaitcal.recording.force_plate import BODY_N
+from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.study.study import Role
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -92,24 +93,20 @@ def steps(trial: TrialEvidence, feet: Feet) -> list[Step]:
     found = []
     for plate in trial.recording.plates:
         wrench = np.nan_to_num(resample_wrench(plate, feet.time))
-        for run in runs(wrench[:, 1] > LOADED, 2):
+        for run in runs(wrench[:, 1] > LOADED_N, 2):
             if feet.time[run.stop - 1] - feet.time[run.start] < SHORTEST or wrench[run, 1].max() < BODY_N:
                 continue
-            w = wrench[run]
             height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0
-            force, moment = w[:, :3], w[:, 3:]
-            x = (moment[:, 2] + height * force[:, 0]) / force[:, 1]
-            z = (-moment[:, 0] + height * force[:, 2]) / force[:, 1]
-            point = np.column_stack([x, np.full(len(x), height), z])
-            away = [feet.distance(k, point, run, force[:, 1]) for k in range(2)]
+            point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
+            away = [feet.distance(k, point, run, load) for k in range(2)]
             foot = int(np.argmin(away))
-            found.append(Step(plate, run, foot, away[foot], away[1 - foot], point, force[:, 1]))
+            found.append(Step(plate, run, foot, away[foot], away[1 - foot], point, load))
     return found
 
 
 def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
-    if trial.trial.role != "gait" or not trial.recording.plates or len(trial.recording.time) < 3:
+    if trial.trial.role is not Role.GAIT or not trial.recording.plates or len(trial.recording.time) < 3:
         return
     feet = Feet(trial)
     if not feet.seen.any():
@@ -241,7 +238,7 @@ def covered(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     for plate in trial.recording.plates:
         common = min(time[-1], plate.time[-1]) - max(time[0], plate.time[0])
-        if trial.trial.role == "gait" and common <= 0:
+        if trial.trial.role is Role.GAIT and common <= 0:
             found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
             found += f"markers from {time[0]:g} to {time[-1]:g} s"
             yield error("time", trial.name, found, "give the forces of this very trial", trial.source)

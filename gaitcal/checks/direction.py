@@ -11,6 +11,7 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding, error, info, listed, warning
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.study.study import Role
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ WRONG_SIDE_M = 0.02
 def upright(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body stands upright in the y-up axes that were made of the file's."""
     pelvis = trial.pelvis
-    if pelvis is None or trial.trial.role == "joint":
+    if pelvis is None or trial.trial.role is Role.JOINT:
         return
     tilt = np.rad2deg(np.arccos(np.clip(pelvis.rotation[pelvis.determined][:, 1, 1], -1, 1)))
     if (middle := float(np.median(tilt))) > TILT_DEG:
@@ -41,7 +42,7 @@ def upright(trial: TrialEvidence) -> Iterator[Finding]:
 def heading(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, and is not carried along sideways."""
     pelvis = trial.pelvis
-    if pelvis is None or trial.trial.role != "gait":
+    if pelvis is None or trial.trial.role is not Role.GAIT:
         return
     way = net_progression(trial.recording)[[0, 2]]
     length = float(np.linalg.norm(way))
@@ -80,7 +81,7 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             wrong.append(f"'{name}' and '{other}' by {-1e3 * float(np.median(lateral[bad])):.0f} mm")
             when = runs(bad)
     if wrong:
-        tell = warning if trial.trial.role == "joint" else error
+        tell = warning if trial.trial.role is Role.JOINT else error
         yield tell(
             "sides",
             trial.name,

@@ -13,7 +13,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study import Role, StudyTrial
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -51,7 +51,7 @@ class TrialEvidence:
     @property
     def is_static(self) -> bool:
         """Whether this is the trial in which the person stands."""
-        return self.trial.role == "static"
+        return self.trial.role is Role.STATIC
 
     @cached_property
     def place(self) -> dict[str, int]:

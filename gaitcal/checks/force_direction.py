@@ -27,6 +27,7 @@ from gaitcal.model.build import GRAVITY
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.study.study import Role
 
 Array = NDArray[np.float64]
 
@@ -124,7 +125,7 @@ class _Walk:
 
 def _walk(trial: TrialEvidence) -> _Walk | None:
     """None where there are no such steps."""
-    if trial.trial.role != "gait" or trial.pelvis is None or len(trial.recording.time) < 3:
+    if trial.trial.role is not Role.GAIT or trial.pelvis is None or len(trial.recording.time) < 3:
         return None
     feet = Feet(trial)
     if not feet.seen.any():
@@ -161,7 +162,7 @@ VELOCITY_S = 0.1
 
 def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
     """The mass that the plates of a gait trial carry, against the subject's."""
-    if trial.trial.role != "gait" or trial.pelvis is None or len(trial.recording.time) < 3:
+    if trial.trial.role is not Role.GAIT or trial.pelvis is None or len(trial.recording.time) < 3:
         return
     feet = Feet(trial)
     if not feet.seen.any():

@@ -10,6 +10,7 @@ import numpy as np
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding, error, info, listed, warning
 from gaitcal.model.linkage import LEG_SEGMENTS
+from gaitcal.study.study import Role
 
 LIGHT = 0.1
 """Weight up to which a marker decides nothing."""
@@ -29,7 +30,7 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
         told.append(f"'{label}' (is it '{close[0]}'?)" if close else f"'{label}'")
     cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
     found = f"{len(absent)} markers of the set are not in the file: {listed(told, 8)}"
-    if trial.trial.role == "joint" or all(trial.weight(label) <= LIGHT for label in absent):
+    if trial.trial.role is Role.JOINT or all(trial.weight(label) <= LIGHT for label in absent):
         yield info("labels", trial.name, found, cure, trial.source)
     else:
         yield warning("labels", trial.name, found, cure, trial.source)
@@ -105,7 +106,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
 
 def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
-    if trial.trial.role != "gait" or trial.model is None:
+    if trial.trial.role is not Role.GAIT or trial.model is None:
         return
     seen = {m for m in trial.place if trial.seen[:, trial.place[m]].any() and trial.weight(m) > 0}
     markers = trial.model.markers

@@ -16,6 +16,7 @@ from gaitcal.recording import still_window
 from gaitcal.recording.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.study.study import Role
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
             continue
-        if _ALARMING.search(note) and trial.trial.role == "gait":
+        if _ALARMING.search(note) and trial.trial.role is Role.GAIT:
             cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
             if "never empty" in note:
                 cure = "record some seconds with nobody on the plate, or remove its offset before export"
@@ -116,7 +117,7 @@ def body_mass(trial: TrialEvidence) -> Iterator[Finding]:
     """Body mass against the force under the standing, or the mean force under the walking person."""
     if trial.is_static:
         yield from _standing(trial)
-    elif trial.trial.role == "gait":
+    elif trial.trial.role is Role.GAIT:
         yield from _walking(trial)
 
 

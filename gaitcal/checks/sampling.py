@@ -17,6 +17,7 @@ from gaitcal.checks.finding import Finding, error, info, warning
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, NodeRule, cutoff
 from gaitcal.recording.axes import net_progression
 from gaitcal.recording.recording import Recording
+from gaitcal.study.study import Role
 
 RATES = (20.0, 2000.0)
 """Hz, frame rates of motion capture."""
@@ -44,7 +45,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         if abs(hz - 1) < 1e-6:
             cure = "the time column counts frames: divide it by the frame rate"
         yield error("time", trial.name, found, cure, trial.source)
-    elif trial.trial.role == "gait" and hz < SLOW_GAIT:
+    elif trial.trial.role is Role.GAIT and hz < SLOW_GAIT:
         cure = "joint moments at heel strike will be blunted; record at 100 Hz"
         yield warning("sampling", trial.name, f"frames come at {hz:.4g} Hz", cure, trial.source)
     steps = np.diff(time)
@@ -65,7 +66,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
 def speed(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body goes at a speed of walking, which a wrong clock spoils."""
     time = trial.recording.time
-    if trial.trial.role != "gait" or len(time) < 2:
+    if trial.trial.role is not Role.GAIT or len(time) < 2:
         return
     found = float(np.linalg.norm(net_progression(trial.recording))) / float(time[-1] - time[0])
     if found > SPEED_M_S:
@@ -128,7 +129,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     if nodes > len(time):
         found = f"nodes = {nodes} for {len(time)} frames"
         yield error("sampling", trial.name, found, "fewer nodes than frames are needed", trial.source)
-    elif passed < STEADY_HZ and trial.trial.role == "gait":
+    elif passed < STEADY_HZ and trial.trial.role is Role.GAIT:
         yield warning(
             "sampling",
             trial.name,

@@ -1,7 +1,7 @@
 """Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
 
 Ground reactions are written as the force at the centre of pressure and the moment about it
-(`dynamics/centre_of_pressure.py`).
+(`recording/force_plate.py`).
 
 Tables as OpenSim's Storage reads them (`.mot`, `.sto`): a header, `endheader`, column names, rows; tab separated.
 
@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
 from gaitcal.export.names import safe_name
@@ -25,6 +24,7 @@ from gaitcal.export.osim import DOCUMENT_VERSION
 from gaitcal.export.xml_text import child, write_xml
 from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
+from gaitcal.recording.force_plate import point_and_torque
 
 Array = NDArray[np.float64]
 

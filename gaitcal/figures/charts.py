@@ -9,6 +9,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import angle_chart, moment_chart
 from gaitcal.figures.fit import fit_chart
@@ -17,7 +18,6 @@ from gaitcal.figures.parameters import moment_change_chart, parameters_chart
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, cycle_sentence, layout
 from gaitcal.person.parameter_words import joint_groups
-from gaitcal.person.residual_limits import Limits, Stage, residual_limits, stages
 from gaitcal.person.result import Calibration, TrialResult
 
 
@@ -35,8 +35,8 @@ class GaitView:
     residuals: Chart | None
     change: Chart | None
     numbers: tuple[MomentNumbers, ...]
-    stages: tuple[Stage, ...]
-    limits: Limits | None
+    stages: tuple[ResidualMagnitudes, ...]
+    limits: ResidualLimits | None
 
     @property
     def valid_frames(self) -> int:
@@ -86,7 +86,8 @@ def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitV
     if not loads.reactions.valid.any():
         return GaitView(trial, drawn, cycle_sentence(drawn), angles, None, forces, None, None, (), (), None)
     numbers = moment_numbers(calibration.model, drawn, loads.final, loads.nominal, loads.errors)
-    found, limit = stages(loads), residual_limits(calibration.model.parameters, trial, loads)
+    found = loads.residuals
+    limit = residual_limits(calibration.model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
     return GaitView(
         trial,
         drawn,

@@ -14,6 +14,11 @@ from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 Array = NDArray[np.float64]
 
+COORDINATE_HEADER = (
+    "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
+    "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
+)
+"""Comment lines above the header of every file of coordinates."""
 MOMENT_HEADER = (
     "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
     "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",

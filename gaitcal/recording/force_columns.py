@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.recording.force_plate import pushes_down, turned_round
+from gaitcal.recording.force_plate import UP, pushes_down, turned_round
 from gaitcal.recording.recording import Array, ForcePlate
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
 WORDS = {"force": "force", "grf": "force", "point": "point", "cop": "point", "torque": "moment", "moment": "moment"}
 FILLERS = frozenset(["ground", "reaction"])
-UP = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass

@@ -6,7 +6,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.dynamics.inverse_dynamics import residual_rms
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SEGMENTS, is_translation
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
@@ -45,7 +44,7 @@ def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
     """One trial's entry: markers, segments, residuals, torque changes."""
     errors = trial.calibrated.errors
     out: dict[str, Json] = {
-        "role": trial.role,
+        "role": trial.role.value,
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.kept().sum()),
@@ -111,10 +110,8 @@ def _torque_change(loads: LoadedTrial, bwh: float) -> dict[str, Json]:
 
 
 def _pelvis_residual(loads: LoadedTrial) -> dict[str, Json]:
-    stages = {"nominal": loads.nominal, "jp": loads.jp, "jp_ip": loads.jp_ip, "joint_step": loads.joint_step}
     out: dict[str, Json] = {}
-    for stage, forces in stages.items():
-        if forces is not None:
-            force, torque = residual_rms(forces, loads.reactions.valid)
-            out[stage] = {"force_N": force, "torque_Nm": torque}
+    for stage, moments in loads.moments.items():
+        force, torque = moments.residual_rms(loads.reactions.valid)
+        out[stage.key] = {"force_N": force, "torque_Nm": torque}
     return out

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from gaitcal.files.validation import Table, frequency
+
+
+class Mode(Enum):
+    """The order in which joint parameters are calibrated."""
+
+    SEQUENTIAL = "sequential"
+    SIMULTANEOUS = "simultaneous"
 
 
 class CalibrationSettings(Table):

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.model.inertial_parameters import (
@@ -37,6 +36,7 @@ from gaitcal.model.segment_frames import lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import ForcePlate, Recording, write_c3d
+from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, Trial
 from gaitcal.study.study_file import Subject as SubjectTable

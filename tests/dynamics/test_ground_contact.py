@@ -45,7 +45,8 @@ def right_foot(toe: float) -> FootPoints:
     heel_speed, toe_speed = np.full((nf, 2), 2.0), np.full((nf, 2), 2.0)
     heel_speed[STANCE, 0] = 0.0
     toe_speed[STANCE & ~HEEL_ONLY, 0] = 0.0
-    return FootPoints(heel, toes, foot_tip(heel, toes, HEIGHT), heel_speed, toe_speed)
+    tip = foot_tip(heel, toes, HEIGHT)
+    return FootPoints(heel=heel, toe=toes, tip=tip, heel_speed=heel_speed, toe_speed=toe_speed)
 
 
 def found(toe: float, *plates: ForcePlate) -> GroundReactions:
