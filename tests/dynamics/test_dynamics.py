@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from gaitcal.dynamics.derivatives import force_derivatives, root_residual
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.nominal import published_model
+from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.synthetic.measurements import ground_reactions
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
@@ -116,6 +122,28 @@ def test_force_derivatives_by_finite_differences() -> None:
         lambda x: Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)[0],
         start,
     )
+
+
+def test_moments_are_the_forces_by_name() -> None:
+    """Of the model's own parameters, not its nominal ones; figures over valid frames alone, by hand."""
+    true = gait_motion()
+    model = replace(published_model(), parameters=perturbed_parameters(RNG))
+    nf = len(true.basis.time)
+    errors = MarkerErrors((), (), np.empty(0), np.empty((nf, 0)))
+    motion = Motion(
+        name="walk", coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True
+    )
+    wrench = RNG.normal(0, 300, (nf, 2, 6))
+    forces = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
+    moments = inverse_dynamics(model, motion, wrench)
+    np.testing.assert_array_equal(np.hstack([moments.tau, moments.knee_adduction]), forces)
+    assert (*moments.coordinates, "knee_adduction_r", "knee_adduction_l") == FORCES
+    residual = np.hstack([moments.residual_force, moments.residual_moment])
+    np.testing.assert_allclose(residual, pelvis_residual(motion.q, forces), atol=FORCE)
+    knee = 100.0 * forces[:, FORCES.index("knee_angle_l")] / (model.subject.mass * 9.81 * model.subject.height)
+    np.testing.assert_allclose(moments.percent_bwh("knee_angle_l"), knee, rtol=1e-12)
+    some = replace(moments, residual_force=np.array([[3.0, 0, 0], [90, 9, 9]]), residual_moment=np.full((2, 3), 2.0))
+    assert some.residual_rms(np.array([True, False])) == pytest.approx((np.sqrt(3.0), 2.0), rel=1e-12)
 
 
 def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> None:
