@@ -32,7 +32,7 @@ SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
 """Units of the page where those of the files would make the numbers too long to read."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Row:
     """One parameter."""
 
@@ -80,11 +80,11 @@ def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
     rows = _rows(calibration, joints=True)
     groups = []
     for base in GROUPS:
-        own = [r for r in rows if split_side(r.name.split(".")[0])[0] == base]
-        shown = [r for r in own if r.status != "fixed"]
+        of_joint = [r for r in rows if split_side(r.name.split(".")[0])[0] == base]
+        shown = [r for r in of_joint if r.status != "fixed"]
         right, left = (tuple(r for r in shown if split_side(r.name.split(".")[0])[1] in s) for s in (("r", ""), ("l",)))
         if shown:
-            groups.append(Group(joint_words(base), right, left, len(own) - len(shown)))
+            groups.append(Group(joint_words(base), right, left, len(of_joint) - len(shown)))
     return tuple(groups)
 
 
@@ -184,15 +184,15 @@ def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
         unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
         rows.append(
             Row(
-                name,
-                parameter_words(name) if joints else inertial_words(name),
-                parameter_place(name) if joints else inertial_place(name),
-                parameter_direction(name) if joints else inertial_direction(name),
-                unit,
-                scale * float(entry["nominal"]),
-                scale * float(entry["fitted"]),
-                scale * float(error) if known else None,
-                "at bound" if status == "fitted" and name in bound else status,
+                name=name,
+                words=parameter_words(name) if joints else inertial_words(name),
+                place=parameter_place(name) if joints else inertial_place(name),
+                direction=parameter_direction(name) if joints else inertial_direction(name),
+                unit=unit,
+                nominal=scale * float(entry["nominal"]),
+                fitted=scale * float(entry["fitted"]),
+                error=scale * float(error) if known else None,
+                status="at bound" if status == "fitted" and name in bound else status,
             )
         )
     return rows

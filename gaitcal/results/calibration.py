@@ -141,7 +141,7 @@ def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, ou
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
     body = trial.body
-    _csv(moment_table(loads, body, model.subject.bwh), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
+    _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,

@@ -47,7 +47,6 @@ def write_trials(
     """
     names = {trial.name for trial in trials}
     digest = hashlib.sha256(model_file.read_bytes()).hexdigest()
-    bwh = model.subject.bwh
     with atomic_directory(folder, ResultKind.DYNAMICS, inputs) as out:
         for trial in trials:
             write_trial(trial, model, out)
@@ -61,7 +60,7 @@ def write_trials(
         )
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
-            "trials": {**kept, **{t.name: trial_summary(t, bwh) for t in trials}},
+            "trials": {**kept, **{t.name: trial_summary(t) for t in trials}},
             "notes": [*_lines_about(kept, summary, "notes"), *(note for t in trials for note in t.notes)],
             "warnings": [*earlier_warnings, *stale, *warnings, *(warning for t in trials for warning in t.warnings)],
         }
