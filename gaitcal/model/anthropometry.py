@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 
 Array = NDArray[np.float64]

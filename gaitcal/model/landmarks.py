@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.errors import InputError, nearest
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, instead_of
 from gaitcal.recording import Recording
 

@@ -27,8 +27,7 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
 from gaitcal.files.toml import read_toml, toml_table, toml_value
 from gaitcal.files.validation import Table, input_error, shown
-from gaitcal.model.joint_parameters import SIDES
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.recording import Recording
 
 _SIDED = (

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.landmarks import HipCentre, StaticPosture, check_plausible, static_posture
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal_joints import nominal_joint_parameters
+from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.segment_frames import Frame, lower_body
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
@@ -225,9 +225,13 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         name: (placed[labels[0]][0], np.mean([placed[label][1] for label in labels], axis=0))
         for name, labels in marker_set.landmarks.items()
     }
-    for name, (segment, prefix) in _published_centres().items():
-        at = [JP_INDEX.get(f"{prefix}.{direction}") for direction in ("ant", "sup", "lat")]
-        landmarks[name] = (segment, np.array([0.0 if i is None else parameters.joint[i] for i in at]))
+    for joint in JOINTS:
+        if joint.name in CENTRE_OF:
+            centre = np.zeros(3)
+            for p in JOINT_PARAMETERS:
+                if (p.joint, p.segment, p.kind) == (joint.name, joint.parent, Kind.POSITION):
+                    centre[p.axis] = parameters.joint[JP_INDEX[p.name]]
+            landmarks[CENTRE_OF[joint.name]] = (joint.parent, centre)
     return SubjectModel(
         PUBLISHED,
         parameters,
@@ -236,15 +240,3 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         landmarks=dict(sorted(landmarks.items())),
         notes=("the published nominal subject; markers and inertia as in models/nominal_subject.json",),
     )
-
-
-def _published_centres() -> dict[str, tuple[str, str]]:
-    """Joint centre -> segment and joint parameters that are its coordinates there."""
-    out = {"lumbar": ("pelvis", "back.pelvis")}
-    for side in SIDES:
-        out[f"hjc_{side}"] = ("pelvis", f"hip_{side}.pelvis")
-        out[f"kjc_{side}"] = (f"thigh_{side}", f"knee_{side}.thigh")
-        out[f"ajc_{side}"] = (f"shank_{side}", f"talocrural_{side}.shank")
-        out[f"sjc_{side}"] = ("head_trunk", f"shoulder_{side}.trunk")
-        out[f"ejc_{side}"] = (f"upper_arm_{side}", f"elbow_{side}.upperarm")
-    return out

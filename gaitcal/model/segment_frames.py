@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.landmarks import HipCentre, StaticPosture, hip_centre, lumbar_joint
+from gaitcal.model.linkage import SIDES
 
 Array = NDArray[np.float64]
 

@@ -31,9 +31,8 @@ from numpy.typing import NDArray
 
 from gaitcal.model.anthropometry import default_length, default_limbs
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import JOINT_OF_CHILD, Source
+from gaitcal.model.linkage import JOINT_OF_CHILD, SIDES, Source
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import (

@@ -16,7 +16,8 @@ from gaitcal.model.inertial_parameters import (
     dynamic_parameters,
     symmetric_set,
 )
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
 from gaitcal.montecarlo.settings import MonteCarloSettings

@@ -25,9 +25,8 @@ from gaitcal.dynamics.inverse_dynamics import FEET, unloaded_forces, with_reacti
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
 
