@@ -38,8 +38,7 @@ from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, Trial
-from gaitcal.study.study_file import Subject as SubjectTable
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import (
     NODES,

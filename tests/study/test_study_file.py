@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from gaitcal.errors import InputError
 from gaitcal.files.toml import MAX_BYTES
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, Subject, Trial, load_study_file
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, load_study_file
 
 STUDY = """\
 [subject]
@@ -74,7 +74,7 @@ def test_reads_everything_and_resolves_paths_from_its_own_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     study = load(folder, STUDY)
-    assert study.subject == Subject(name="subject01", mass_kg=72.6, height_m=1.803, sex="male")
+    assert study.subject == SubjectTable(name="subject01", mass_kg=72.6, height_m=1.803, sex="male")
     assert study.markers.rename == {"RASI": "R.ASIS"}
     assert study.static is study.trials[0]
     walk = study.trials[2]
@@ -106,7 +106,7 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
 
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
-        subject=Subject(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
+        subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
         markers=Markers(set="gait2354", weights={"Top.Head": 0.0}),
         trial=(Trial(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
     )
