@@ -23,9 +23,8 @@ import numpy as np
 
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.recording.force_columns import PlateColumns, build_plate
+from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time
 from gaitcal.recording.labels import clean, unique
-from gaitcal.recording.mot import Forces, on_one_time
 from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing
 

@@ -11,7 +11,8 @@ import numpy as np
 from gaitcal.errors import InputError, nearest
 from gaitcal.recording.c3d.reader import read_c3d
 from gaitcal.recording.csv import read_forces_csv, read_markers_csv, with_corners
-from gaitcal.recording.mot import Forces, read_mot_forces
+from gaitcal.recording.force_tables import Forces
+from gaitcal.recording.mot import read_mot_forces
 from gaitcal.recording.recording import Recording
 from gaitcal.recording.text_file import require_file
 from gaitcal.recording.trc import read_trc
