@@ -45,7 +45,9 @@ def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, 
     trials, done = [], []
     for trial in study.trials:
         if trial.role is not Role.STATIC:
-            evidence = TrialEvidence(trial, marker_set, study.subject, study.settings, model)
+            evidence = TrialEvidence(
+                trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
+            )
             recording, notes = _exchanged_back(evidence)
             trial = replace(trial, recording=recording)
             done += [f"{trial.name}: {note}" for note in notes]

@@ -219,7 +219,9 @@ def test_cut_offs(sound: Study, field: str, value: float, severity: Severity, wo
 
 
 def test_line_names_file_trial_and_cure() -> None:
-    finding = Finding(ERROR, "units", "walk", "found 1800 m", "declare mm", "walk.csv")
+    finding = Finding(
+        severity=ERROR, topic="units", where="walk", found="found 1800 m", cure="declare mm", source="walk.csv"
+    )
     assert finding.line == "walk.csv: trial 'walk': units: found 1800 m; declare mm"
 
 
