@@ -97,9 +97,9 @@ def read_mot_forces(path: Path) -> Forces:
     time, notes = undo_rounding(table.time)
     plates = []
     for index, columns in enumerate(found):
-        plate, told = build_plate(str(index + 1), time, table.values, columns, path)
+        plate, plate_notes = build_plate(str(index + 1), time, table.values, columns, path)
         plates.append(plate)
-        notes += (*told, f"Plate {index + 1} holds the columns {columns.names[0]} and following.")
+        notes += (*plate_notes, f"Plate {index + 1} holds the columns {columns.names[0]} and following.")
     return Forces(str(path), tuple(plates), notes)
 
 

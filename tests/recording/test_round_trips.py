@@ -43,7 +43,9 @@ def times(draw: st.DrawFn, largest: int = 6) -> np.ndarray:
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
     time = draw(times())
-    labels = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)))
+    labels = draw(
+        st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)[0])
+    )
     markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))
     gaps = draw(arrays(np.bool_, (len(time), len(labels)))) | (markers == 0).all(axis=2)
     return Recording("drawn", time, tuple(labels), np.where(gaps[:, :, None], np.nan, markers))
