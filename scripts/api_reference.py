@@ -30,7 +30,7 @@ MODULES = (
     "gaitcal.model.linkage",
     "gaitcal.model.joint_parameters",
     "gaitcal.model.inertial_parameters",
-    "gaitcal.model.landmarks",
+    "gaitcal.model.segment_frames",
     "gaitcal.motion.motion",
     "gaitcal.motion.spline",
     "gaitcal.motion.track",

@@ -15,12 +15,12 @@ from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.landmarks import HipCentre, StaticPosture, check_plausible, static_posture
+from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording, still_window

@@ -27,12 +27,12 @@ from gaitcal.model.inertial_parameters import (
     table,
 )
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.model.landmarks import HipCentre, static_posture
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.segment_frames import HipCentre, lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import ForcePlate, Recording, write_c3d
