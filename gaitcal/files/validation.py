@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args, get_origin
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.toml import read_toml
 
 # pydantic's name of an error -> what is allowed instead; the names in braces are entries of the error's context
 _ALLOWED = {
@@ -49,7 +51,30 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
-def input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
+_T = TypeVar("_T", bound=Table)
+
+
+def read_validated(table: type[_T], path: Path, parse_float: Callable[[str], Any] = float) -> _T:
+    """The TOML file at `path` as a table; InputError, in one line, where it is none."""
+    content = read_toml(path, parse_float)
+    try:
+        return table.model_validate(content)
+    except ValidationError as error:
+        raise _input_error(error, table, path) from None
+
+
+def require_known(
+    names: Iterable[str], allowed: Iterable[str], kind: str, *, source: Path, field: str, listed: bool = False
+) -> None:
+    """InputError for the first name that is not allowed, with the nearest that is, or else (`listed`) with all."""
+    known = list(allowed)
+    for name in names:
+        if name not in known:
+            hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
+            raise InputError(f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field)
+
+
+def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
     """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing because of it."""
     details = error.errors(include_url=False)
     first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])

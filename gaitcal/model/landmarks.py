@@ -55,13 +55,13 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     InputError
         A required landmark is missing; the message names its marker and what would do instead.
     """
-    at = {label: i for i, label in enumerate(recording.labels)}
+    column = {label: i for i, label in enumerate(recording.labels)}
     markers: dict[str, Array] = {}
     for label in marker_set.labels:
-        if label in at:
+        if label in column:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which is told below
-                mean = np.nanmean(recording.markers[window, at[label]], axis=0)
+                mean = np.nanmean(recording.markers[window, column[label]], axis=0)
             if np.isfinite(mean).all():
                 markers[label] = mean
     landmarks: dict[str, Array] = {}
@@ -83,6 +83,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
 
 
 def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:
+    """Why a required landmark is missing, whose markers `labels` were not seen, and what would do instead."""
     if not labels:
         return f"the marker set does not name it; it needs {instead_of(name)}"
     label = labels[0]

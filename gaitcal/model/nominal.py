@@ -80,8 +80,8 @@ def nominal_model(
     InputError
         No still window; a landmark that is needed is missing; a leg segment has too few markers; no human proportions.
     """
-    own = weights or {}
-    marker_set = marker_set.with_weights(own)
+    given_weights = weights or {}
+    marker_set = marker_set.with_weights(given_weights)
     static = marker_set.renamed(static)
     still = still_window(static, marker_set.labels).frames if window is None else window
     frames_used = range(*still.indices(len(static.time)))
@@ -93,12 +93,12 @@ def nominal_model(
     joint, zero = nominal_joint_parameters(frames, centres, body.arms)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres, body.trunk_direction))
     parameters = Parameters(joint, inertial, zero)
-    carried = [label for label in _carried(marker_set, body.raised) if label not in own]
+    carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
     markers, notes = _placement(posture, marker_set.with_weights(raised), frames, body.frozen_segments)
     if raised:
-        told = ", ".join(raised)
-        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {told}")
+        names = ", ".join(raised)
+        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {names}")
     return SubjectModel(
         subject,
         parameters,
@@ -127,6 +127,7 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
 
 
 def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array) -> BodyLengths:
+    """What inertia depends on, from the joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
     limbs = {
@@ -167,9 +168,9 @@ def _placement(
                 field=f"segment {segment}",
             )
         dropped += missing
-        own = [*present, *(label for label in marker_set.static_only.get(segment, ()) if label in posture.markers)]
-        labels += own
-        segments += [segment] * len(own)
+        static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]
+        labels += [*present, *static_only]
+        segments += [segment] * (len(present) + len(static_only))
     local = np.array([frames[s].local(posture.markers[m]) for m, s in zip(labels, segments, strict=True)])
     notes = (f"markers of the set that the static trial lacks, left out: {', '.join(dropped)}",) if dropped else ()
     return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
@@ -178,13 +179,14 @@ def _placement(
 def _landmarks(
     points: Mapping[str, Array], frames: Mapping[str, Frame], frozen: tuple[str, ...]
 ) -> dict[str, tuple[str, Array]]:
+    """Points of the laboratory (3,) m that the model keeps, each in its segment, but for segments that are frozen."""
     out = {}
     for name, point in points.items():
         kind = name.split("_")[0]
         if kind not in _SEGMENT_OF:
             continue
-        of = _SEGMENT_OF[kind]
-        segment = of if of in frames else f"{of}_{name[-1]}"
+        part = _SEGMENT_OF[kind]
+        segment = part if part in frames else f"{part}_{name[-1]}"
         if segment not in frozen:
             out[name] = (segment, frames[segment].local(point))
     return dict(sorted(out.items()))
@@ -212,7 +214,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
                 placed[f"L.{label}"] = (f"{segment}_l", local * [1.0, 1.0, -1.0])
     marker_set = load_marker_set("published")
     taken_off = {label for group in marker_set.static_only.values() for label in group}
-    kept = {label: at for label, at in placed.items() if static_only or label not in taken_off}
+    kept = {label: place for label, place in placed.items() if static_only or label not in taken_off}
     ordered = sorted(kept, key=lambda label: SEGMENTS.index(kept[label][0]))
     markers = MarkerPlacement(
         tuple(ordered),

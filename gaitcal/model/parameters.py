@@ -49,12 +49,12 @@ def published_subject() -> Parameters:
     listed = data["joint_parameters"]
     joint = np.empty(len(JP_NAMES))
     for i, name in enumerate(JP_NAMES):
-        at, segment, direction = name.split(".")
-        if at == "back":
+        joint_name, _, place = name.partition(".")
+        if joint_name == "back":
             joint[i] = listed["back"][name]
         else:
-            kind, side = at.split("_")
-            joint[i] = listed[side][f"{kind}.{segment}.{direction}"]
+            kind, side = joint_name.split("_")
+            joint[i] = listed[side][f"{kind}.{place}"]
     inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
     keys = {"head_trunk": "headtrunk", "upper_arm": "upperarm", "forearm_hand": "forearmhand"}
     for i, segment in enumerate(MASSIVE_SEGMENTS):

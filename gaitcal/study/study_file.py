@@ -11,10 +11,10 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.files.toml import read_toml, require_file, toml_table
-from gaitcal.files.validation import Table, input_error, shown
+from gaitcal.files.toml import require_file, toml_table
+from gaitcal.files.validation import Table, read_validated, shown
 from gaitcal.study.settings import CalibrationSettings, frequency
 
 __all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "load_study_file"]
@@ -218,11 +218,7 @@ def load_study_file(path: Path | str) -> StudyFile:
         One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
-    content = read_toml(source)
-    try:
-        study = StudyFile.model_validate(content)
-    except ValidationError as error:
-        raise input_error(error, StudyFile, source) from None
+    study = read_validated(StudyFile, source)
 
     def found(file: Path, field: str) -> Path:
         return require_file(source.parent.absolute() / file, source=source, field=field)
