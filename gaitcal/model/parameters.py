@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
+from gaitcal.model.linkage import ZERO_ANGLES, Element, Source
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,12 @@ class Parameters:
     def with_inertial(self, inertial: Array) -> Parameters:
         """A copy with other inertial parameters (84,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
+
+    def amount(self, element: Element) -> float:
+        """By how much (m or rad, with its sign) an element moves that is no coordinate."""
+        if element.source is Source.JOINT_PARAMETER:
+            return element.sign * float(self.joint[JP_INDEX[element.name]])
+        return element.sign * float(self.zero_angles[ZERO_ANGLES.index(element.name)])
 
     @property
     def mass(self) -> float:
