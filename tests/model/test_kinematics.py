@@ -6,13 +6,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.model.build import build_linkage, build_model
+from gaitcal.model.build import GRAVITY, build_linkage, build_model
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
+    MASSIVE_SEGMENTS,
     dynamic_jacobian,
     dynamic_parameters,
     full_set,
+    impossible_bodies,
+    is_physical,
     placed_dynamic_parameters,
     symmetric_set,
     table,
@@ -32,6 +35,9 @@ def test_counts_are_those_of_the_paper() -> None:
     assert [len(isolated_parameters(j)) for j in ISOLATED_JOINTS] == [6, 9, 12, 6, 9, 12]
     assert len(gait_parameters("r")) == 17
     assert len(symmetric_set().names) == 36 and len(full_set().names) == 84
+    centres = [name for name in symmetric_set().names if ".com." in name]
+    assert centres[:5] == ["pelvis.com.ant", "pelvis.com.sup", "thigh.com.sup", "shank.com.sup", "foot.com.ant"]
+    assert centres[5:] == [f"{body}.com.sup" for body in ("head_trunk", "upper_arm", "forearm_hand")]
 
 
 def test_every_joint_parameter_enters_exactly_once() -> None:
@@ -166,6 +172,7 @@ def test_built_model_has_the_coordinates_in_order() -> None:
     model = build_model(published_subject())
     assert list(model.names)[1:] == list(COORDINATES)
     assert model.nv == 27
+    np.testing.assert_array_equal(model.gravity.linear, [0.0, -GRAVITY, 0.0])  # y is up
 
 
 def test_published_subject_stands_as_documented() -> None:
@@ -213,6 +220,21 @@ def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
     for s in range(12):
         whole[s, :, s] = jac[s]
     assert_derivative(whole.reshape(120, 84), lambda x: dynamic_parameters(x), inertial)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "possible"),
+    [(1.0, (1, 2, 2.9), True), (1.0, (1, 2, 3.1), False), (1.0, (3.1, 1, 2), False), (1.0, (-1, 2, 2), False)]
+    + [(0.0, (1, 2, 2.9), False), (-1.0, (1, 2, 2.9), False)],
+)
+def test_a_possible_body_has_mass_and_moments_that_make_a_triangle(
+    mass: float, moments: tuple[float, ...], possible: bool
+) -> None:
+    rows = table(published_subject().inertial).copy()
+    rows[3, 0], rows[3, 4:7] = mass, moments
+    found = is_physical(rows.ravel())
+    assert found[3] == possible and found.sum() == 11 + possible
+    assert impossible_bodies(rows.ravel()) == (() if possible else (MASSIVE_SEGMENTS[3],))
 
 
 def test_moved_dynamic_parameters_are_those_of_the_moved_body() -> None:

@@ -276,6 +276,27 @@ def test_legs_alone_stand_under_an_upright_trunk() -> None:
     assert any(note.startswith("head and trunk upright") for note in model.notes)
 
 
+@pytest.mark.parametrize("flexion", [0.8, 1.4])
+def test_a_bent_arm_shows_the_axis_of_its_elbow(flexion: float) -> None:
+    """With one marker at the elbow, of the two planes that fit the one is taken in which the forearm bends forwards."""
+    q = np.zeros(len(COORDINATES))
+    for side in "rl":
+        q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = flexion
+    model = nominal_model(standing(published_model(static_only=True), q), load_marker_set("published"), PUBLISHED)
+    assert sum("at right angles to the plane of the bent arm" in note for note in model.notes) == 2
+    for side in "rl":
+        assert abs(value(model, f"shoulder_{side}.upperarm.trans")) < 5.0  # deg; half a turn about the wrong axis
+
+
+def test_a_trunk_needs_three_markers() -> None:
+    kept = ("R.Acromium", "L.Acromium")
+    lost = [m for m in load_marker_set("published").tracking["head_trunk"] if m not in kept]
+    model = nominal_model(without(published_static(), *lost), load_marker_set("published"), PUBLISHED)
+    assert any("head and trunk upright and fixed to the pelvis, as it has 2 markers" in note for note in model.notes)
+    model = nominal_model(without(published_static(), *lost[1:]), load_marker_set("published"), PUBLISHED)
+    assert model.frozen == ()
+
+
 def test_a_wrist_that_is_not_there_freezes_the_elbow() -> None:
     model = nominal_model(without(published_static(), "L.Wrist.Med"), load_marker_set("published"), PUBLISHED)
     assert model.frozen == ("elbow_flex_l",)
