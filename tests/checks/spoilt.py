@@ -86,6 +86,22 @@ def swapped(a: str, b: str, frames: slice = slice(None)) -> Change:
     return spoil
 
 
+def put_into(a: str, b: str, frames: slice = slice(None)) -> Change:
+    """The trajectory of `b` under the label `a` as well, in some frames."""
+
+    def spoil(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[frames, recording.labels.index(a)] = recording.markers[frames, recording.labels.index(b)]
+        return replace(recording, markers=markers)
+
+    return spoil
+
+
+def taken(a: str, b: str, frames: slice) -> Change:
+    """The label `a` in the place of `b`, which is not seen meanwhile."""
+    return lambda r: moved(b, lambda x: put(x, frames, np.nan))(put_into(a, b, frames)(r))
+
+
 def relabelled(old: str, new: str) -> Change:
     """One label spelt otherwise."""
     return lambda r: replace(r, labels=tuple(new if label == old else label for label in r.labels))

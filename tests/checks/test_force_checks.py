@@ -73,6 +73,19 @@ def test_mass_that_plates_carry_is_told(sound: Study) -> None:
     assert "0.00-1.03 s" in findings(sound, "body mass", INFO)[0].found
 
 
+def test_momentum_counts_where_the_body_is_faster_at_one_end(sound: Study) -> None:
+    """Half a second from the lowest to about the highest vertical speed of the pelvis, or the other way round."""
+    walk = next(t for t in sound.trials if t.name == "walk").recording
+    sacrum = walk.markers[:, walk.labels.index("V.Sacral"), 1]
+    speed, frames = np.gradient(sacrum, walk.time), round(0.55 * walk.rate)
+    gain = speed[frames:] - speed[:-frames]
+    for start in (int(np.argmax(gain)), int(np.argmin(gain))):
+        part = slice(start, start + frames + 1)
+        cut = with_trial(sound, "walk", lambda r: replace(r, time=r.time[part], markers=r.markers[part]))  # noqa: B023
+        carried = [f.found for f in findings(cut, "body mass", INFO) if "carry" in f.found]
+        assert float(carried[0].partition("carry ")[2].split()[0]) == pytest.approx(69.4, rel=0.04)
+
+
 def test_foot_beside_its_plate(sound: Study) -> None:
     model = published_model()
     walk = next(t for t in sound.trials if t.name == "walk").recording

@@ -153,6 +153,7 @@ FAULTS = {
     "flag as text": ("nodes = 20", 'jp = "yes"', ["calibration.jp", "true or false"]),
     "filter word": ("nodes = 20", 'force_filter_hz = "match"', ["calibration.force_filter_hz", "'matched' or 'none'"]),
     "joint step without ip": ("nodes = 20", 'ip = "none"\njoint_step = true', ["calibration.joint_step", "ip other"]),
+    "joint step without jp": ("nodes = 20", "jp = false\njoint_step = true", ["calibration.joint_step", "jp = true"]),
     "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
     "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
     "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
