@@ -103,7 +103,7 @@ def test_the_published_model_is_met_by_its_own_markers() -> None:
 POSTURE = {name: st.floats(-0.25, 0.25) for name in COORDINATES if not name.endswith(("_tx", "_ty", "_tz"))}
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(angles=st.fixed_dictionaries(POSTURE))
 def test_any_static_posture_is_met_exactly(angles: dict[str, float]) -> None:
     """Bent knees, turned-out feet, a leaning trunk: axes come from landmarks, so that zero need not be upright."""
@@ -126,7 +126,7 @@ def test_zero_ankle_angle_is_the_foot_at_right_angles_to_the_shank() -> None:
     assert motion.q[0, at] == pytest.approx(np.arcsin(foot_x), rel=0.02)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     heading=st.floats(-np.pi, np.pi),
     shift=st.tuples(st.floats(-5, 5), st.floats(-0.5, 0.5), st.floats(-5, 5)),

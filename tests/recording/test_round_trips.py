@@ -27,7 +27,7 @@ from gaitcal.recording.labels import clean, common_prefix, is_unlabelled
 from gaitcal.recording.trc import parse_trc
 from tests.recording.recordings import body, loaded_body
 
-QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12).filter(
     lambda name: clean(name) == name and not is_unlabelled(name)
