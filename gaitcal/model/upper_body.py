@@ -263,19 +263,17 @@ def _unturned(y: Array, trunk: Frame) -> Array:
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
     """Rule 2 above: the normal of the plane of the bent arm, (3,); None where the elbow is too straight to tell.
 
-    With w along the line from shoulder to wrist and m towards the marker across it, n = cos m + sin (w x m), where
-    cos = s d / |marker - line|, has two solutions; taken is the one about which the forearm is bent forwards.
+    With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos = s d / |marker -
+    line|. The other solution, + sin, is the one about which the forearm would be bent backwards.
     """
     w = unit(wrist - shoulder)
     off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w
     distance = float(np.linalg.norm(off))
     if distance < BENT * abs(inwards):
         return None
-    m = off / distance
-    cosine = inwards / distance
-    across_m: Array = np.sqrt(1.0 - cosine**2) * np.cross(w, m)
-    one, other = cosine * m + across_m, cosine * m - across_m
-    return one if one @ np.cross(off - inwards * one, w) > 0 else other
+    m, cosine = off / distance, inwards / distance
+    normal: Array = cosine * m - np.sqrt(1.0 - cosine**2) * np.cross(w, m)
+    return normal
 
 
 def _from_lateral(
