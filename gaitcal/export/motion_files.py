@@ -2,16 +2,12 @@
 
 Ground reactions are written as the force at the centre of pressure and the moment about it
 (`recording/force_plate.py`).
-
-Tables as OpenSim's Storage reads them (`.mot`, `.sto`): a header, `endheader`, column names, rows; tab separated.
-
-Storage stops reading at the first NaN, without a word; so a row that holds one is left out, and the header says so.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +20,7 @@ from gaitcal.export.osim import DOCUMENT_VERSION
 from gaitcal.export.xml_text import child, write_xml
 from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
+from gaitcal.recording import StorageTable
 from gaitcal.recording.force_plate import point_and_torque
 
 Array = NDArray[np.float64]
@@ -50,7 +47,7 @@ def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Ar
     names, order = _file_order(path, coordinates)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
     values = _columns(path, q, len(coordinates))[:, order] * scale
-    write_storage(path, StorageTable("Coordinates", MOTION_COMMENTS, True, names, np.asarray(time), values))
+    _write(path, "Coordinates", MOTION_COMMENTS, StorageTable(np.asarray(time), names, values, True))
 
 
 def write_sto_moments(
@@ -68,8 +65,8 @@ def write_sto_moments(
     names, order = _file_order(path, coordinates)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
     values = _columns(path, tau, len(coordinates))[:, order]
-    title, said = "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments)
-    write_storage(path, StorageTable(title, said, False, columns, np.asarray(time), values))
+    table = StorageTable(np.asarray(time), columns, values, False)
+    _write(path, "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments), table)
 
 
 def write_external_loads(
@@ -99,7 +96,7 @@ def write_external_loads(
         columns += [wrench[:, :3], *point_and_torque(wrench)]
     comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
     values = np.hstack(columns)
-    write_storage(table, StorageTable("Ground reactions", comments, False, tuple(names), np.asarray(time), values))
+    _write(table, "Ground reactions", comments, StorageTable(np.asarray(time), tuple(names), values, False))
     _write_loads(loads, table.name)
     return table, loads
 
@@ -140,30 +137,10 @@ def _write_loads(path: Path, table: str) -> None:
     write_xml(document, path)
 
 
-@dataclass(frozen=True)
-class StorageTable:
-    """What stands in one file."""
+def _write(path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable) -> None:
+    """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one, without a word.
 
-    title: str
-    """First line."""
-    comments: tuple[str, ...]
-    """Free lines of the header; a line that would end the header or be taken for an entry is made harmless."""
-    in_degrees: bool
-    names: tuple[str, ...]
-    """Of the columns, `time` left out."""
-    time: Array
-    """(nf,) s."""
-    values: Array
-    """(nf, len(names))."""
-
-
-def write_storage(path: Path | str, table: StorageTable) -> None:
-    """Write a table, every number in the shortest form that reads back to the same bits, rows with NaN left out.
-
-    Raises
-    ------
-    InputError
-        Time does not increase or shapes do not agree.
+    A title or comment that would end the header or be taken for an entry of it is made harmless.
     """
     nf, columns = len(table.time), len(table.names)
     if table.values.shape != (nf, columns):
@@ -172,20 +149,10 @@ def write_storage(path: Path | str, table: StorageTable) -> None:
         raise InputError("must be finite and increase from row to row", source=path, field="time")
     known = np.isfinite(table.values).all(axis=1)
     missing = nf - int(known.sum())
-    left_out = (f"{missing} of {nf} rows are left out: they hold no value.",) if missing else ()
-    header = [
-        _one_line(table.title),
-        "version=1",
-        f"nRows={nf - missing}",
-        f"nColumns={columns + 1}",
-        f"inDegrees={'yes' if table.in_degrees else 'no'}",
-        *(_one_line(comment) for comment in (*table.comments, *left_out)),
-        "endheader",
-        "\t".join(("time", *table.names)),
-    ]
-    kept = np.column_stack([table.time, table.values])[known]
-    rows = ["\t".join(map(repr, row)) for row in kept.tolist()]
-    atomic_text(path, "\n".join([*header, *rows]) + "\n")
+    if missing:
+        comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
+    kept = replace(table, time=table.time[known], values=table.values[known])
+    atomic_text(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
 
 
 def _one_line(text: str) -> str:
