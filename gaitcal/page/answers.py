@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.figures.charts import GaitView
-from gaitcal.figures.fit import Fit, leg_fit, trial_fit
+from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.person.parameter_words import counts, counts_sentence
@@ -63,7 +63,7 @@ def _fit(calibration: Calibration) -> Finding | None:
     )
 
 
-def _judge(fit: Fit) -> tuple[str, str, str]:
+def _judge(fit: RmsErrors) -> tuple[str, str, str]:
     worse = fit.nominal is not None and fit.calibrated is not None and fit.calibrated > 1.02 * fit.nominal
     if worse:
         return "poor", "worse than before", "Calibration made this fit worse: look at the trials and the warnings."

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath, PureWindowsPath
 import numpy as np
 
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.figures.fit import Fit, leg_fit, segment_fits, trial_fit
+from gaitcal.figures.fit import RmsErrors, leg_fit, segment_fits, trial_fit
 from gaitcal.gait.words import joint_words, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, TrialResult
@@ -92,12 +92,12 @@ class TrialFit:
     role: str
     joint: str | None
     """The joint of an isolated trial."""
-    whole: Fit
-    legs: Fit
+    whole: RmsErrors
+    legs: RmsErrors
     """Pelvis and legs alone."""
-    final: Fit | None
+    final: RmsErrors | None
     """With the model at the end of the whole calibration, where later phases changed the fit of this trial."""
-    segments: tuple[Fit, ...]
+    segments: tuple[RmsErrors, ...]
     few: str
     """Segments with fewer than three markers, in words; empty where there are none."""
     markers: tuple[MarkerFit, ...]
@@ -142,7 +142,7 @@ def _few(trial: TrialResult) -> str:
     return " and ".join(", ".join(few).rsplit(", ", 1))
 
 
-def _final_fit(trial: TrialResult) -> Fit | None:
+def _final_fit(trial: TrialResult) -> RmsErrors | None:
     own, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
     if own is None or final is None or abs(final - own) < NO_CHANGE:
         return None
