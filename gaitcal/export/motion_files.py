@@ -1,17 +1,14 @@
 """Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
 
-Ground reactions are written as the force at the centre of pressure and the moment about it
-(`dynamics/centre_of_pressure.py`).
-
-Tables as OpenSim's Storage reads them (`.mot`, `.sto`): a header, `endheader`, column names, rows; tab separated.
-
-Storage stops reading at the first NaN, without a word; so a row that holds one is left out, and the header says so.
+All are tables as OpenSim's Storage reads them (`.mot`, `.sto`): a header, `endheader`, column names, rows; tab
+separated. Storage stops reading at the first NaN, without a word; so a row that holds one is left out, and the header
+says so. Ground reactions are written as the force at the centre of pressure and the moment about it
+(`dynamics/centre_of_pressure.py`), with an XML file that says which columns act on which foot.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,10 +44,9 @@ def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Ar
     InputError
         A name is none of the 27 coordinates, or shapes do not agree.
     """
-    names, order = _file_order(path, coordinates)
+    names, values = _in_file_order(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    values = _columns(path, q, len(coordinates))[:, order] * scale
-    write_storage(path, StorageTable("Coordinates", MOTION_COMMENTS, True, names, np.asarray(time), values))
+    _write_storage(path, "Coordinates", names, time, values * scale, comments=MOTION_COMMENTS, in_degrees=True)
 
 
 def write_sto_moments(
@@ -65,11 +61,10 @@ def write_sto_moments(
 
     `comments` are further lines of the header, after those that say frame, sign and what is meant.
     """
-    names, order = _file_order(path, coordinates)
+    names, values = _in_file_order(path, coordinates, tau)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
-    values = _columns(path, tau, len(coordinates))[:, order]
-    title, said = "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments)
-    write_storage(path, StorageTable(title, said, False, columns, np.asarray(time), values))
+    title = "Inverse Dynamics Generalized Forces"
+    _write_storage(path, title, columns, time, values, comments=(*MOMENT_COMMENTS, *comments))
 
 
 def write_external_loads(
@@ -86,36 +81,32 @@ def write_external_loads(
         Shapes do not agree or a number is not finite.
     """
     name = safe_name(stem)
-    table, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
+    path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=table)
+        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path)
     if not np.isfinite(wrenches).all():
-        raise InputError("a ground reaction is not finite; leave out frames without one", source=table)
+        raise InputError("a ground reaction is not finite; leave out frames without one", source=path)
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
         force, point, torque = _identifiers(foot)
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *point_and_torque(wrench)]
-    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
-    values = np.hstack(columns)
-    write_storage(table, StorageTable("Ground reactions", comments, False, tuple(names), np.asarray(time), values))
-    _write_loads(loads, table.name)
-    return table, loads
+    comment = "Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m."
+    _write_storage(path, "Ground reactions", tuple(names), time, np.hstack(columns), comments=(comment,))
+    _write_loads(loads, path.name)
+    return path, loads
 
 
-def _file_order(path: Path | str, coordinates: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
+def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
+    """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
     for name in coordinates:
         if name not in COORDINATE_INDEX:
             raise InputError(f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", source=path, field="columns")
+    if values.ndim != 2 or values.shape[1] != len(coordinates):
+        raise InputError(f"found values of shape {values.shape}, expected (frames, {len(coordinates)})", source=path)
     names = tuple(name for name in FILE_COORDINATES if name in coordinates)
-    return names, [coordinates.index(name) for name in names]
-
-
-def _columns(path: Path | str, values: Array, columns: int) -> Array:
-    if values.ndim != 2 or values.shape[1] != columns:
-        raise InputError(f"found values of shape {values.shape}, expected (frames, {columns})", source=path)
-    return values
+    return names, values[:, [coordinates.index(name) for name in names]]
 
 
 def _identifiers(foot: str) -> tuple[str, str, str]:
@@ -140,50 +131,39 @@ def _write_loads(path: Path, table: str) -> None:
     write_xml(document, path)
 
 
-@dataclass(frozen=True)
-class StorageTable:
-    """What stands in one file."""
+def _write_storage(
+    path: Path | str,
+    title: str,
+    names: tuple[str, ...],
+    time: Array,
+    values: Array,
+    *,
+    comments: tuple[str, ...],
+    in_degrees: bool = False,
+) -> None:
+    """A table of `values` (nf, len(names)) over `time` (nf,), s; every number comes back to the same bits.
 
-    title: str
-    """First line."""
-    comments: tuple[str, ...]
-    """Free lines of the header; a line that would end the header or be taken for an entry is made harmless."""
-    in_degrees: bool
-    names: tuple[str, ...]
-    """Of the columns, `time` left out."""
-    time: Array
-    """(nf,) s."""
-    values: Array
-    """(nf, len(names))."""
-
-
-def write_storage(path: Path | str, table: StorageTable) -> None:
-    """Write a table, every number in the shortest form that reads back to the same bits, rows with NaN left out.
-
-    Raises
-    ------
-    InputError
-        Time does not increase or shapes do not agree.
+    A title or comment that would end the header or be taken for an entry of it is made harmless.
     """
-    nf, columns = len(table.time), len(table.names)
-    if table.values.shape != (nf, columns):
-        raise InputError(f"found values of shape {table.values.shape}, expected {(nf, columns)}", source=path)
-    if not (np.isfinite(table.time).all() and (np.diff(table.time) > 0).all()):
+    nf, columns = len(time), len(names)
+    if values.shape != (nf, columns):
+        raise InputError(f"found values of shape {values.shape}, expected {(nf, columns)}", source=path)
+    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
         raise InputError("must be finite and increase from row to row", source=path, field="time")
-    known = np.isfinite(table.values).all(axis=1)
+    known = np.isfinite(values).all(axis=1)
     missing = nf - int(known.sum())
     left_out = (f"{missing} of {nf} rows are left out: they hold no value.",) if missing else ()
     header = [
-        _one_line(table.title),
+        _one_line(title),
         "version=1",
         f"nRows={nf - missing}",
         f"nColumns={columns + 1}",
-        f"inDegrees={'yes' if table.in_degrees else 'no'}",
-        *(_one_line(comment) for comment in (*table.comments, *left_out)),
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        *(_one_line(comment) for comment in (*comments, *left_out)),
         "endheader",
-        "\t".join(("time", *table.names)),
+        "\t".join(("time", *names)),
     ]
-    kept = np.column_stack([table.time, table.values])[known]
+    kept = np.column_stack([time, values])[known]
     rows = ["\t".join(map(repr, row)) for row in kept.tolist()]
     atomic_text(path, "\n".join([*header, *rows]) + "\n")
 

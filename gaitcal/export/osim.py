@@ -83,7 +83,7 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
     offsets = child(joint, "frames")
     ground = "/ground" if frames.parent == GROUND else f"/bodyset/{frames.parent}"
     _add_offset(offsets, parent, ground, frames.in_parent)
-    _add_offset(offsets, own, f"/bodyset/{frames.child}", frames.to_child.inverse())
+    _add_offset(offsets, own, f"/bodyset/{frames.child}", frames.in_child)
     transform = child(joint, "SpatialTransform")
     _add_axes(transform, "rotation", [m for m in frames.motions if m.rotates])
     _add_axes(transform, "translation", [m for m in frames.motions if not m.rotates])

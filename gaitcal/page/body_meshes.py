@@ -23,7 +23,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
 _RINGS, _AROUND = 13, 20
 _SLACK = 0.05
-"""of the longest side: how far a mesh may leave the box that garments are cut for."""
+"""Of the longest side: how far a mesh may leave the box that `body_fit` places it by."""
 _MOST_VERTICES = 65_536
 """What 16-bit corner numbers in the page can name."""
 
@@ -40,7 +40,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class BodyMeshes:
-    """All meshes that garments may ask for."""
+    """All meshes of a body."""
 
     meshes: dict[str, Mesh]
     replaced: tuple[str, ...]
@@ -64,7 +64,7 @@ def body_meshes() -> BodyMeshes:
 
 
 def _as_expected(name: str, mesh: Mesh) -> Mesh:
-    """ValueError for a mesh of another shape or unit than the one that garments are cut for."""
+    """ValueError for a mesh of another shape or unit than the one that `body_fit` places."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
     low_off, high_off = np.abs(mesh.vertices.min(axis=0) - low), np.abs(mesh.vertices.max(axis=0) - high)
@@ -78,8 +78,8 @@ def _files() -> dict[str, Path]:
         listed = distribution(PACKAGE).files or ()
     except PackageNotFoundError:
         return {}
-    found = (Path(str(f.locate())) for f in listed if _FOLDER in f.as_posix())
-    return {f.name.split("_mesh")[0]: f for f in found}
+    paths = (Path(str(f.locate())) for f in listed if _FOLDER in f.as_posix())
+    return {path.name.split("_mesh")[0]: path for path in paths}
 
 
 def read_stl(content: bytes) -> Mesh:
