@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
+from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import chart_figure, panel_figure
-from gaitcal.figures.charts import charts_of, write_figures
 from gaitcal.figures.style import plain
 from gaitcal.gait.moments import moment_names
 from gaitcal.gait.words import (
