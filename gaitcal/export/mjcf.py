@@ -31,8 +31,7 @@ from gaitcal.export.joint_frames import (
     joint_frames,
     segment_inertia,
 )
-from gaitcal.export.names import safe_name
-from gaitcal.export.xml_text import child, numbers, write_xml
+from gaitcal.export.xml_text import child, numbers, safe_name, write_xml
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.linkage import Element

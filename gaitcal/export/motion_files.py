@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
-from gaitcal.export.names import safe_name
 from gaitcal.export.osim import DOCUMENT_VERSION
-from gaitcal.export.xml_text import child, write_xml
+from gaitcal.export.xml_text import child, safe_name, write_xml
 from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
 

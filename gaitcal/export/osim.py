@@ -25,8 +25,7 @@ from gaitcal.export.joint_frames import (
     joint_frames,
     segment_inertia,
 )
-from gaitcal.export.names import safe_name
-from gaitcal.export.xml_text import child, numbers, plain_text, write_xml
+from gaitcal.export.xml_text import child, numbers, plain_text, safe_name, write_xml
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.linkage import SEGMENTS, Element
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
