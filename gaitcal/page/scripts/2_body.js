@@ -5,11 +5,14 @@ Gaitcal.COLOURS = {
   nominal: 0x6e7680, fitted: 0xaa2f7b, background: 0xeef2f5,
 };
 
+// As a style sheet writes it: "#0072b2".
+Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
+
 Gaitcal.Body = class {
   constructor(scene, root) {
     const THREE = MeshCat.THREE;
     this.groups = scene.segments.map(() => new THREE.Group());
-    this.groups.forEach((group) => root.add(group));
+    for (const group of this.groups) root.add(group);
     this.meshes = [];
     // Drawn twice: first only into the depth buffer, so that one layer of the translucent body is seen, not three.
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true });
@@ -45,7 +48,7 @@ Gaitcal.Body = class {
   }
 };
 
-Gaitcal.shape = function (packed) {
+Gaitcal.shape = (packed) => {
   const THREE = MeshCat.THREE;
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(new Gaitcal.Lengths(packed.vertices).all(), 3));
@@ -57,7 +60,7 @@ Gaitcal.shape = function (packed) {
 Gaitcal.FLOOR = 48;
 
 // A texture of floor tiles half a metre wide.
-Gaitcal.lines = function () {
+Gaitcal.tiles = () => {
   const THREE = MeshCat.THREE;
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 256;
@@ -95,7 +98,7 @@ Gaitcal.Stage = class {
       root.add(mesh);
       return mesh;
     };
-    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.lines() }), 0);
+    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.tiles() }), 0);
     const shadow = new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false });
     this.shade = plane(6, -0.002, shadow, 0);
     this.shade.receiveShadow = true;
