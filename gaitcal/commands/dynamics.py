@@ -53,7 +53,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         for path in trials:
             step(f"{path.name}: reading and checking")
             read.append(_read(path, options, saved))
-        findings = [found for trial in read for found in _check(trial, saved)]
+        findings = [finding for trial in read for finding in _check(trial, saved)]
         stop_on_errors(findings)
         done = []
         for trial in read:

@@ -222,8 +222,8 @@ def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> No
     for figure in PUBLISHED:
         if ours := beside(table, figure, study.settings, SHOWN_SIDE):
             name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
-            here = ", ".join(f"{value:.2f} ({of.value})" for of, value in ours.items())
-            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {here} %BW*H")
+            values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
+            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
     open_rows = unconverged(table)
     if open_rows.empty:
         talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")

@@ -100,8 +100,8 @@ def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
 
 def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
     """What both legs have, in the order of ours."""
-    here, there = _leg_quantities(side, ours), _leg_quantities(side, theirs)
-    return [_row(*quantity, value, there[quantity]) for quantity, value in here.items() if quantity in there]
+    known = _leg_quantities(side, theirs)
+    return [_row(*name, value, known[name]) for name, value in _leg_quantities(side, ours).items() if name in known]
 
 
 def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:

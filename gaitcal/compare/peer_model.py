@@ -148,8 +148,8 @@ def read_function(holder: ET.Element, source: Path) -> Function:
     inside = holder if wrapped is None else wrapped
     element = next((e for e in inside if e.tag in _TAGS), None)
     if element is None:
-        found = ", ".join(e.tag for e in inside) or "nothing"
-        raise InputError(f"found {found}, expected one of {', '.join(_TAGS)}", source=source, field="function")
+        tags = ", ".join(e.tag for e in inside) or "nothing"
+        raise InputError(f"found {tags}, expected one of {', '.join(_TAGS)}", source=source, field="function")
     return _function(element, source)
 
 

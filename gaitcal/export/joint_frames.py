@@ -172,13 +172,12 @@ _DEGREES = {
 _METRES = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
 
 
-def coordinate_range(coordinate: str) -> tuple[float, float]:
-    """Lowest and highest usual value, m or rad."""
+def _range(coordinate: str) -> tuple[float, float]:
     if is_translation(coordinate):
         return _METRES[coordinate]
-    low, high = _DEGREES[coordinate[:-2] if coordinate.endswith(("_r", "_l")) else coordinate]
+    low, high = _DEGREES[coordinate.removesuffix("_r").removesuffix("_l")]
     return math.radians(low), math.radians(high)
 
 
-COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: coordinate_range(name) for name in COORDINATES}
-"""All 27, m or rad."""
+COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: _range(name) for name in COORDINATES}
+"""Lowest and highest usual value of all 27, m or rad."""

@@ -161,10 +161,10 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """Rows: the leg's joint parameters, then the rest in groups; columns: the seven torques; per cent."""
-    of = contributions[contributions["grf"] == frame.value]
-    wide = of.pivot_table(index="parameter", columns="torque", values="share", sort=False)
+    rows = contributions[contributions["grf"] == frame.value]
+    wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
-    inertial = set(of.loc[of["kind"] == "ip", "parameter"])
+    inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
     joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
     of_leg = [name for name in wide.index if name.split(".")[0] in joints]
     rest = {

@@ -103,8 +103,8 @@ def moment_numbers(
         frames = np.flatnonzero(valid & layout.drawn(split_side(name)[1]))
         extremes: tuple[Extreme | None, ...] = (None, None)
         if len(frames):
-            at = (frames[moment[frames].argmax()], frames[moment[frames].argmin()])
-            extremes = tuple(_extreme(moment, error, int(frame), to_bwh, layout, name) for frame in at)
+            peaks = (frames[moment[frames].argmax()], frames[moment[frames].argmin()])
+            extremes = tuple(_extreme(moment, error, int(frame), to_bwh, layout, name) for frame in peaks)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
         numbers.append(
             MomentNumbers(
@@ -119,9 +119,8 @@ def moment_numbers(
     return tuple(numbers)
 
 
-def _extreme(final: Array, error: Array | None, k: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
-    value = float(final[k])
-    spread = None if error is None or not np.isfinite(error[k]) else float(error[k])
-    time = float(layout.time[k])
+def _extreme(moment: Array, error: Array | None, frame: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
+    value, time = float(moment[frame]), float(layout.time[frame])
+    spread = None if error is None or not np.isfinite(error[frame]) else float(error[frame])
     at = float(layout.main(split_side(name)[1]).percent(time)) if layout.by_cycle else time
     return Extreme(value, spread, to_bwh * value, at)

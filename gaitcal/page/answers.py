@@ -106,8 +106,8 @@ def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
     if not views:
         return None
 
-    def excess(of: tuple[GaitView, Limits]) -> float:
-        last, limits = of[0].stages[-1], of[1]
+    def excess(pair: tuple[GaitView, Limits]) -> float:
+        last, limits = pair[0].stages[-1], pair[1]
         return max(last.peak_force / limits.force, last.peak_moment / limits.moment)
 
     view, limits = worst = max(views, key=excess)

@@ -114,14 +114,15 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
         axis=-1,
     )
     points = np.vstack([[0.0, -1.0, 0.0], ring.reshape(-1, 3), [0.0, 1.0, 0.0]])
-    here = np.arange(_AROUND)
-    after = (here + 1) % _AROUND
-    last = len(points) - 1
-    top = last - _AROUND
-    triangles = [np.column_stack([np.zeros(_AROUND, dtype=np.intp), 1 + here, 1 + after])]
+    # Corner 0 is the lower pole, then ring after ring of `_AROUND` corners, the last corner is the upper pole.
+    corner = np.arange(_AROUND)
+    following = (corner + 1) % _AROUND
+    pole = len(points) - 1
+    top = pole - _AROUND
+    triangles = [np.column_stack([np.zeros(_AROUND, dtype=np.intp), 1 + corner, 1 + following])]
     for k in range(_RINGS - 2):
         below, above = 1 + k * _AROUND, 1 + (k + 1) * _AROUND
-        triangles.append(np.column_stack([below + here, above + here, below + after]))
-        triangles.append(np.column_stack([below + after, above + here, above + after]))
-    triangles.append(np.column_stack([np.full(_AROUND, last), top + after, top + here]))
+        triangles.append(np.column_stack([below + corner, above + corner, below + following]))
+        triangles.append(np.column_stack([below + following, above + corner, above + following]))
+    triangles.append(np.column_stack([np.full(_AROUND, pole), top + following, top + corner]))
     return Mesh((low + high) / 2 + points * (high - low) / 2, np.vstack(triangles))
