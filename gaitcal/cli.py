@@ -4,16 +4,19 @@ Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge. Librar
 needs them, so that `gaitcal --help` is there at once.
 """
 
-from __future__ import annotations
-
 import os
 import sys
+from collections.abc import Callable
+from inspect import Signature, signature
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gaitcal.errors import GaitcalError
+
+if TYPE_CHECKING:
+    from gaitcal.commands.console import Talk
 
 app = typer.Typer(
     name="gaitcal",
@@ -30,47 +33,63 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; written whole or not at all.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
 Result = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate'.")]
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file: subject, marker set, trials.")]
 
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
 
-@app.command()
-def demo(out: Out = Path("gaitcal-demo"), quiet: Quiet = False, verbose: Verbose = False) -> None:
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
+
+    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
+        from gaitcal.commands.console import Talk
+
+        function(Talk(quiet=quiet, verbose=verbose), **arguments)
+
+    _, *of_command = signature(function).parameters.values()
+    *of_all, _ = signature(run).parameters.values()
+    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
+    app.command(function.__name__, help=function.__doc__)(run)
+    return function
+
+
+@command
+def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
     """The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated."""
-    from gaitcal.commands.demo import run
+    from gaitcal.commands.synthetic import demonstrate
 
-    run(out, quiet=quiet, verbose=verbose)
+    demonstrate(out, talk)
 
 
-@app.command()
-def check(study: StudyPath, quiet: Quiet = False, verbose: Verbose = False) -> None:
+@command
+def check(talk: "Talk", study: StudyPath) -> None:
     """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
     from gaitcal.commands.check import run
 
-    run(study, quiet=quiet, verbose=verbose)
+    run(study, talk)
 
 
-@app.command()
+@command
 def calibrate(
+    talk: "Talk",
     study: StudyPath,
     out: Out,
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
     hold_out: Annotated[
         bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
     ] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
 
-    run(study, out, force=force, hold_out=hold_out, quiet=quiet, verbose=verbose)
+    run(study, out, talk, force=force, hold_out=hold_out)
 
 
-@app.command()
+@command
 def dynamics(
+    talk: "Talk",
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
     forces: Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")] = None,
@@ -82,47 +101,44 @@ def dynamics(
         str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; DIR/dynamics unless given.")] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
     from gaitcal.commands.dynamics import Options, run
 
-    run(result, trials, Options(forces, plates, time, filter_hz), out, quiet=quiet, verbose=verbose)
+    run(result, trials, Options(forces, plates, time, filter_hz), out, talk)
 
 
-@app.command()
+@command
 def convert(
+    talk: "Talk",
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """Recordings to CSV tables and back: C3D, TRC and MOT to CSV, CSV to TRC."""
-    from gaitcal.commands.convert import run
+    from gaitcal.commands.other_programs import convert_recording
 
-    run(source, target, quiet=quiet, verbose=verbose)
+    convert_recording(source, target, talk)
 
 
-@app.command()
+@command
 def synthesize(
+    talk: "Talk",
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
     noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
     perturb: Annotated[
         bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
     ] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, truth.csv."""
-    from gaitcal.commands.synthesize import run
+    from gaitcal.commands.synthetic import write_subject
 
-    run(out, seed=seed, noise=noise, perturb=perturb, quiet=quiet, verbose=verbose)
+    write_subject(out, talk, seed=seed, noise=noise, perturb=perturb)
 
 
-@app.command()
+@command
 def montecarlo(
+    talk: "Talk",
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate', or a study folder.")
     ],
@@ -145,70 +161,76 @@ def montecarlo(
     expect: Annotated[
         float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
     ] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
     from gaitcal.commands.montecarlo import Options, run
 
     bounds = (position_bound, orientation_bound, ip_bound, noise_bound)
-    options = Options(vary, levels, draws, jobs, cluster, seed, grf, parameters, bounds, trial, until_converged)
-    run(folder, options, expected_mm=expect, quiet=quiet, verbose=verbose)
+    options = Options(
+        vary=vary,
+        levels=levels,
+        draws=draws,
+        jobs=jobs,
+        cluster=cluster,
+        seed=seed,
+        grf=grf,
+        parameters=parameters,
+        bounds=bounds,
+        trial=trial,
+        until_converged=until_converged,
+    )
+    run(folder, options, expect, talk)
 
 
-@app.command()
+@command
 def reproduce(
+    talk: "Talk",
     out: Out,
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
     from gaitcal.commands.reproduce import run
 
-    run(out, draws=draws, noise_seeds=noise_seeds, seed=seed, quiet=quiet, verbose=verbose)
+    run(out, talk, draws=draws, noise_seeds=noise_seeds, seed=seed)
 
 
-@app.command()
+@command
 def export(
+    talk: "Talk",
     result: Result,
     formats: Annotated[str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf.")] = "osim,urdf,mjcf",
     out: Annotated[Path | None, typer.Option(help="Folder for the files; DIR/export unless given.")] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """The fitted model for OpenSim, ROS and Pinocchio, or MuJoCo."""
-    from gaitcal.commands.export import run
+    from gaitcal.commands.other_programs import export_model
 
-    run(result, formats, out, quiet=quiet, verbose=verbose)
+    export_model(result, formats, out, talk)
 
 
-@app.command()
+@command
 def view(
+    talk: "Talk",
     result: Result,
     html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """Browser view of a result: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run
 
-    run(result, html, quiet=quiet, verbose=verbose)
+    run(result, html, talk)
 
 
-@app.command()
+@command
 def compare(
+    talk: "Talk",
     result: Result,
     osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")],
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """Hip centres, joint axes, masses and lengths of an OpenSim model beside ours, in our segment frames."""
-    from gaitcal.commands.compare import run
+    from gaitcal.commands.other_programs import compare_models
 
-    run(result, osim, quiet=quiet, verbose=verbose)
+    compare_models(result, osim, talk)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import gaitcal
 from gaitcal.errors import GaitcalError
 from gaitcal.files import package_data
 
@@ -40,6 +41,15 @@ def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) ->
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
+def test_public_names_are_loaded_when_first_used() -> None:
+    assert len(gaitcal.__all__) == len(set(gaitcal.__all__))
+    assert set(dir(gaitcal)) == set(gaitcal.__all__), "as in the stub that type checkers read"
+    assert all(getattr(gaitcal, name) is not None for name in gaitcal.__all__)
+    assert not set(gaitcal.__all__) & {p.stem for p in (ROOT / "gaitcal").iterdir()}, "a package would hide the name"
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = gaitcal.no_such_name
+
+
 @pytest.mark.slow
 def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     pytest.importorskip("hatchling")
@@ -55,7 +65,7 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
         archive.extractall(tmp_path / "site")
     data = {f"gaitcal/models/{p.relative_to(ROOT / 'models').as_posix()}" for p in (ROOT / "models").rglob("*.*")}
     assert data <= names
-    assert "gaitcal/py.typed" in names
+    assert {"gaitcal/py.typed", "gaitcal/__init__.pyi"} <= names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
-    code = "from gaitcal.files.package_data import models_path; print(models_path())"
+    code = "import gaitcal; from gaitcal.files.package_data import models_path; print(models_path())"
     assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(tmp_path / "site" / "gaitcal" / "models")

@@ -17,9 +17,8 @@ from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
 
 
-def run(study: Path, out: Path, *, force: bool = False, hold_out: bool = False, quiet: bool, verbose: bool) -> None:
+def run(study: Path, out: Path, talk: Talk, *, force: bool = False, hold_out: bool = False) -> None:
     """Check and calibrate a study and write its result folder; `force` goes on past errors that the checks find."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     kept = require_room(out, ResultKind.CALIBRATION, input_files(load_study_file(study), study))
     with talk.working() as step:
         step("reading the recordings")

@@ -18,19 +18,18 @@ PLAIN_WIDTH = 150
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
 
 
-def run(study: Path, *, quiet: bool, verbose: bool) -> None:
+def run(study: Path, talk: Talk) -> None:
     """Print what the checks find in a study; exit code 1 where there is an error."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     with talk.working() as step:
         step("reading and checking the recordings")
         findings = check_file(study)
-    shown = [f for f in findings if verbose or f.severity is not Severity.INFO]
+    shown = [f for f in findings if talk.verbose or f.severity is not Severity.INFO]
     if shown:
         if not talk.out.is_terminal:
             talk.out.width = PLAIN_WIDTH
         talk.out.print(_table(shown))
     counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
-    hidden = counts[Severity.INFO] if not verbose else 0
+    hidden = counts[Severity.INFO] if not talk.verbose else 0
     more = f" (-v shows {hidden} more facts)" if hidden else ""
     talk.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
     if counts[Severity.ERROR]:

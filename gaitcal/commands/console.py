@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -12,6 +12,7 @@ from rich.text import Text
 
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.runtime import Progress, silent
 
 
 class Talk:
@@ -27,32 +28,31 @@ class Talk:
         self.out.print(Text(text))
 
     @contextmanager
-    def working(self) -> Iterator[Step]:
+    def working(self) -> Iterator[Progress]:
         """While working: a spinner with the present step on a terminal, plain lines with -v, else nothing."""
         if self.err.is_terminal and not self.quiet:
             with self.err.status("starting") as status:
-                yield Step(lambda text: status.update(escape(text)))
+                yield lambda text: status.update(escape(text))
         elif self.verbose:
-            yield Step(lambda text: self.err.print(Text(text)))
+            yield lambda text: self.err.print(Text(text))
         else:
-            yield Step(lambda text: None)
+            yield silent
 
 
-class Step:
-    """Tells what is being done now."""
-
-    def __init__(self, say: object) -> None:
-        self._say = say
-
-    def __call__(self, text: str) -> None:
-        """Show the step."""
-        self._say(text)  # type: ignore[operator]
+def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
+    """An empty table without a frame: columns of words to the left, then columns of numbers to the right."""
+    table = Table(show_edge=False, pad_edge=False)
+    for head in words:
+        table.add_column(head)
+    for head in numbers:
+        table.add_column(head, justify="right")
+    return table
 
 
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, warnings."""
     print_trials(talk, calibration.trials)
-    print_told(talk, calibration.warnings, calibration.notes)
+    print_remarks(talk, calibration.warnings, calibration.notes)
 
 
 def tell_kept(talk: Talk, kept: Sequence[str]) -> None:
@@ -61,7 +61,7 @@ def tell_kept(talk: Talk, kept: Sequence[str]) -> None:
         talk.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
 
 
-def print_told(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> None:
+def print_remarks(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> None:
     """Warnings, and with -v what was assumed."""
     for warning in warnings:
         talk.line(f"warning: {warning}")
@@ -72,7 +72,7 @@ def print_told(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> Non
 
 def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
     """Fit of every trial beside its rigid-segment floor, and pelvis residuals."""
-    table = Table(title=None, show_edge=False, pad_edge=False)
+    table = frameless_table(())
     table.add_column("trial", no_wrap=True)
     for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
         table.add_column(name, justify="right", min_width=max(map(len, name.split())))  # no word of it is cut
@@ -82,8 +82,7 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
             table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
     talk.out.print(table)
     for trial in trials:
-        if trial.held_out:
-            held = trial.held_out
+        if held := trial.held_out:
             parts = {"": (held.nominal, held.calibrated)} | ({", pelvis and legs": held.legs} if held.legs else {})
             for part, (nominal, calibrated) in parts.items():
                 talk.line(

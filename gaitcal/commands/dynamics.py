@@ -1,18 +1,22 @@
-"""`gaitcal dynamics`."""
+"""`gaitcal dynamics`: further recordings through the model of a result folder.
+
+Options of a further trial are written on the command line as in a study file; each is read here into what that file
+would hold.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, cast, get_args
 
 import numpy as np
 
 from gaitcal.checks import Finding, check_further
 from gaitcal.commands.check import as_warnings, stop_on_errors
-from gaitcal.commands.console import Talk, print_told, print_trials
-from gaitcal.commands.trial_options import filter_of, only_for_one, plates_of, time_of
-from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.commands.console import Talk, print_remarks, print_trials
+from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.model.subject_model import SubjectModel
@@ -21,7 +25,7 @@ from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.study.study import StudyTrial, read_trial
-from gaitcal.study.study_file import Trial
+from gaitcal.study.study_file import Side, Trial
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,9 @@ class Options:
     filter_hz: str | None = None
 
 
-def run(result: Path, trials: list[Path], options: Options, out: Path | None, *, quiet: bool, verbose: bool) -> None:
+def run(result: Path, trials: list[Path], options: Options, out: Path | None, talk: Talk) -> None:
     """Check further trials and take them through the model of a result folder."""
-    talk = Talk(quiet=quiet, verbose=verbose)
-    only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
+    _only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
         raise InputError("found two trials with one name; a trial's name is its file's, without the ending")
@@ -50,7 +53,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, *,
         for path in trials:
             step(f"{path.name}: reading and checking")
             read.append(_read(path, options, saved))
-        findings = [found for trial in read for found in _check(trial, saved)]
+        findings = [finding for trial in read for finding in _check(trial, saved)]
         stop_on_errors(findings)
         done = []
         for trial in read:
@@ -59,7 +62,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, *,
         warnings = [*as_warnings(findings), *(_not_converged(t.name) for t in done if not t.calibrated.converged)]
         stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
     print_trials(talk, done)
-    print_told(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
+    print_remarks(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
     _stop_where_late(done)
 
@@ -69,9 +72,9 @@ def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:
     trial = Trial(name="trial", role="gait", file=path, forces=options.forces).model_copy(
         update={
             "name": path.stem,
-            "plates": plates_of(options.plates),
-            "time": time_of(options.time),
-            "filter_hz": filter_of(options.filter_hz),
+            "plates": _plates_of(options.plates),
+            "time": _time_of(options.time),
+            "filter_hz": _filter_of(options.filter_hz),
         }
     )
     return read_trial(trial, saved.rename, saved.marker_set)
@@ -99,3 +102,50 @@ def _stop_where_late(done: Sequence[TrialResult]) -> None:
     late = [trial.name for trial in done if not trial.calibrated.converged]
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+
+
+def _plates_of(text: str | None) -> dict[str, Side]:
+    """`1=r,2=l` -> plate and foot."""
+    out: dict[str, Side] = {}
+    for part in [] if text is None else text.split(","):
+        name, equals, side = (word.strip() for word in part.rpartition("="))
+        if not name or not equals or side not in get_args(Side) or name in out:
+            allowed = "plate=foot, each plate once, the foot r, l or none, such as 1=r,2=l"
+            raise UsageError(f"found '{part.strip()}'; allowed: {allowed}", field="--plates")
+        out[name] = cast(Side, side)
+    return out
+
+
+def _time_of(text: str | None) -> tuple[float, float] | None:
+    """`0.4,1.6` -> start and end in s."""
+    if text is None:
+        return None
+    numbers = [_number(part) for part in text.split(",")]
+    if len(numbers) == 2 and numbers[0] is not None and numbers[1] is not None and numbers[0] < numbers[1]:
+        return numbers[0], numbers[1]
+    raise UsageError(f"found '{text}'; allowed: two increasing numbers, start,end in seconds", field="--time")
+
+
+def _filter_of(text: str | None) -> float | Literal["none"] | None:
+    """`6` or `none` -> cut-off in Hz; None: as in the calibration."""
+    if text is None or text == "none":
+        return cast(Literal["none"] | None, text)
+    number = _number(text)
+    if number is None or number <= 0:
+        raise UsageError(f"found '{text}'; allowed: a number above 0, or none", field="--filter-hz")
+    return number
+
+
+def _only_for_one(options: Mapping[str, object], trials: int) -> None:
+    """Refuse options that say something of one recording where there are several."""
+    for name, value in options.items():
+        if value is not None and trials != 1:
+            raise UsageError(f"found {trials} trials; allowed: one, of which it speaks", field=name)
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if abs(value) < 1e9 else None  # neither infinite nor NaN

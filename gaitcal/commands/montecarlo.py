@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich import progress
 from rich.text import Text
 
-from gaitcal.commands.console import Talk
+from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.files.atomic import atomic_file
@@ -44,7 +43,7 @@ SHOWN_SIDE = "l"
 """The left leg is shown, as published; both are in the tables."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of the command line, as they were written."""
 
@@ -77,7 +76,15 @@ class Options:
     def settings(self) -> MonteCarloSettings:
         """What a draw depends on."""
         choice = _one_of(self.parameters, [str(c.value) for c in ParameterChoice], "--parameters")
-        return MonteCarloSettings(self.seed, ParameterChoice(int(choice)), *self.bounds)
+        position, orientation, inertial, noise = self.bounds
+        return MonteCarloSettings(
+            seed=self.seed,
+            parameters=ParameterChoice(int(choice)),
+            position_mm=position,
+            orientation_deg=orientation,
+            inertial_percent=inertial,
+            noise_mm=noise,
+        )
 
     @property
     def frame(self) -> ReactionFrame:
@@ -94,28 +101,27 @@ class Options:
         return LocalProcesses(self.jobs)
 
 
-def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: bool, verbose: bool) -> None:
+def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     store = Store(folder / FOLDER)
     plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
-    if expected_mm is not None and not (there := store.read()).empty:
+    if expected_mm is not None and not (draws := store.read()).empty:
         if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
             store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
-        _print_expectation(talk, statistics(there), expected_mm)
+        _print_expectation(talk, statistics(draws), expected_mm)
         return
     with talk.working() as step:
         step("reading the model and its motion")
         case = case_from(folder, options.trial, step)
     try:
-        with _progress(talk) as progress:
+        with _draw_progress(talk) as draws_done:
             study = monte_carlo(
                 case,
                 store.folder,
                 settings=settings,
                 plan=plan,
                 workers=workers,
-                progress=progress,
+                progress=draws_done,
                 until_converged=options.until_converged,
             )
     except KeyboardInterrupt:
@@ -129,13 +135,14 @@ def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: boo
             contributions.to_csv(path, index=False, lineterminator="\n")
         figures = write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
         report = folder / REPORT
-        told = report.exists() and add_monte_carlo(report, study, figures, _marker_rms(folder, case.name), SHOWN_SIDE)
+        marker_rms = _marker_rms(folder, case.name)
+        in_report = report.exists() and add_monte_carlo(report, study, figures, marker_rms, SHOWN_SIDE)
     _print_study(talk, study, frame)
     _print_linearity(talk, context, study)
     if expected_mm is not None:
         _print_expectation(talk, study.statistics, expected_mm)
     talk.line(f"tables and figures: {store.folder}")
-    if told:
+    if in_report:
         talk.line(f"report: {report}, section Monte Carlo")
     if options.until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
@@ -144,8 +151,8 @@ def run(folder: Path, options: Options, *, expected_mm: float | None, quiet: boo
 def _marker_rms(folder: Path, trial: str) -> float | None:
     """Marker error (mm) of pelvis and legs after calibration, as the summary beside the report tells it."""
     try:
-        told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
-        return float((told.get("pelvis_and_legs_mm") or told["rms_mm"])["calibrated"])
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
+        return float((summary.get("pelvis_and_legs_mm") or summary["rms_mm"])["calibrated"])
     except (OSError, ValueError, KeyError, TypeError):
         return None  # a study folder, or a trial without markers
 
@@ -161,19 +168,19 @@ def _one_of(name: str, allowed: list[str], option: str) -> str:
 
 
 @contextmanager
-def _progress(talk: Talk) -> Iterator[DrawProgress]:
+def _draw_progress(talk: Talk) -> Iterator[DrawProgress]:
     """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every tenth."""
     started = time.monotonic()
     if talk.err.is_terminal and not talk.quiet:
         columns = (
-            TextColumn("draws"),
-            BarColumn(),
-            TaskProgressColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(elapsed_when_finished=True),
+            progress.TextColumn("draws"),
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TextColumn("{task.fields[rate]}"),
+            progress.TimeRemainingColumn(elapsed_when_finished=True),
         )
-        with Progress(*columns, console=talk.err) as bar:
+        with progress.Progress(*columns, console=talk.err) as bar:
             task = bar.add_task("draws", total=None, rate="")
 
             def show(done: int, todo: int) -> None:
@@ -181,12 +188,12 @@ def _progress(talk: Talk) -> Iterator[DrawProgress]:
 
             yield show
         return
-    told = [0]
+    tenths = 0
 
     def tell(done: int, todo: int) -> None:
-        tenth = 10 * done // max(todo, 1)
-        if talk.verbose and tenth > told[0]:
-            told[0] = tenth
+        nonlocal tenths
+        if talk.verbose and 10 * done // max(todo, 1) > tenths:
+            tenths = 10 * done // max(todo, 1)
             rate = _rate(done, started)
             left = (todo - done) / rate
             talk.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
@@ -204,17 +211,18 @@ def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> No
     _print_errors(talk, table, frame)
     for note in study.notes:
         talk.line(note)
-    if told := [
+    failures = [
         f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}" for row in left_out(table).itertuples()
-    ]:
-        talk.line(f"left out of all these figures, as they did not converge: {'; '.join(told)} draws")
-    for found in conclusions(table, SHOWN_SIDE):
-        talk.line(f"{found.claim} ({found.frame.value}): {found.verdict}. {found.numbers}")
+    ]
+    if failures:
+        talk.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
+    for conclusion in conclusions(table, SHOWN_SIDE):
+        talk.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
     for figure in PUBLISHED:
         if ours := beside(table, figure, study.settings, SHOWN_SIDE):
             name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
-            here = ", ".join(f"{value:.2f} ({of.value})" for of, value in ours.items())
-            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {here} %BW*H")
+            values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
+            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
     open_rows = unconverged(table)
     if open_rows.empty:
         talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
@@ -233,17 +241,15 @@ def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloSt
     for varied, level in study.plan.cells:
         if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
             agreement = [linear_agreement(context, study.draws, (varied, level), frame) for frame in ReactionFrame]
-            told = ", ".join(
+            ranges = ", ".join(
                 f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
                 for r, frame in zip(agreement, ReactionFrame, strict=True)
             )
-            talk.line(f"linearised contributions against draws, JP at {level} %: {told}")
+            talk.line(f"linearised contributions against draws, JP at {level} %: {ranges}")
 
 
 def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:
-    shown = Table(show_edge=False, pad_edge=False)
-    for head in ("set", "level %", *HEADS, "markers mm"):
-        shown.add_column(head.replace(" ", "\n"), justify="left" if head == "set" else "right")
+    shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
     for varied in Varied:
         columns = [levels_of(table, varied.value, f"{t}_{SHOWN_SIDE}", frame.value) for t in TORQUES]
         columns.append(levels_of(table, varied.value, f"markers_{SHOWN_SIDE}"))
@@ -260,9 +266,7 @@ def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
     for cause in causes:
         more = "more than " if cause.beyond else ""
         talk.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
-        shown = Table(show_edge=False, pad_edge=False)
-        for head in ("RMS error, %BW*H", "ground reactions", "average", "10 %", "50 %", "90 %"):
-            shown.add_column(head, justify="left" if head[0] in "Rg" else "right")
+        shown = frameless_table(("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %"))
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
             shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from rich.table import Table
 from rich.text import Text
 
-from gaitcal.commands.console import Talk
+from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_directory, require_room
 from gaitcal.files.ownership import ResultKind
@@ -23,17 +22,16 @@ KEPT = ".draws"
 _SHOWN = ("I", "III", "discussion")
 
 
-def run(out: Path, *, draws: int, noise_seeds: int, seed: int, quiet: bool, verbose: bool) -> None:
+def run(out: Path, talk: Talk, *, draws: int, noise_seeds: int, seed: int) -> None:
     """Run the published study, write its tables and print them."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
     kept = out.with_name(out.name + KEPT) if draws else None
     require_room(out, ResultKind.REPRODUCTION)
     with talk.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
-        found = reproduce(settings, kept, step)
+        reproduction = reproduce(settings, kept, step)
         step("writing the tables")
-        write_tables(found, folder)
-    print_reproduction(talk, found)
+        write_tables(reproduction, folder)
+    print_reproduction(talk, reproduction)
     talk.line(f"tables: {out}")
     if kept is not None:
         talk.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
@@ -48,30 +46,29 @@ def _data() -> Path | None:
     return Path(named)
 
 
-def print_reproduction(talk: Talk, found: Reproduction) -> None:
+def print_reproduction(talk: Talk, reproduction: Reproduction) -> None:
     """Tables I and III, the discussion, the claims and the times; everything else is in the files."""
     for name in _SHOWN:
-        rows = [row for row in found.tables if row.table == name]
+        rows = [row for row in reproduction.tables if row.table == name]
         talk.line()
         talk.line("Discussion" if name == "discussion" else f"Table {name}")
         _print_rows(talk, rows)
     talk.line()
-    talk.line(f"Medians of {len(found.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:")
-    _print_rows(talk, found.times)
+    talk.line(
+        f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
+    )
+    _print_rows(talk, reproduction.times)
     talk.line()
-    _print_claims(talk, found.claims)
+    _print_claims(talk, reproduction.claims)
 
 
 def _print_rows(talk: Talk, rows: Sequence[TableRow]) -> None:
     columns = list(dict.fromkeys(row.column for row in rows))
-    shown = Table(show_edge=False, pad_edge=False)
-    shown.add_column("ours | published")
-    for column in columns:
-        shown.add_column(column, justify="right")
+    table = frameless_table(("ours | published",), columns)
     for title in dict.fromkeys(row.row for row in rows):
         cells = {row.column: _cell(row) for row in rows if row.row == title}
-        shown.add_row(Text(title), *(cells.get(column, "") for column in columns))
-    talk.out.print(shown)
+        table.add_row(Text(title), *(cells.get(column, "") for column in columns))
+    talk.out.print(table)
 
 
 def _cell(row: TableRow) -> str:
@@ -79,14 +76,11 @@ def _cell(row: TableRow) -> str:
     return f"{ours} | {published} {row.unit}"
 
 
-def _print_claims(talk: Talk, claims: Iterable[Claim]) -> None:
-    claims = list(claims)
-    shown = Table(show_edge=False, pad_edge=False, show_lines=False)
-    for head in ("claim", "published", "ours", "verdict"):
-        shown.add_column(head)
+def _print_claims(talk: Talk, claims: Sequence[Claim]) -> None:
+    table = frameless_table(("claim", "published", "ours", "verdict"))
     for claim in claims:
         if claim.verdict in (Verdict.HOLDS, Verdict.FAILS) or talk.verbose:
-            shown.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
-    talk.out.print(shown)
+            table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+    talk.out.print(table)
     counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
     talk.line("claims: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))

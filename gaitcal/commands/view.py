@@ -8,9 +8,8 @@ from gaitcal.commands.console import Talk
 from gaitcal.page import left_out, load_scene, serve, write_view
 
 
-def run(result: Path, html: Path | None, *, quiet: bool, verbose: bool) -> None:
+def run(result: Path, html: Path | None, talk: Talk) -> None:
     """Show a result in the browser, or write the page."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     scene = load_scene(result / "scene.npz")
     for sentence in left_out(scene):
         talk.line(sentence)

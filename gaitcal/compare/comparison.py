@@ -5,9 +5,8 @@ positions onto ours (Kabsch) takes its joint axes into our segment frame. Axes a
 them: where they cross the segment's sagittal plane, and their orientation, `front` and `trans` with
 z = Rx(front) Ry(trans) e_z; for the subtalar axis `trans` and `sag` with x = Ry(trans) Rz(sag) e_x.
 
-Which of our segments a peer's body belongs to, and which of its markers is which of ours.
-
-Body names as in the OpenSim models Gait2354, Gait2392 and Rajagopal2016, and our own.
+A peer's bodies belong to our segments by their names, those of the OpenSim models Gait2354, Gait2392 and Rajagopal2016
+and our own.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ Array = NDArray[np.float64]
 DIRECTIONS = ("ant", "sup", "lat")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
     """One quantity in both models."""
 
@@ -46,7 +45,7 @@ class ComparisonRow:
     """theirs - ours."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Registration:
     """How well a peer's body could be laid on our segment."""
 
@@ -92,76 +91,80 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
 
 
 def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
-    return ComparisonRow(quantity, unit, float(ours) + 0.0, float(theirs) + 0.0, float(theirs - ours) + 0.0)
+    difference = float(theirs - ours) + 0.0  # no negative zeros
+    return ComparisonRow(
+        quantity=quantity, unit=unit, ours=float(ours) + 0.0, theirs=float(theirs) + 0.0, difference=difference
+    )
 
 
 def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
-    rows: list[ComparisonRow] = []
-    lengths = (
-        (f"thigh_{side} length, hip centre to knee centre", ours.thigh_length, theirs.thigh_length),
-        (f"shank_{side} length, knee centre to talocrural centre", ours.shank_length, theirs.shank_length),
-        (f"talocrural_{side} to subtalar_{side} axis", ours.ankle_axes_distance, theirs.ankle_axes_distance),
-    )
-    for quantity, a, b in lengths:
-        if a is not None and b is not None:
-            rows.append(_row(quantity, "mm", 1e3 * a, 1e3 * b))
-    points = (
-        (f"hip_{side} centre in pelvis", ours.hip_in_pelvis, theirs.hip_in_pelvis),
-        (f"hip_{side} centre in thigh_{side}", ours.hip_in_thigh, theirs.hip_in_thigh),
-    )
-    for quantity, p, o in points:
-        if p is not None and o is not None:
-            rows += [_row(f"{quantity}, {d}", "mm", 1e3 * p[i], 1e3 * o[i]) for i, d in enumerate(DIRECTIONS)]
-    axes = (
-        (f"knee_{side} axis in thigh_{side}", ours.knee_in_thigh, theirs.knee_in_thigh),
-        (f"knee_{side} axis in shank_{side}", ours.knee_in_shank, theirs.knee_in_shank),
-        (f"talocrural_{side} axis in shank_{side}", ours.ankle_in_shank, theirs.ankle_in_shank),
-    )
-    for quantity, u, v in axes:
-        if u is not None and v is not None:
-            rows += _flexion_axis_rows(quantity, u, v)
-    if ours.subtalar_in_foot is not None and theirs.subtalar_in_foot is not None:
-        both = [_inversion_angles(axis) for axis in (ours.subtalar_in_foot, theirs.subtalar_in_foot)]
-        rows += [
-            _row(f"subtalar_{side} axis in foot_{side}, {d}", "deg", both[0][i], both[1][i])
-            for i, d in enumerate(("trans", "sag"))
-        ]
-    return rows
+    """What both legs have, in the order of ours."""
+    known = _leg_quantities(side, theirs)
+    return [_row(*name, value, known[name]) for name, value in _leg_quantities(side, ours).items() if name in known]
 
 
-def _flexion_axis_rows(quantity: str, ours: Axis, theirs: Axis) -> list[ComparisonRow]:
-    p, o = ours.crossing(2), theirs.crossing(2)
-    rows = [_row(f"{quantity}, {d}", "mm", 1e3 * p[i], 1e3 * o[i]) for i, d in enumerate(DIRECTIONS[:2])]
-    both = [_flexion_angles(axis) for axis in (ours, theirs)]
-    return rows + [_row(f"{quantity}, {d}", "deg", both[0][i], both[1][i]) for i, d in enumerate(("front", "trans"))]
+def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
+    """Quantity and its unit -> value, for what is known of a leg."""
+    lengths = {
+        f"thigh_{side} length, hip centre to knee centre": leg.thigh_length,
+        f"shank_{side} length, knee centre to talocrural centre": leg.shank_length,
+        f"talocrural_{side} to subtalar_{side} axis": leg.ankle_axes_distance,
+    }
+    points = {
+        f"hip_{side} centre in pelvis": leg.hip_in_pelvis,
+        f"hip_{side} centre in thigh_{side}": leg.hip_in_thigh,
+    }
+    flexion_axes = {
+        f"knee_{side} axis in thigh_{side}": leg.knee_in_thigh,
+        f"knee_{side} axis in shank_{side}": leg.knee_in_shank,
+        f"talocrural_{side} axis in shank_{side}": leg.ankle_in_shank,
+    }
+    out = {(name, "mm"): 1e3 * length for name, length in lengths.items() if length is not None}
+    for name, point in points.items():
+        if point is not None:
+            out |= {(f"{name}, {d}", "mm"): 1e3 * value for d, value in zip(DIRECTIONS, point, strict=True)}
+    for name, axis in flexion_axes.items():
+        if axis is not None:
+            crossing = axis.crossing(2)[:2]
+            out |= {(f"{name}, {d}", "mm"): 1e3 * x for d, x in zip(DIRECTIONS[:2], crossing, strict=True)}
+            angles = _flexion_angles(axis)
+            out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("front", "trans"), angles, strict=True)}
+    if leg.subtalar_in_foot is not None:
+        name, angles = f"subtalar_{side} axis in foot_{side}", _inversion_angles(leg.subtalar_in_foot)
+        out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("trans", "sag"), angles, strict=True)}
+    return out
 
 
 def _flexion_angles(axis: Axis) -> tuple[float, float]:
+    """`front` and `trans`, deg."""
     x, y, z = axis.direction
     return float(np.degrees(np.arctan2(-y, z))), float(np.degrees(np.arcsin(np.clip(x, -1.0, 1.0))))
 
 
 def _inversion_angles(axis: Axis) -> tuple[float, float]:
+    """`trans` and `sag`, deg."""
     x, y, z = axis.direction
     return float(np.degrees(np.arctan2(-z, x))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
 
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registration:
+    """Lay the peer's `body` on our `segment` by the markers that both have on it."""
     markers = model.markers
-    local, target = [], []
-    own = [i for i, s in enumerate(markers.segments) if s == segment]
-    for i in own:
+    on_segment = [i for i, s in enumerate(markers.segments) if s == segment]
+    theirs, ours = [], []
+    for i in on_segment:
         label = same_label(markers.labels[i], tuple(peer.markers))
-        at, position = peer.markers[label] if label is not None else ("", np.zeros(3))
-        if segment_of(at) == segment and moves_with_segment(at) and peer.is_below(at, body):
-            local.append(peer.body_pose(at, body).act(position))
-            target.append(markers.local[i])
-    if len(local) < 3:
-        return _Registration(segment, len(own), len(local), None, 0.0)
-    shared = np.array(local), np.array(target)[:, :, None], np.ones((len(local), 1))
-    fit = rigid_fit(*shared)
-    pose = pin.SE3(fit.rotation[0], fit.origin[0]) if fit.determined[0] else None
-    return _Registration(segment, len(own), len(local), pose, float(np.sqrt(np.mean(rigid_distances(*shared) ** 2))))
+        carrier, position = peer.markers[label] if label is not None else ("", np.zeros(3))
+        if segment_of(carrier) == segment and carrier not in _SLIDING and peer.is_below(carrier, body):
+            theirs.append(peer.body_pose(carrier, body).act(position))
+            ours.append(markers.local[i])
+    pose, rms = None, 0.0
+    if len(theirs) >= 3:
+        shared = np.array(theirs), np.array(ours)[:, :, None], np.ones((len(theirs), 1))  # one "frame"
+        fit = rigid_fit(*shared)
+        pose = pin.SE3(fit.rotation[0], fit.origin[0]) if fit.determined[0] else None
+        rms = float(np.sqrt(np.mean(rigid_distances(*shared) ** 2)))
+    return _Registration(segment=segment, markers=len(on_segment), common=len(theirs), pose=pose, rms=rms)
 
 
 def _registration_rows(r: _Registration) -> list[ComparisonRow]:
@@ -174,22 +177,17 @@ def _registration_rows(r: _Registration) -> list[ComparisonRow]:
 def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
     theirs: dict[str, float] = {}
     for body, mass in peer.masses.items():
-        segment = segment_of(body)
-        if segment is not None:
+        if (segment := segment_of(body)) is not None:
             theirs[segment] = theirs.get(segment, 0.0) + mass
     if not theirs:
         return []
     ours = dict(zip(MASSIVE_SEGMENTS, table(model.parameters.inertial)[:, 0], strict=True))
-    rows = []
-    armless = "head_trunk" in theirs and not any(arm in theirs for arm in ARMS)
-    for segment in MASSIVE_SEGMENTS:
-        if segment == "head_trunk" and armless:
-            whole = ours[segment] + sum(ours[arm] for arm in ARMS)
-            rows.append(_row("head_trunk and arms mass", "kg", whole, theirs[segment]))
-        elif segment in theirs:
-            rows.append(_row(f"{segment} mass", "kg", ours[segment], theirs[segment]))
-    rows.append(_row("total mass", "kg", model.parameters.mass, sum(peer.masses.values())))
-    return rows
+    titles = {segment: f"{segment} mass" for segment in MASSIVE_SEGMENTS}
+    if "head_trunk" in theirs and not any(arm in theirs for arm in ARMS):
+        titles["head_trunk"] = "head_trunk and arms mass"
+        ours["head_trunk"] += sum(ours[arm] for arm in ARMS)
+    rows = [_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
+    return [*rows, _row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
 
 
 ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
@@ -221,11 +219,6 @@ def segment_of(body: str) -> str | None:
     if side in SIDES and stem in _SIDED:
         return f"{_SIDED[stem]}_{side}"
     return body if body in SEGMENTS else None
-
-
-def moves_with_segment(body: str) -> bool:
-    """Whether a marker on this body may stand for its segment."""
-    return body not in _SLIDING
 
 
 def same_label(label: str, candidates: tuple[str, ...]) -> str | None:

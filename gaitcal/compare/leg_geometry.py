@@ -1,17 +1,13 @@
 """Hip centre, knee, talocrural and subtalar axis of one leg: of our model and of a peer's, in the same terms.
 
-A peer's joints may roll and slide: its axes are those of the whole displacement over the range of walking. The centre
-of a joint is the point of its axis nearest to the origin of its joint frame, all coordinates zero; for a hinge that is
-the origin itself. Lengths, from centre to centre, need no common frame.
-
-Axes as lines, and the axis of a motion between two poses.
-
-A displacement x -> R x + t is a turn by theta about an axis n and a slide along it (Chasles). n is the fixed
-direction of R; with t_p the part of t across n, a point of the axis is
+A peer's joints may roll and slide: its axes are those of the whole displacement over the range of walking. Such a
+displacement x -> R x + t is a turn by theta about an axis n and a slide along it (Chasles). n is the fixed direction of
+R; with t_p the part of t across n, a point of the axis is
 
     c = (t_p + cot(theta / 2) n x t_p) / 2.
 
-For a hinge this is the hinge; for a joint that rolls and slides, the axis of its whole motion between the two poses.
+The centre of a joint is the point of its axis nearest to the origin of its joint frame, all coordinates zero; for a
+hinge that is the origin itself. Lengths, from centre to centre, need no common frame.
 """
 
 from __future__ import annotations
@@ -37,7 +33,7 @@ SUBTALAR_SWEEP = math.radians(10.0)
 """To either side."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LegGeometry:
     """Where the joints of one leg lie, each in the frames of the segments it connects; None where unknown."""
 
@@ -62,23 +58,20 @@ def our_leg(parameters: Parameters, side: str) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
     frames = {joint.name: joint for joint in joint_frames(parameters)}
     hip, knee, ankle, subtalar = (frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar"))
-    in_thigh, in_shank = hip.to_child.inverse().translation, knee.to_child.inverse()
-    thigh_axis = Axis(knee.in_parent.translation, knee.in_parent.rotation[:, 2])
-    shank_axis = Axis(in_shank.translation, in_shank.rotation[:, 2])
-    ankle_axis = Axis(ankle.in_parent.translation, ankle.in_parent.rotation[:, 2])
-    foot = subtalar.to_child.inverse()
-    in_talus = Axis(subtalar.in_parent.translation, subtalar.in_parent.rotation[:, 0])
-    talocrural = Axis(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    hip_in_thigh = hip.in_child.translation
+    knee_in_thigh, knee_in_shank = _axis_of(knee.in_parent, 2), _axis_of(knee.in_child, 2)
+    ankle_in_shank = _axis_of(ankle.in_parent, 2)
     return LegGeometry(
-        hip.in_parent.translation,
-        in_thigh,
-        thigh_axis,
-        shank_axis,
-        ankle_axis,
-        Axis(foot.translation, foot.rotation[:, 0]),
-        _between(in_thigh, thigh_axis.point),
-        _between(shank_axis.point, ankle_axis.point),
-        line_distance(in_talus, talocrural),
+        hip_in_pelvis=hip.in_parent.translation,
+        hip_in_thigh=hip_in_thigh,
+        knee_in_thigh=knee_in_thigh,
+        knee_in_shank=knee_in_shank,
+        ankle_in_shank=ankle_in_shank,
+        subtalar_in_foot=_axis_of(subtalar.in_child, 0),
+        thigh_length=_between(hip_in_thigh, knee_in_thigh.point),
+        shank_length=_between(knee_in_shank.point, ankle_in_shank.point),
+        # In the talus, whose frame is that of the talocrural joint.
+        ankle_axes_distance=line_distance(_axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)),
     )
 
 
@@ -114,16 +107,17 @@ def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> Le
         knee_shank = knee_thigh.moved(peer.joint_pose(knee, {}).inverse())
     ankle_shank = None
     if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
-        ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", ANKLE_SWEEP)
+        ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP)
         if ankle_shank is not None:
             ankle_shank = _centred(peer, ankle, ankle_shank).moved(peer.body_pose(ankle.parent, shank)).pointing(2)
-    subtalar_foot, apart = None, None
+    subtalar_foot = axes_distance = None
     if subtalar is not None:
-        subtalar_parent = _swept_axis(peer, subtalar, f"subtalar_angle_{side}", SUBTALAR_SWEEP)
+        subtalar_parent = _swept_axis(peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP)
         if subtalar_parent is not None:
             subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(0)
             if ankle_shank is not None and shank is not None and peer.is_below(subtalar.parent, shank):
-                apart = line_distance(ankle_shank, subtalar_parent.moved(peer.body_pose(subtalar.parent, shank)))
+                subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
+                axes_distance = line_distance(ankle_shank, subtalar_shank)
 
     thigh_length = shank_length = None
     if hip_thigh is not None and knee_thigh is not None:
@@ -134,30 +128,33 @@ def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> Le
     to_pelvis, to_foot = registration.get("pelvis"), registration.get(f"foot_{side}")
     to_thigh, to_shank = registration.get(f"thigh_{side}"), registration.get(f"shank_{side}")
     return LegGeometry(
-        _point(hip_pelvis, to_pelvis),
-        _point(hip_thigh, to_thigh),
-        _axis(knee_thigh, to_thigh, 2),
-        _axis(knee_shank, to_shank, 2),
-        _axis(ankle_shank, to_shank, 2),
-        _axis(subtalar_foot, to_foot if foot is not None else None, 0),
-        thigh_length,
-        shank_length,
-        apart,
+        hip_in_pelvis=_point(hip_pelvis, to_pelvis),
+        hip_in_thigh=_point(hip_thigh, to_thigh),
+        knee_in_thigh=_axis(knee_thigh, to_thigh, 2),
+        knee_in_shank=_axis(knee_shank, to_shank, 2),
+        ankle_in_shank=_axis(ankle_shank, to_shank, 2),
+        subtalar_in_foot=_axis(subtalar_foot, to_foot if foot is not None else None, 0),
+        thigh_length=thigh_length,
+        shank_length=shank_length,
+        ankle_axes_distance=axes_distance,
     )
+
+
+def _axis_of(frame: pin.SE3, coordinate: int) -> Axis:
+    """An axis of a joint's frame."""
+    return Axis(frame.translation, frame.rotation[:, coordinate])
 
 
 def _knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
     """In the frame of the joint's parent; flexion is the direction in which the range is longer."""
     c = next(c for c in knee.coordinates if c.name == coordinate)
-    flexed = KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
-    start, end = peer.joint_pose(knee, {coordinate: 0.0}), peer.joint_pose(knee, {coordinate: flexed})
-    axis = displacement_axis(start, end)
+    axis = _swept_axis(peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP)
     return None if axis is None else axis.pointing(2)
 
 
-def _swept_axis(peer: PeerModel, joint: PeerJoint, coordinate: str, sweep: float) -> Axis | None:
-    start, end = (peer.joint_pose(joint, {coordinate: amount}) for amount in (-sweep, sweep))
-    return displacement_axis(start, end)
+def _swept_axis(peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float) -> Axis | None:
+    """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
+    return displacement_axis(*(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end)))
 
 
 def _centred(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:

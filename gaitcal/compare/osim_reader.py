@@ -20,7 +20,7 @@ from gaitcal.compare.peer_model import (
 )
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import from_body_fixed_xyz
-from gaitcal.export.names import original_name
+from gaitcal.export.xml_text import original_name
 
 Array = NDArray[np.float64]
 
@@ -118,9 +118,16 @@ def _peer_joint(
     coordinates: tuple[PeerCoordinate, ...],
     path: Path,
 ) -> PeerJoint:
-    axes = _axes(element, coordinates, path)
-    name = element.get("name", "")
-    return PeerJoint(name, element.tag, bodies[0], bodies[1], places[0], places[1], coordinates, axes)
+    return PeerJoint(
+        name=element.get("name", ""),
+        kind=element.tag,
+        parent=bodies[0],
+        child=bodies[1],
+        in_parent=places[0],
+        in_child=places[1],
+        coordinates=coordinates,
+        axes=_axes(element, coordinates, path),
+    )
 
 
 def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path) -> tuple[PeerAxis, ...] | None:
@@ -153,4 +160,6 @@ def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
     low, high = read_numbers(element, "range", path, count=2)
     default = float(read_numbers(element, "default_value", path, count=1)[0])
     locked = (element.findtext("locked") or "").strip() == "true"
-    return PeerCoordinate(element.get("name", ""), default, float(low), float(high), locked)
+    return PeerCoordinate(
+        name=element.get("name", ""), default=default, low=float(low), high=float(high), locked=locked
+    )

@@ -3,12 +3,11 @@
 Files of OpenSim 3 keep each joint inside its child body, those of OpenSim 4 in a `JointSet` with offset frames; both
 come out as the same `PeerJoint`. With P and C the offset frames in parent and child body,
 
-    X_parent_child(q) = P  Tr(translation(q)) R_1(q) R_2(q) R_3(q)  C^-1.
+    X_parent_child(q) = P  Tr(translation(q)) R_1(q) R_2(q) R_3(q)  C^-1,
 
-Functions of one coordinate as OpenSim models hold them, evaluated without OpenSim.
-
-`SimmSpline` is the cubic spline of Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is
-that of the cubic through the four points there; beyond the points it goes on as a straight line.
+each amount a function of one coordinate, evaluated here without OpenSim. Its `SimmSpline` is the cubic spline of
+Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is that of the cubic through the four
+points there; beyond the points it goes on as a straight line.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from gaitcal.errors import InputError
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PeerCoordinate:
     """One coordinate."""
 
@@ -51,7 +50,7 @@ class PeerAxis:
     function: Function
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PeerJoint:
     """A joint between two bodies."""
 
@@ -81,8 +80,7 @@ class PeerModel:
 
     def joint_of(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
-        found = (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates))
-        return next(found, None)
+        return next((j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)), None)
 
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
@@ -100,20 +98,27 @@ class PeerModel:
 
     def body_pose(self, body: str, ancestor: str) -> pin.SE3:
         """Pose of a body in the frame of one of its ancestors, all coordinates zero (locked ones at their default)."""
-        pose, at, steps = pin.SE3.Identity(), body, 0
-        while at != ancestor:
-            joint = self.joints.get(at)
-            if joint is None or steps > len(self.joints):
+        pose = pin.SE3.Identity()
+        for joint in self._way_up(body, ancestor):
+            if joint is None:
                 raise InputError(f"body {body} does not hang on {ancestor}", source=self.source)
-            pose, at, steps = self.joint_pose(joint, {}) * pose, joint.parent, steps + 1
+            pose = self.joint_pose(joint, {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
         """Whether `ancestor` is the body itself or on its way to the ground."""
-        at, steps = body, 0
-        while at != ancestor and at in self.joints and steps <= len(self.joints):
-            at, steps = self.joints[at].parent, steps + 1
-        return at == ancestor
+        return None not in self._way_up(body, ancestor)
+
+    def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
+        """The joints from a body up to one of its ancestors; None at the end where it does not hang on that one."""
+        joints: list[PeerJoint | None] = []
+        while body != ancestor:
+            joint = self.joints.get(body) if len(joints) <= len(self.joints) else None  # a file may hold a circle
+            joints.append(joint)
+            if joint is None:
+                break
+            body = joint.parent
+        return joints
 
 
 Function = Callable[[float], float]
@@ -143,8 +148,8 @@ def read_function(holder: ET.Element, source: Path) -> Function:
     inside = holder if wrapped is None else wrapped
     element = next((e for e in inside if e.tag in _TAGS), None)
     if element is None:
-        found = ", ".join(e.tag for e in inside) or "nothing"
-        raise InputError(f"found {found}, expected one of {', '.join(_TAGS)}", source=source, field="function")
+        tags = ", ".join(e.tag for e in inside) or "nothing"
+        raise InputError(f"found {tags}, expected one of {', '.join(_TAGS)}", source=source, field="function")
     return _function(element, source)
 
 

@@ -1,4 +1,4 @@
-"""The linkage as other programs see it: bodies, and between each two of them one joint with a frame in either.
+"""The linkage as other programs see it: segments, and between each two of them one joint with a frame in either.
 
 Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants, then the
 coordinates, then constants. With J the joint frame, the pose of the child in the parent is
@@ -7,16 +7,13 @@ coordinates, then constants. With J the joint frame, the pose of the child in th
 
 X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep sign and zero.
 
-Rotations as the three angles that OpenSim and URDF write.
+Rotations are written as three angles: body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a = atan2(-R_12, R_22)
+taken off first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned pairs, so that the three angles bring R back
+to rounding even where a and c are not unique.
 
-Body-fixed x-y-z: R = Rx(a) Ry(b) Rz(c). With a = atan2(-R_12, R_22) taken off first, Rx(-a) R = Ry(b) Rz(c) gives b
-and c from well-conditioned pairs, so the three angles bring R back to rounding even where a and c are not unique.
-
-Ranges of the coordinates, for sliders and documentation: what living people reach, generously.
-
-They are written as they are but enforced nowhere (OpenSim: unclamped; MuJoCo: unlimited), because a calibrated
-linkage may pass them and the exported model must stay the same mechanical system. Names and signs of Rajagopal et al.
-2016, whose ranges these contain; the lengths are those of a laboratory.
+Coordinates have ranges that living people stay within, for sliders and documentation; they contain those of Rajagopal
+et al. (2016), whose names and signs they have. Nothing enforces them (OpenSim: unclamped; MuJoCo: unlimited), because a
+calibrated linkage may pass them and must stay the same mechanical system.
 """
 
 from __future__ import annotations
@@ -31,7 +28,16 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import COORDINATES, JOINTS, ZERO_ANGLES, Element, Source, is_translation, root_elements
+from gaitcal.model.linkage import (
+    COORDINATES,
+    JOINTS,
+    ZERO_ANGLES,
+    Element,
+    Joint,
+    Source,
+    is_translation,
+    root_elements,
+)
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -40,7 +46,7 @@ GROUND = "ground"
 """The laboratory: y up, x forward, z right."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointFrames:
     """One joint: where it sits in its two segments, and how it moves."""
 
@@ -53,7 +59,12 @@ class JointFrames:
     motions: tuple[Element, ...]
     """The coordinates in order from parent to child; each along or about an axis of the frame left by those before."""
     to_child: pin.SE3
-    """X_J_child, constant; the joint frame in the child is its inverse."""
+    """X_J_child, constant."""
+
+    @property
+    def in_child(self) -> pin.SE3:
+        """X_child_J: where the joint sits in its child."""
+        return self.to_child.inverse()
 
 
 @dataclass(frozen=True)
@@ -70,34 +81,27 @@ class SegmentInertia:
 
 def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
     """All 14 joints, that of the pelvis in the laboratory first, each after the joint of its parent."""
-    root = _split("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"), parameters)
-    return (root, *(_split(j.name, j.parent, j.child, j.elements, parameters) for j in JOINTS))
+    root = Joint("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"))
+    return tuple(frames_of(joint, parameters) for joint in (root, *JOINTS))
 
 
-def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
-    """The inertia of one segment."""
-    if segment not in MASSIVE_SEGMENTS:
-        return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
-    row = table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
-    return SegmentInertia(float(row[0]), row[1:4], row[4:7])
-
-
-def axis_vector(element: Element) -> Array:
-    """(3,) unit axis of a coordinate, with its sign."""
-    axis = np.zeros(3)
-    axis[element.axis] = element.sign
-    return axis
-
-
-def _split(name: str, parent: str, child: str, elements: tuple[Element, ...], parameters: Parameters) -> JointFrames:
-    moving = [i for i, e in enumerate(elements) if e.source is Source.COORDINATE]
+def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
+    """One joint of the linkage: its constants before the first and after the last coordinate multiplied out."""
+    moving = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
     first, last = moving[0], moving[-1] + 1
-    before, after = pin.SE3.Identity(), pin.SE3.Identity()
-    for e in elements[:first]:
-        before = before * _constant(e, parameters)
-    for e in elements[last:]:
-        after = after * _constant(e, parameters)
-    return JointFrames(name, parent, child, before, elements[first:last], after)
+    in_parent, to_child = pin.SE3.Identity(), pin.SE3.Identity()
+    for e in joint.elements[:first]:
+        in_parent = in_parent * _constant(e, parameters)
+    for e in joint.elements[last:]:
+        to_child = to_child * _constant(e, parameters)
+    return JointFrames(
+        name=joint.name,
+        parent=joint.parent,
+        child=joint.child,
+        in_parent=in_parent,
+        motions=joint.elements[first:last],
+        to_child=to_child,
+    )
 
 
 def _constant(element: Element, parameters: Parameters) -> pin.SE3:
@@ -111,6 +115,21 @@ def _constant(element: Element, parameters: Parameters) -> pin.SE3:
     translation = np.zeros(3)
     translation[element.axis] = amount
     return pin.SE3(np.eye(3), translation)
+
+
+def axis_vector(element: Element) -> Array:
+    """(3,) unit axis of a coordinate, with its sign."""
+    axis = np.zeros(3)
+    axis[element.axis] = element.sign
+    return axis
+
+
+def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
+    """The inertia of one segment."""
+    if segment not in MASSIVE_SEGMENTS:
+        return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
+    row = table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
+    return SegmentInertia(float(row[0]), row[1:4], row[4:7])
 
 
 def body_fixed_xyz(rotation: Array) -> Array:
@@ -149,16 +168,16 @@ _DEGREES = {
     "arm_add": (-150.0, 90.0),
     "elbow_flex": (-15.0, 160.0),
 }
+"""Both sides alike."""
 _METRES = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
 
 
-def coordinate_range(coordinate: str) -> tuple[float, float]:
-    """Lowest and highest usual value, m or rad."""
+def _range(coordinate: str) -> tuple[float, float]:
     if is_translation(coordinate):
         return _METRES[coordinate]
-    low, high = _DEGREES[coordinate[:-2] if coordinate.endswith(("_r", "_l")) else coordinate]
+    low, high = _DEGREES[coordinate.removesuffix("_r").removesuffix("_l")]
     return math.radians(low), math.radians(high)
 
 
-COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: coordinate_range(name) for name in COORDINATES}
-"""All 27, m or rad."""
+COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: _range(name) for name in COORDINATES}
+"""Lowest and highest usual value of all 27, m or rad."""

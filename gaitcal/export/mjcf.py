@@ -31,8 +31,7 @@ from gaitcal.export.joint_frames import (
     joint_frames,
     segment_inertia,
 )
-from gaitcal.export.names import safe_name
-from gaitcal.export.xml_text import child, numbers, write_xml
+from gaitcal.export.xml_text import child, numbers, safe_name, write_xml
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.linkage import Element
@@ -93,7 +92,7 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
 
 def body_joints(chain: tuple[JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
     """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of that child."""
-    to_end = pin.SE3.Identity()
+    to_end = pin.SE3.Identity()  # S_k: all constants that come after the coordinate in hand
     joints: list[BodyJoint] = []
     for frames in reversed(chain):
         to_end = frames.to_child * to_end
@@ -133,7 +132,7 @@ def _add_body(parent: ET.Element, chain: tuple[JointFrames, ...], model: Subject
             element.set("pos", numbers(joint.point))
         element.set("range", numbers(COORDINATE_RANGES[joint.motion.name]))
     markers = model.markers
-    for label, at, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        if at == segment:
+    for label, carrier, local in zip(markers.labels, markers.segments, markers.local, strict=True):
+        if carrier == segment:
             child(body, "site", name=safe_name(label), pos=numbers(local), size=numbers([_SITE_RADIUS]))
     return body

@@ -1,7 +1,8 @@
 """Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
 
-Ground reactions are written as the force at the centre of pressure and the moment about it
-(`recording/force_plate.py`).
+All are tables of OpenSim's Storage (`.mot`, `.sto`; `recording/mot.py` reads them). Storage stops reading at the first
+NaN, without a word; so a row that holds one is left out, and the header says so. Ground reactions are written as the
+force at the centre of pressure and the moment about it, with an XML file that says which columns act on which foot.
 """
 
 from __future__ import annotations
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
-from gaitcal.export.names import safe_name
 from gaitcal.export.osim import DOCUMENT_VERSION
-from gaitcal.export.xml_text import child, write_xml
+from gaitcal.export.xml_text import child, safe_name, write_xml
 from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
 from gaitcal.recording import StorageTable
@@ -44,10 +44,9 @@ def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Ar
     InputError
         A name is none of the 27 coordinates, or shapes do not agree.
     """
-    names, order = _file_order(path, coordinates)
+    names, values = _in_file_order(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    values = _columns(path, q, len(coordinates))[:, order] * scale
-    _write(path, "Coordinates", MOTION_COMMENTS, StorageTable(np.asarray(time), names, values, True))
+    _write(path, "Coordinates", MOTION_COMMENTS, StorageTable(np.asarray(time), names, values * scale, True))
 
 
 def write_sto_moments(
@@ -62,9 +61,8 @@ def write_sto_moments(
 
     `comments` are further lines of the header, after those that say frame, sign and what is meant.
     """
-    names, order = _file_order(path, coordinates)
+    names, values = _in_file_order(path, coordinates, tau)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
-    values = _columns(path, tau, len(coordinates))[:, order]
     table = StorageTable(np.asarray(time), columns, values, False)
     _write(path, "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments), table)
 
@@ -83,11 +81,11 @@ def write_external_loads(
         Shapes do not agree or a number is not finite.
     """
     name = safe_name(stem)
-    table, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
+    path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=table)
+        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path)
     if not np.isfinite(wrenches).all():
-        raise InputError("a ground reaction is not finite; leave out frames without one", source=table)
+        raise InputError("a ground reaction is not finite; leave out frames without one", source=path)
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
@@ -95,24 +93,21 @@ def write_external_loads(
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *point_and_torque(wrench)]
     comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
-    values = np.hstack(columns)
-    _write(table, "Ground reactions", comments, StorageTable(np.asarray(time), tuple(names), values, False))
-    _write_loads(loads, table.name)
-    return table, loads
+    table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
+    _write(path, "Ground reactions", comments, table)
+    _write_loads(loads, path.name)
+    return path, loads
 
 
-def _file_order(path: Path | str, coordinates: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
+def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
+    """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
     for name in coordinates:
         if name not in COORDINATE_INDEX:
             raise InputError(f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", source=path, field="columns")
+    if values.ndim != 2 or values.shape[1] != len(coordinates):
+        raise InputError(f"found values of shape {values.shape}, expected (frames, {len(coordinates)})", source=path)
     names = tuple(name for name in FILE_COORDINATES if name in coordinates)
-    return names, [coordinates.index(name) for name in names]
-
-
-def _columns(path: Path | str, values: Array, columns: int) -> Array:
-    if values.ndim != 2 or values.shape[1] != columns:
-        raise InputError(f"found values of shape {values.shape}, expected (frames, {columns})", source=path)
-    return values
+    return names, values[:, [coordinates.index(name) for name in names]]
 
 
 def _identifiers(foot: str) -> tuple[str, str, str]:

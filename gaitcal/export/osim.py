@@ -25,8 +25,7 @@ from gaitcal.export.joint_frames import (
     joint_frames,
     segment_inertia,
 )
-from gaitcal.export.names import safe_name
-from gaitcal.export.xml_text import child, numbers, plain_text, write_xml
+from gaitcal.export.xml_text import child, numbers, plain_text, safe_name, write_xml
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.linkage import SEGMENTS, Element
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
@@ -69,9 +68,9 @@ def _add_body(bodies: ET.Element, model: SubjectModel, segment: str) -> None:
 
 def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...]) -> None:
     joint = child(joints, "CustomJoint", name=frames.name)
-    parent, own = f"{frames.parent}_offset", f"{frames.child}_offset"
-    child(joint, "socket_parent_frame", parent)
-    child(joint, "socket_child_frame", own)
+    in_parent, in_child = f"{frames.parent}_offset", f"{frames.child}_offset"
+    child(joint, "socket_parent_frame", in_parent)
+    child(joint, "socket_child_frame", in_child)
     coordinates = child(joint, "coordinates")
     for motion in sorted(frames.motions, key=lambda m: not m.rotates):
         coordinate = child(coordinates, "Coordinate", name=motion.name)
@@ -82,8 +81,8 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
         child(coordinate, "locked", "true" if motion.name in frozen else "false")
     offsets = child(joint, "frames")
     ground = "/ground" if frames.parent == GROUND else f"/bodyset/{frames.parent}"
-    _add_offset(offsets, parent, ground, frames.in_parent)
-    _add_offset(offsets, own, f"/bodyset/{frames.child}", frames.to_child.inverse())
+    _add_offset(offsets, in_parent, ground, frames.in_parent)
+    _add_offset(offsets, in_child, f"/bodyset/{frames.child}", frames.in_child)
     transform = child(joint, "SpatialTransform")
     _add_axes(transform, "rotation", [m for m in frames.motions if m.rotates])
     _add_axes(transform, "translation", [m for m in frames.motions if not m.rotates])

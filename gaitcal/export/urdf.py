@@ -24,8 +24,7 @@ from gaitcal.export.joint_frames import (
     segment_inertia,
     space_fixed_xyz,
 )
-from gaitcal.export.names import safe_name
-from gaitcal.export.xml_text import child, numbers, write_xml
+from gaitcal.export.xml_text import child, numbers, safe_name, write_xml
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.linkage import SEGMENTS, Element
 from gaitcal.model.subject_model import SubjectModel

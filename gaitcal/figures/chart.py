@@ -1,7 +1,7 @@
 """A chart is a list of panels that know how to draw themselves.
 
-The page places panels one by one, so that a phone shows one beside none and a desktop three in a row. For papers the
-same panels stand in one figure with its legend.
+The page places panels one by one, so that a phone shows them below each other and a desktop three in a row. For papers
+the same panels stand in one figure with its legend.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LABEL_INCHES = 0.15
 """From the left edge of a panel to the foot of its vertical label, whatever the width of the numbers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Size:
     """Outer size of a panel and the room around its axes, inches."""
 
@@ -45,7 +45,7 @@ class Panel:
     size: Size = Size()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Chart:
     """Panels that belong together."""
 
@@ -64,7 +64,7 @@ class Chart:
 def panel_figure(panel: Panel) -> Figure:
     """One panel alone, as the page shows it."""
     size = panel.size
-    figure = _figure(size.width, size.height)
+    figure = new_figure(size.width, size.height)
     _place(figure, panel, 0.0, 0.0)
     return figure
 
@@ -76,7 +76,7 @@ def chart_figure(chart: Chart) -> Figure:
     width = max(sum(p.size.width for p in row) for row in rows)
     columns = _legend_columns(chart.keys, width)
     legend = LEGEND_INCHES * -(-len(chart.keys) // columns)
-    figure = _figure(width, sum(heights) + legend)
+    figure = new_figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
         left = 0.0
@@ -101,7 +101,7 @@ def _legend(figure: Figure, keys: tuple[Key, ...], columns: int) -> Legend:
 
 def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
     """As many columns as fit a figure of that width (inches)."""
-    figure = _figure(width, 1.0)
+    figure = new_figure(width, 1.0)
     for columns in range(len(keys), 1, -1):
         legend = _legend(figure, keys, columns)
         if legend.get_window_extent().width <= figure.bbox.width:
@@ -110,8 +110,9 @@ def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
     return 1
 
 
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
+def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
+    """An empty white figure, inches, that knows the size of its texts."""
+    figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 

@@ -15,6 +15,7 @@ from gaitcal.figures.style import (
     NOMINAL,
     SIDE_COLOURS,
     SIDE_DASHES,
+    SIDE_KEYS,
     STANCE,
     STANCE_ALPHA,
     STANCE_KEY,
@@ -25,7 +26,7 @@ from gaitcal.figures.style import (
 )
 from gaitcal.gait.moments import moment_names, moment_of
 from gaitcal.gait.strides import Layout
-from gaitcal.gait.words import coordinate_words, split_side
+from gaitcal.gait.words import SIDE_WORDS, coordinate_words, split_side
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
@@ -48,7 +49,7 @@ class Trace:
     """(nf,) standard error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Signal:
     """What one panel shows."""
 
@@ -59,14 +60,18 @@ class Signal:
     least: float
 
 
-ANGLE_KEYS = (
-    Key("right", SIDE_COLOURS["r"], SIDE_DASHES["r"]),
-    Key("left", SIDE_COLOURS["l"], SIDE_DASHES["l"]),
-    Key("pelvis and trunk", SIDE_COLOURS[""]),
-    Key("nominal model", NOMINAL, width=0.9),
-    Key("stance (toe-off: thin line)", STANCE_KEY, kind="area"),
-)
-BAND_KEY = Key("±1 standard error", SIDE_COLOURS["r"], kind="band")
+BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
+
+
+def _keys(middle: str, *, bands: bool) -> tuple[Key, ...]:
+    """The legend; `middle` says what the curves without a side are of."""
+    return (
+        *SIDE_KEYS,
+        Key(label=middle, colour=SIDE_COLOURS[""]),
+        *((BAND_KEY,) if bands else ()),
+        Key(label="nominal model", colour=NOMINAL, width=0.9),
+        Key(label="stance (toe-off: thin line)", colour=STANCE_KEY, kind="area"),
+    )
 
 
 def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, stem: str) -> Chart:
@@ -83,12 +88,13 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
     names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
     signals = _signals(names, trace, "deg", LEAST_ANGLE, moment=False)
     return Chart(
-        f"{stem}_angles",
-        "Joint angles",
-        "The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are against "
-        "the laboratory, trunk angles against the pelvis" + (", over the right cycle." if layout.by_cycle else "."),
-        tuple(_panel(signal, layout) for signal in signals),
-        ANGLE_KEYS if trial.coordinate_errors is None else (*ANGLE_KEYS[:3], BAND_KEY, *ANGLE_KEYS[3:]),
+        name=f"{stem}_angles",
+        title="Joint angles",
+        caption="The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are "
+        "against the laboratory, trunk angles against the pelvis"
+        + (", over the right cycle." if layout.by_cycle else "."),
+        panels=tuple(_panel(signal, layout) for signal in signals),
+        keys=_keys("pelvis and trunk", bands=trial.coordinate_errors is not None),
         subject=trial.name,
     )
 
@@ -98,22 +104,22 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
     mass = calibration.model.subject.mass
 
     def trace(name: str) -> Trace:
-        errors = None
-        if loads.errors is not None:
-            errors = moment_of(loads.errors, name) / mass
-        value, nominal = moment_of(loads.final, name) / mass, moment_of(loads.nominal, name) / mass
-        keep = loads.reactions.valid
-        return Trace(split_side(name)[1], np.where(keep, value, np.nan), np.where(keep, nominal, np.nan), errors)
+        value, nominal = (
+            np.where(loads.reactions.valid, moment_of(forces, name) / mass, np.nan)
+            for forces in (loads.final, loads.nominal)
+        )
+        errors = None if loads.errors is None else moment_of(loads.errors, name) / mass
+        return Trace(split_side(name)[1], value, nominal, errors)
 
     signals = _signals(moment_names(calibration.model), trace, "N·m/kg", LEAST_MOMENT, moment=True)
     return Chart(
-        f"{stem}_moments",
-        "Joint moments",
-        "Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. The "
-        "word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
+        name=f"{stem}_moments",
+        title="Joint moments",
+        caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
+        "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
         "interrupted in frames that are not valid.",
-        tuple(_panel(signal, layout) for signal in signals),
-        (*ANGLE_KEYS[:2], Key("trunk", SIDE_COLOURS[""]), *((BAND_KEY,) if loads.errors else ()), *ANGLE_KEYS[3:]),
+        panels=tuple(_panel(signal, layout) for signal in signals),
+        keys=_keys("trunk", bands=loads.errors is not None),
         subject=trial.name,
     )
 
@@ -125,18 +131,14 @@ def _signals(names: list[str], trace: Callable[[str], Trace], unit: str, least: 
     for base in bases:
         words = coordinate_words(base)
         traces = tuple(trace(name) for name in names if split_side(name)[0] == base)
-        signals.append(Signal(words.title, unit, words.moment if moment else words.angle, traces, least))
+        positive = words.moment if moment else words.angle
+        signals.append(Signal(title=words.title, unit=unit, positive=positive, traces=traces, least=least))
     return signals
 
 
 def _panel(signal: Signal, layout: Layout) -> Panel:
     def draw(axes: Axes) -> None:
-        dress(
-            axes,
-            xlabel=layout.xlabel,
-            ylabel=f"{signal.unit} ({signal.positive} +)",
-            title=signal.title,
-        )
+        dress(axes, xlabel=layout.xlabel, ylabel=f"{signal.unit} ({signal.positive} +)", title=signal.title)
         axes.axhline(0.0, color=FAINT, linewidth=0.5)
         drawn: list[Array] = []
         for trace in signal.traces:
@@ -150,7 +152,7 @@ def _panel(signal: Signal, layout: Layout) -> Panel:
         if not any(np.isfinite(d).any() for d in drawn):
             axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=FAINT)
 
-    sides = " and ".join({"r": "right", "l": "left", "": "whole body"}[t.side] for t in signal.traces)
+    sides = " and ".join(SIDE_WORDS[t.side] or "whole body" for t in signal.traces)
     return Panel(f"{signal.title}, {sides}, {signal.unit} over {layout.xlabel}", draw)
 
 

@@ -4,30 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from matplotlib.axes import Axes
 
 from gaitcal.figures.chart import Chart, Panel, Size
-from gaitcal.figures.style import INK, NOMINAL, NORMAL, WHOLE, Key, dress, plain
-from gaitcal.gait.words import segment_words, split_side
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
+from gaitcal.gait.words import segment_words
+from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, TrialResult
 
 KEYS = (
-    Key("nominal model", NOMINAL, kind="ring"),
-    Key("calibrated model", WHOLE, kind="dot"),
-    Key("rigid-segment floor", INK, kind="tick"),
+    Key(label="nominal model", colour=NOMINAL, kind="ring"),
+    Key(label="calibrated model", colour=WHOLE, kind="dot"),
+    Key(label="rigid-segment floor", colour=INK, kind="tick"),
 )
 ROW, LEFT = 0.19, 1.42
-LOWER_BODY = tuple(s for s in SEGMENTS if split_side(s)[0] in ("pelvis", "thigh", "shank", "talus", "foot"))
 WIDTH = 3.6
 FEWEST_MARKERS = 3
 """That make the floor of a segment say how rigid it is."""
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, kw_only=True)
+class RmsErrors:
     """RMS distance (mm) between measured and model markers; None where there are no markers."""
 
     label: str
@@ -45,25 +43,30 @@ class Fit:
         return self.calibrated / self.floor
 
 
-def trial_fit(trial: TrialResult, *segments: str) -> Fit:
-    """Fit of one trial, over all its markers or those of some segments."""
+def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
+    """Of one trial, over all its markers or those of some segments."""
 
     def mm(errors: MarkerErrors) -> float | None:
         value = errors.rms(*segments)
         return None if value is None else 1e3 * value
 
-    name = segment_words(segments[0]) if len(segments) == 1 else trial.name
     rigid = len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
-    return Fit(name, mm(trial.nominal.errors), mm(trial.calibrated.errors), mm(trial.floor), rigid)
+    return RmsErrors(
+        label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
+        nominal=mm(trial.nominal.errors),
+        calibrated=mm(trial.calibrated.errors),
+        floor=mm(trial.floor),
+        rigid=rigid,
+    )
 
 
-def leg_fit(trial: TrialResult) -> Fit:
-    """Fit over the markers of pelvis and legs, whose joints the calibration moves."""
+def leg_fit(trial: TrialResult) -> RmsErrors:
+    """Over the markers of pelvis and legs, whose joints the calibration moves."""
     return trial_fit(trial, *LOWER_BODY)
 
 
-def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[Fit]:
-    """Fit of each of these segments that has markers in this trial."""
+def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[RmsErrors]:
+    """Of each of these segments that has markers in this trial."""
     return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
 
 
@@ -79,36 +82,34 @@ def fit_chart(calibration: Calibration) -> Chart | None:
         if trial.joint is None:
             panels += [_panel(*part) for part in _parts(trial)]
     return Chart(
-        "marker_errors",
-        "Marker errors before and after calibration",
-        "RMS distance between measured and model markers. The closer a filled dot is to its tick, the better the "
-        "joints explain the measured motion. A segment far above its floor is held back by a joint; a high floor "
+        name="marker_errors",
+        title="Marker errors before and after calibration",
+        caption="RMS distance between measured and model markers. The closer a filled dot is to its tick, the better "
+        "the joints explain the measured motion. A segment far above its floor is held back by a joint; a high floor "
         "tells of moving skin or a loose marker.",
-        tuple(panels),
-        KEYS,
+        panels=tuple(panels),
+        keys=KEYS,
         columns=2,
     )
 
 
-def _parts(trial: TrialResult) -> list[tuple[list[Fit], str, str]]:
+def _parts(trial: TrialResult) -> list[tuple[list[RmsErrors], str, str]]:
     """Legs and the rest apart, each on a scale of its own: errors of arms would squeeze those of legs to nothing."""
     parts = {"Pelvis and legs": LOWER_BODY, "Trunk and arms": tuple(s for s in SEGMENTS if s not in LOWER_BODY)}
-    of = {title: segment_fits(trial, segments) for title, segments in parts.items()}
     return [
         (fits, f"RMS marker error of each segment, {title.lower()}", f"{title}, {plain(trial.name, 12)}")
-        for title, fits in of.items()
-        if fits
+        for title, segments in parts.items()
+        if (fits := segment_fits(trial, segments))
     ]
 
 
-def _panel(fits: list[Fit], label: str, title: str) -> Panel:
+def _panel(fits: list[RmsErrors], label: str, title: str) -> Panel:
     shown = [plain(fit.label, 24) for fit in fits]
-    size = Size(WIDTH, 0.66 + ROW * max(len(fits), 2), left=LEFT, right=0.12, bottom=0.38, top=0.26)
+    size = Size(width=WIDTH, height=0.66 + ROW * max(len(fits), 2), left=LEFT, right=0.12, bottom=0.38, top=0.26)
 
     def draw(axes: Axes) -> None:
         dress(axes, xlabel="RMS marker error (mm)", title=title)
-        rows = np.arange(len(fits))
-        for row, fit in zip(rows, fits, strict=True):
+        for row, fit in enumerate(fits):
             if fit.nominal is not None and fit.calibrated is not None:
                 axes.plot([fit.nominal, fit.calibrated], [row, row], color="#c8c8c8", linewidth=2.2, zorder=1)
             if fit.floor is not None:
@@ -117,11 +118,8 @@ def _panel(fits: list[Fit], label: str, title: str) -> Panel:
                 axes.plot([fit.nominal], [row], "o", color=NOMINAL, markerfacecolor="white", markersize=5, zorder=3)
             if fit.calibrated is not None:
                 axes.plot([fit.calibrated], [row], "o", color=WHOLE, markersize=5.4, zorder=4)
-        axes.set_yticks(rows, labels=shown)
-        axes.tick_params(axis="y", length=0, labelsize=NORMAL)
-        axes.set_ylim(max(len(fits), 2) - 0.4, -0.6)
+        dress_rows(axes, shown, least=2)
         axes.set_xlim(left=0.0)
-        axes.grid(visible=False, axis="y")
         axes.spines["left"].set_visible(False)
 
     return Panel(label, draw, size)

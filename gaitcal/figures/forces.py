@@ -1,7 +1,4 @@
-"""Ground reaction forces on each foot, as part of body weight.
-
-The force and moment at the pelvis that no ground reaction explains, over time, against common limits.
-"""
+"""Ground reaction forces on each foot, and what they leave unexplained at the pelvis against common limits."""
 
 from __future__ import annotations
 
@@ -18,6 +15,7 @@ from gaitcal.figures.style import (
     NOMINAL,
     SIDE_COLOURS,
     SIDE_DASHES,
+    SIDE_KEYS,
     STEP,
     WHOLE,
     Key,
@@ -26,8 +24,7 @@ from gaitcal.figures.style import (
     line_style,
     write,
 )
-from gaitcal.gait.cycles import resample
-from gaitcal.gait.strides import MOST_POINTS
+from gaitcal.gait.strides import thinned
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.recording.intervals import runs
 
@@ -35,7 +32,7 @@ Array = NDArray[np.float64]
 
 AXES = (("Vertical", "up", 1), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
 INVALID = "#f7e3c4"
-INVALID_KEY = Key("moments not valid", INVALID, kind="area")
+INVALID_KEY = Key(label="moments not valid", colour=INVALID, kind="area")
 LEAST = 5.0
 """Smallest range of a vertical axis, % of body weight."""
 
@@ -45,16 +42,12 @@ def forces_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
     force = 100.0 * loads.reactions.wrench[:, :, :3] / calibration.model.subject.weight
     panels = tuple(_panel(title, word, trial.body.time, force[:, :, k], loads.reactions) for title, word, k in AXES)
     return Chart(
-        f"{stem}_ground_reactions",
-        "Ground reaction forces",
-        "Force of the ground on each foot, in percent of body weight. In calm walking each step has two vertical peaks "
-        "of about 110 %.",
-        panels,
-        (
-            Key("right", SIDE_COLOURS["r"], SIDE_DASHES["r"]),
-            Key("left", SIDE_COLOURS["l"], SIDE_DASHES["l"]),
-            INVALID_KEY,
-        ),
+        name=f"{stem}_ground_reactions",
+        title="Ground reaction forces",
+        caption="Force of the ground on each foot, in percent of body weight. In calm walking each step has two "
+        "vertical peaks of about 110 %.",
+        panels=panels,
+        keys=(*SIDE_KEYS, INVALID_KEY),
         subject=trial.name,
     )
 
@@ -69,14 +62,6 @@ def shade_invalid(axes: Axes, time: Array, valid: NDArray[np.bool_]) -> None:
             linewidth=0,
             zorder=0,
         )
-
-
-def thinned(time: Array, values: Array) -> tuple[Array, Array]:
-    """At most `MOST_POINTS` samples."""
-    if len(time) <= MOST_POINTS:
-        return time, values
-    at = np.linspace(time[0], time[-1], MOST_POINTS)
-    return at, resample(time, values, at)
 
 
 def _panel(title: str, word: str, time: Array, force: Array, reactions: GroundReactions) -> Panel:
@@ -99,11 +84,11 @@ MOST = 0.98
 
 
 def residuals_chart(
-    trial: TrialResult, loads: LoadedTrial, found: tuple[ResidualMagnitudes, ...], limit: ResidualLimits, stem: str
+    trial: TrialResult, loads: LoadedTrial, steps: tuple[ResidualMagnitudes, ...], limit: ResidualLimits, stem: str
 ) -> Chart:
     """Magnitude of residual force and moment; the first step grey, the last one in colour."""
-    colours = [NOMINAL, *([STEP] * (len(found) - 2)), WHOLE][: len(found)]
-    widths = [0.9, *([0.9] * (len(found) - 2)), 1.6][: len(found)]
+    colours = [NOMINAL, *([STEP] * (len(steps) - 2)), WHOLE][: len(steps)]
+    widths = [0.9, *([0.9] * (len(steps) - 2)), 1.6][: len(steps)]
     time, valid = trial.body.time, loads.reactions.valid
 
     def panel(title: str, unit: str, values: list[Array], bound: float) -> Panel:
@@ -121,23 +106,23 @@ def residuals_chart(
             axes.set_ylim(0.0, top)
             last = np.where(valid, values[-1], -1.0)
             if last.max() > top:
-                told = f"peak {last.max():.0f} {unit} at {time[last.argmax()]:.2f} s, not drawn"
-                write(axes, 0.5, 0.93, told, transform=axes.transAxes, ha="center")
+                beyond = f"peak {last.max():.0f} {unit} at {time[last.argmax()]:.2f} s, not drawn"
+                write(axes, 0.5, 0.93, beyond, transform=axes.transAxes, ha="center")
 
         return Panel(f"{title} in {unit} over time, with its limit", draw, SIZE)
 
     return Chart(
-        f"{stem}_pelvis_residuals",
-        "Pelvis residuals",
-        "Magnitude of the force and the moment at the pelvis that the measured motion needs and the measured ground "
-        "reactions do not supply. Perfect data and a perfect model would give zero.",
-        (
-            panel("Residual force", "N", [s.force for s in found], limit.force),
-            panel("Residual moment", "N·m", [s.moment for s in found], limit.moment),
+        name=f"{stem}_pelvis_residuals",
+        title="Pelvis residuals",
+        caption="Magnitude of the force and the moment at the pelvis that the measured motion needs and the measured "
+        "ground reactions do not supply. Perfect data and a perfect model would give zero.",
+        panels=(
+            panel("Residual force", "N", [s.force for s in steps], limit.force),
+            panel("Residual moment", "N·m", [s.moment for s in steps], limit.moment),
         ),
-        (
-            *(Key(s.name, c, width=w) for s, c, w in zip(found, colours, widths, strict=True)),
-            Key("common limit", INK, (2.0, 2.0), 1.0),
+        keys=(
+            *(Key(label=s.name, colour=c, width=w) for s, c, w in zip(steps, colours, widths, strict=True)),
+            Key(label="common limit", colour=INK, dashes=(2.0, 2.0), width=1.0),
             INVALID_KEY,
         ),
         columns=2,

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from gaitcal.figures.chart import new_figure
+from gaitcal.figures.style import GRID, INK
 from gaitcal.files.atomic import atomic_file
+from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.montecarlo.conclusions import TORQUE_WORDS
 from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
@@ -37,11 +39,10 @@ FRAME_WORDS = {
     ReactionFrame.LAB: "ground reactions fixed in the laboratory",
     ReactionFrame.FOOT: "ground reactions carried with the foot",
 }
-SIDE_WORDS = {"r": "right", "l": "left"}
 MEASURE_WORDS = {"rms": "RMS error", "mean": "Mean (signed) error"}
 LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
-INK, GRID = "#222222", "#e6e6e6"
 SMALL, NORMAL = 7.0, 8.0
+DPI = 150
 SHOWN_SHARE = 1.0
 """Per cent of a torque's variance from which a contribution is written into its cell."""
 
@@ -57,8 +58,7 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
     quantities = [(f"{torque}_{side}", frame.value) for torque in TORQUES] + [(f"markers_{side}", "")]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
-    figure = Figure(figsize=(width, height), dpi=150)
-    FigureCanvasAgg(figure)
+    figure = new_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
     figure.subplots_adjust(
         left=1.05 / width, right=1 - 0.1 / width, bottom=0.5 / height, top=1 - 0.8 / height, hspace=0.16, wspace=0.06
@@ -130,8 +130,7 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
     panels = {frame: _shares(contributions, frame, side) for frame in ReactionFrame}
     rows = list(next(iter(panels.values())).index)
     width, height = 9.2, 1.5 + 0.2 * len(rows)
-    figure = Figure(figsize=(width, height), dpi=150)
-    FigureCanvasAgg(figure)
+    figure = new_figure(width, height, DPI)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     figure.subplots_adjust(left=1.75 / width, right=0.91, bottom=0.85 / height, top=1 - 0.6 / height, wspace=0.04)
     for panel, (frame, shares) in zip(axes, panels.items(), strict=True):
@@ -162,18 +161,18 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """Rows: the leg's joint parameters, then the rest in groups; columns: the seven torques; per cent."""
-    of = contributions[contributions["grf"] == frame.value]
-    wide = of.pivot_table(index="parameter", columns="torque", values="share", sort=False)
+    rows = contributions[contributions["grf"] == frame.value]
+    wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
-    inertial = set(of.loc[of["kind"] == "ip", "parameter"])
-    of_leg = {name for name in wide.index if name.split(".")[0] in {f"{joint}_{side}" for joint in LEG_JOINTS}}
-    own = [name for name in wide.index if name in of_leg]
+    inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
+    joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
+    of_leg = [name for name in wide.index if name.split(".")[0] in joints]
     rest = {
-        "joint parameters elsewhere": [name for name in wide.index if name not in of_leg | inertial],
+        "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
         f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],
     }
     groups = pd.DataFrame({label: wide.loc[names].sum() for label, names in rest.items()}).T
-    return pd.concat([wide.loc[own].rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
+    return pd.concat([wide.loc[of_leg].rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
 
 
 def write_monte_carlo_figures(

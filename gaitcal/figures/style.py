@@ -1,13 +1,13 @@
 """Colours, line styles and axes that every figure shares.
 
-The colours are Okabe and Ito's, which colour-blind eyes tell apart.
-
-Nothing here touches matplotlib's global state: figures are drawn in threads and beside a user's own plots.
+The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches matplotlib's global state:
+figures are drawn in threads and beside a user's own plots.
 """
 
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -16,6 +16,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ticker import MaxNLocator
+
+from gaitcal.gait.words import SIDE_WORDS
 
 RIGHT, LEFT, WHOLE = "#0072B2", "#D55E00", "#009E73"
 STEP = "#E69F00"
@@ -26,7 +28,6 @@ STANCE_ALPHA = 0.055
 SIDE_COLOURS = {"r": RIGHT, "l": LEFT, "": WHOLE}
 SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 """The left side is dashed too: a print in grey stays readable."""
-SIDE_LABELS = {"r": "right", "l": "left", "": "whole body"}
 
 FONT = "DejaVu Sans"
 """Comes with matplotlib: the same figure on every machine."""
@@ -34,7 +35,7 @@ SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
 LONGEST_NAME = 26
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Key:
     """One entry of a figure's legend."""
 
@@ -45,6 +46,12 @@ class Key:
     width: float = 1.6
     kind: str = "line"
     """`line`, `band` (see-through), `area`, `dot`, `ring` or `tick`."""
+
+
+SIDE_KEYS = tuple(
+    Key(label=SIDE_WORDS[side], colour=SIDE_COLOURS[side], dashes=SIDE_DASHES[side]) for side in ("r", "l")
+)
+"""Right and left in the legend of curves."""
 
 
 def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
@@ -86,6 +93,14 @@ def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "") ->
     if title:
         axes.set_title(title, fontsize=TITLE, family=FONT, color=INK, loc="left", fontweight="bold", pad=4)
     axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+def dress_rows(axes: Axes, labels: Sequence[str], *, labelsize: float = NORMAL, least: int = 0) -> None:
+    """A row for each label, the first on top, room for at least `least`: no ticks and no lines between them."""
+    axes.set_yticks(range(len(labels)), labels=labels)
+    axes.tick_params(axis="y", length=0, labelsize=labelsize)
+    axes.set_ylim(max(len(labels), least) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
 
 
 def write(axes: Axes, x: float, y: float, text: str, **options: object) -> None:

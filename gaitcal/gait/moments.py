@@ -51,7 +51,7 @@ class Extreme:
     """% of the gait cycle, or s where the trial is drawn against time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MomentNumbers:
     """One joint moment of one trial."""
 
@@ -96,23 +96,31 @@ def moment_numbers(
     to_bwh = 100.0 * subject.mass / subject.bwh
     names = moment_names(model)
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
-    out = []
+    numbers = []
     for name in sorted(names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")):
         moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
         error = moment_of(errors, name) / subject.mass if errors else None
         frames = np.flatnonzero(valid & layout.drawn(split_side(name)[1]))
-        ends = [None, None]
+        extremes: tuple[Extreme | None, ...] = (None, None)
         if len(frames):
-            ends = [frames[int(moment[frames].argmax())], frames[int(moment[frames].argmin())]]
-        highest, lowest = (None if k is None else _extreme(moment, error, int(k), to_bwh, layout, name) for k in ends)
+            peaks = (frames[moment[frames].argmax()], frames[moment[frames].argmin()])
+            extremes = tuple(_extreme(moment, error, int(frame), to_bwh, layout, name) for frame in peaks)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
-        out.append(MomentNumbers(name, highest, lowest, change, to_bwh * change, float(np.abs(moment[valid]).max())))
-    return tuple(out)
+        numbers.append(
+            MomentNumbers(
+                name=name,
+                highest=extremes[0],
+                lowest=extremes[1],
+                change=change,
+                change_bwh=to_bwh * change,
+                peak=float(np.abs(moment[valid]).max()),
+            )
+        )
+    return tuple(numbers)
 
 
-def _extreme(final: Array, error: Array | None, k: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
-    value = float(final[k])
-    spread = None if error is None or not np.isfinite(error[k]) else float(error[k])
-    time = float(layout.time[k])
+def _extreme(moment: Array, error: Array | None, frame: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
+    value, time = float(moment[frame]), float(layout.time[frame])
+    spread = None if error is None or not np.isfinite(error[frame]) else float(error[frame])
     at = float(layout.main(split_side(name)[1]).percent(time)) if layout.by_cycle else time
     return Extreme(value, spread, to_bwh * value, at)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.gait.cycles import (
+    POINTS,
     FootEvents,
     GaitCycle,
     best_cycle,
@@ -75,11 +76,8 @@ class Layout:
     def lay(self, side: str, values: Array) -> tuple[Array, Array]:
         """X and y of the main stride, or of the whole trial; `values` (nf,)."""
         if self.by_cycle:
-            return np.linspace(0.0, 100.0, 101), normalise(self.time, values, self.main(side))
-        if len(self.time) <= MOST_POINTS:
-            return self.time, values
-        at = np.linspace(self.time[0], self.time[-1], MOST_POINTS)
-        return at, resample(self.time, values, at)
+            return np.linspace(0.0, 100.0, POINTS), normalise(self.time, values, self.main(side))
+        return thinned(self.time, values)
 
     def others(self, side: str, values: Array) -> list[tuple[Array, Array]]:
         """X and y of the other strides."""
@@ -87,7 +85,7 @@ class Layout:
             return []
         main = self.main(side)
         rest = [c for c in self.cycles[side or "r"] if c != main][:MOST_OTHERS]
-        return [(np.linspace(0.0, 100.0, 101), normalise(self.time, values, c)) for c in rest]
+        return [(np.linspace(0.0, 100.0, POINTS), normalise(self.time, values, c)) for c in rest]
 
     def stances(self, side: str) -> list[tuple[float, float]]:
         """Stretches of the horizontal axis in which a foot is on the ground."""
@@ -95,6 +93,14 @@ class Layout:
             end = self.main(side).stance
             return [] if end is None else [(0.0, end)]
         return list(self.down.get(side, ()))
+
+
+def thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """Time and values (nf,) at no more than `MOST_POINTS` instants."""
+    if len(time) <= MOST_POINTS:
+        return time, values
+    shown = np.linspace(time[0], time[-1], MOST_POINTS)
+    return shown, resample(time, values, shown)
 
 
 def layout(model: SubjectModel, motion: Motion, reactions: GroundReactions | None) -> Layout:

@@ -1,4 +1,7 @@
-"""What the program's names mean in words that a gait laboratory uses. Data names (markers, trials) are not in here."""
+"""What the program's names mean in words that a gait laboratory uses: `hip_flexion_r` is the right hip's flexion.
+
+Coordinates, segments, joints and parameters have words here; names from the data (markers, trials) stay as they are.
+"""
 
 from __future__ import annotations
 
@@ -58,47 +61,31 @@ def coordinate_words(name: str) -> CoordinateWords:
 
 def coordinate_title(name: str) -> str:
     """`hip_flexion_r` -> `Right hip flexion`."""
-    side = split_side(name)[1]
-    title = coordinate_words(name).title
-    return f"{SIDE_WORDS[side].capitalize()} {title[0].lower()}{title[1:]}" if side else title
+    return capitalised(_with_side(coordinate_words(name).title, split_side(name)[1]))
 
 
-_SEGMENTS = {
-    "pelvis": "pelvis",
-    "head_trunk": "head and trunk",
-    "thigh": "thigh",
-    "shank": "shank",
-    "talus": "talus",
-    "foot": "foot",
-    "upper_arm": "upper arm",
-    "forearm_hand": "forearm and hand",
-}
+def capitalised(text: str) -> str:
+    """The text with a capital first letter, all others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def _with_side(word: str, side: str) -> str:
+    """`Hip` -> `right hip`; without a side the word as it is."""
+    return f"{SIDE_WORDS[side]} {word[:1].lower()}{word[1:]}" if side else word
 
 
 def segment_words(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
-    word = _SEGMENTS.get(base, base.replace("_", " "))
-    return f"{SIDE_WORDS[side]} {word}" if side else word
-
-
-_JOINTS = {
-    "hip": "Hip",
-    "knee": "Knee",
-    "talocrural": "Ankle (talocrural)",
-    "subtalar": "Subtalar",
-    "ankle": "Ankle",
-    "back": "Lumbar joint",
-    "shoulder": "Shoulder",
-    "elbow": "Elbow",
-}
+    joined = {"head_trunk": "head and trunk", "forearm_hand": "forearm and hand"}
+    return _with_side(joined.get(base, base.replace("_", " ")), side)
 
 
 def joint_words(joint: str) -> str:
     """`knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
-    word = _JOINTS.get(base, base.replace("_", " "))
-    return f"{SIDE_WORDS[side]} {word[0].lower()}{word[1:]}" if side else word
+    anatomical = {"talocrural": "Ankle (talocrural)", "back": "Lumbar joint"}
+    return _with_side(anatomical.get(base, base.capitalize()), side)
 
 
 _FEATURES = {
@@ -112,40 +99,6 @@ _FEATURES = {
 }
 _POSITIONS = ("forward", "up", "to the right")
 _ORIENTATIONS = ("frontal tilt", "transverse turn", "sagittal turn")
-
-
-def parameter_place(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis`, without the side."""
-    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    return f"{_FEATURES[split_side(parameter.joint)[0]]} in the {_SEGMENTS[split_side(parameter.segment)[0]]}"
-
-
-def parameter_direction(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `forward`."""
-    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    return (_POSITIONS if parameter.kind is Kind.POSITION else _ORIENTATIONS)[parameter.axis]
-
-
-def parameter_words(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`, without the side."""
-    return f"{parameter_place(name)}, {parameter_direction(name)}"
-
-
-def explained(text: str) -> str:
-    """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip centre ...)`."""
-
-    def explain(match: re.Match[str]) -> str:
-        name = match[0]
-        if name in JP_INDEX:
-            side = SIDE_WORDS[split_side(name.split(".")[0])[1]]
-            return f"{name} ({f'{side} ' if side else ''}{parameter_words(name)})"
-        if name in IP_INDEX:
-            return f"{name} ({segment_words(name.split('.')[0])}: {inertial_words(name)})"
-        return name
-
-    return _NAME.sub(explain, text)
-
-
 _INERTIAL = {
     "mass": ("", "mass"),
     "com.ant": ("mass centre", "forward"),
@@ -157,19 +110,41 @@ _INERTIAL = {
 }
 
 
-def inertial_place(name: str) -> str:
-    """`thigh_r.com.sup` -> `mass centre`; nothing for a mass."""
-    return _INERTIAL[name.split(".", 1)[1]][0]
+def parameter_place(name: str) -> str:
+    """`hip_r.pelvis.ant` -> `hip centre in the pelvis`; `thigh_r.com.sup` -> `mass centre`; nothing for a mass."""
+    if name in IP_INDEX:
+        return _INERTIAL[name.split(".", 1)[1]][0]
+    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+    return f"{_FEATURES[split_side(parameter.joint)[0]]} in the {segment_words(split_side(parameter.segment)[0])}"
 
 
-def inertial_direction(name: str) -> str:
-    """`thigh_r.com.sup` -> `up`."""
-    return _INERTIAL[name.split(".", 1)[1]][1]
+def parameter_direction(name: str) -> str:
+    """`hip_r.pelvis.ant` -> `forward`; `thigh_r.com.sup` -> `up`."""
+    if name in IP_INDEX:
+        return _INERTIAL[name.split(".", 1)[1]][1]
+    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+    return (_POSITIONS if parameter.kind is Kind.POSITION else _ORIENTATIONS)[parameter.axis]
 
 
-def inertial_words(name: str) -> str:
-    """`thigh_r.com.sup` -> `mass centre up`, without the segment."""
-    return f"{inertial_place(name)} {inertial_direction(name)}".strip()
+def parameter_words(name: str) -> str:
+    """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`; `thigh_r.com.sup` -> `mass centre up`."""
+    between = " " if name in IP_INDEX else ", "
+    return f"{parameter_place(name)}{between}{parameter_direction(name)}".strip()
+
+
+def explained(text: str) -> str:
+    """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip centre ...)`."""
+
+    def explain(match: re.Match[str]) -> str:
+        name = match[0]
+        part = name.split(".")[0]
+        if name in JP_INDEX:
+            return f"{name} ({_with_side(parameter_words(name), split_side(part)[1])})"
+        if name in IP_INDEX:
+            return f"{name} ({segment_words(part)}: {parameter_words(name)})"
+        return name
+
+    return _NAME.sub(explain, text)
 
 
 def role_words(role: Role, joint: str | None) -> str:
@@ -179,9 +154,9 @@ def role_words(role: Role, joint: str | None) -> str:
     return f"{joint_words(joint)} alone" if joint else "walking"
 
 
-def counted(number: int, noun: str, plural: str | None = None) -> str:
+def counted(number: int, noun: str) -> str:
     """`1 frame`, `3 frames`."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def listed(words: list[str]) -> str:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.figures.charts import GaitView
-from gaitcal.figures.fit import Fit, leg_fit, trial_fit
+from gaitcal.dynamics.residual_limits import ResidualLimits
+from gaitcal.figures.calibration import GaitView
+from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.person.parameter_words import counts, counts_sentence
@@ -17,8 +18,8 @@ GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
 """Marker error over the rigid-segment floor. A gait trial calibrated in its method's own laboratory reaches 1.4."""
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, kw_only=True)
+class Answer:
     """One question and its answer."""
 
     question: str
@@ -27,23 +28,23 @@ class Finding:
     text: str
     tone: str
     """`good`, `look`, `poor` or `plain`: also written out, colour is never alone."""
-    verdict: str
+    verdict: str = ""
     trial: str = ""
     """The trial that the number is of; data, not markup."""
 
 
-def findings(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Finding, ...]:
-    """Does it fit, did it matter, do motion and forces agree, what was fitted."""
-    found = [_fit(calibration), _change(calibration, gait), _residual(gait), _parameters(calibration)]
-    return tuple(f for f in found if f is not None)
+def answers(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Answer, ...]:
+    """Does it fit, did it matter, do motion and forces agree, what was fitted; those that this result can answer."""
+    possible = (_fit(calibration), _change(calibration, gait), _residual(gait), _parameters(calibration))
+    return tuple(answer for answer in possible if answer is not None)
 
 
-def _fit(calibration: Calibration) -> Finding | None:
+def _fit(calibration: Calibration) -> Answer | None:
     trials = [t for t in calibration.trials if t.joint is None] or list(calibration.trials)
-    known = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
-    if not known:
+    fits = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
+    if not fits:
         return None
-    fit, trial = max(known, key=lambda pair: pair[0].ratio or 0.0)
+    fit, trial = max(fits, key=lambda pair: pair[0].ratio or 0.0)
     whole, where = trial_fit(trial), "of pelvis and legs" if trial.joint is None else "of this joint's segments"
     tone, verdict, meaning = _judge(fit)
     before = "" if fit.nominal is None else f" Before calibration it was {fit.nominal:.1f} mm."
@@ -53,17 +54,18 @@ def _fit(calibration: Calibration) -> Finding | None:
     others = ""
     if whole.calibrated is not None and fit.calibrated is not None and whole.calibrated > fit.calibrated + 0.05:
         others = f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
-    return Finding(
-        "Does the model follow the markers?",
-        f"{fit.calibrated:.1f} mm",
-        f"RMS distance between measured and model markers {where}.{before}{floor}{meaning}{others}",
-        tone,
-        verdict,
-        trial.name,
+    return Answer(
+        question="Does the model follow the markers?",
+        value=f"{fit.calibrated:.1f} mm",
+        text=f"RMS distance between measured and model markers {where}.{before}{floor}{meaning}{others}",
+        tone=tone,
+        verdict=verdict,
+        trial=trial.name,
     )
 
 
-def _judge(fit: Fit) -> tuple[str, str, str]:
+def _judge(fit: RmsErrors) -> tuple[str, str, str]:
+    """Tone, verdict, and a sentence."""
     worse = fit.nominal is not None and fit.calibrated is not None and fit.calibrated > 1.02 * fit.nominal
     if worse:
         return "poor", "worse than before", "Calibration made this fit worse: look at the trials and the warnings."
@@ -76,7 +78,7 @@ def _judge(fit: Fit) -> tuple[str, str, str]:
     return "poor", "poor", "Much error is left that the joints do not explain: look at the segments below."
 
 
-def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Finding | None:
+def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | None:
     views = [view for view in gait if view.numbers]
     if not views:
         return None
@@ -90,33 +92,30 @@ def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Finding | N
         error = moment_of(loads.errors, most.name)[loads.reactions.valid]
         typical = 100.0 * float(np.median(error[np.isfinite(error)])) / calibration.model.subject.bwh
         text += f" The standard error of this moment is {typical:.2f} % of body weight × height (median)."
-    return Finding(
-        "Did calibration change the joint moments?",
-        f"{most.change_bwh:.2f} %BW·H",
-        text,
-        "plain",
-        "",
-        view.trial.name,
+    return Answer(
+        question="Did calibration change the joint moments?",
+        value=f"{most.change_bwh:.2f} %BW·H",
+        text=text,
+        tone="plain",
+        trial=view.trial.name,
     )
 
 
-def _residual(gait: tuple[GaitView, ...]) -> Finding | None:
-    views = [view for view in gait if view.stages and view.limits]
+def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
+    views = [(view, view.limits) for view in gait if view.limits]
     if not views:
         return None
 
-    def excess(view: GaitView) -> float:
-        limits, last = view.limits, view.stages[-1]
-        return 0.0 if limits is None else max(last.peak_force / limits.force, last.peak_moment / limits.moment)
+    def excess(pair: tuple[GaitView, ResidualLimits]) -> float:
+        last, limits = pair[0].stages[-1], pair[1]
+        return max(last.peak_force / limits.force, last.peak_moment / limits.moment)
 
-    view = max(views, key=excess)
-    limits, first, last = view.limits, view.stages[0], view.stages[-1]
-    if limits is None:
-        return None
+    view, limits = worst = max(views, key=excess)
+    first, last = view.stages[0], view.stages[-1]
     valid = view.layout.valid
     outside = (last.force > limits.force) | (last.moment > limits.moment)
     share = 100.0 * float(outside[valid].mean())
-    inside = excess(view) <= 1.0
+    inside = excess(worst) <= 1.0
     if inside:
         meaning = "Force and moment stay within the common limits in all valid frames."
     else:
@@ -124,26 +123,26 @@ def _residual(gait: tuple[GaitView, ...]) -> Finding | None:
             f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
             f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
         )
-    return Finding(
-        "Do motion and ground forces agree?",
-        f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m",
-        f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N and "
-        f"{first.rms_moment:.1f} N·m. {meaning}",
-        "good" if inside else "look",
-        "within the limits" if inside else "above the limits",
-        view.trial.name,
+    return Answer(
+        question="Do motion and ground forces agree?",
+        value=f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m",
+        text=f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N "
+        f"and {first.rms_moment:.1f} N·m. {meaning}",
+        tone="good" if inside else "look",
+        verdict="within the limits" if inside else "above the limits",
+        trial=view.trial.name,
     )
 
 
-def _parameters(calibration: Calibration) -> Finding:
+def _parameters(calibration: Calibration) -> Answer:
     blind = len(calibration.unidentifiable)
     text = counts_sentence(calibration)
     if blind:
         text += f" {counted(blind, 'joint parameter')} could not be determined from these trials; see below."
-    return Finding(
-        "What was calibrated?",
-        counted(sum(counts(calibration)), "parameter"),
-        text,
-        "look" if blind else "plain",
-        f"{blind} not determined" if blind else "",
+    return Answer(
+        question="What was calibrated?",
+        value=counted(sum(counts(calibration)), "parameter"),
+        text=text,
+        tone="look" if blind else "plain",
+        verdict=f"{blind} not determined" if blind else "",
     )

@@ -3,7 +3,7 @@
 Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right, as ours. The
 reference body (that package's `human.urdf`) says where in a mesh the joints lie. A limb mesh is stretched along its
 length so that its joints meet the person's own joint centres, and across it by a girth that follows body mass and
-height; pelvis and trunk are stretched to hip and shoulder centres. Garments are fixed in their segments.
+height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh moves with its segment.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ Contini 1966; forearm: de Leva 1996)."""
 
 
 @dataclass(frozen=True)
-class Garment:
+class FittedMesh:
     """One mesh, fixed in one segment."""
 
     mesh: str
@@ -65,17 +65,15 @@ class Garment:
     """(3, 4) affine map from the mesh's own unit to the segment frame, m."""
 
 
-def garments_of(model: SubjectModel) -> tuple[Garment, ...]:
+def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
     """The body of a person: lengths from the joint centres of the model, girths from mass and height."""
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
     jp = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
-    out = [*_trunk(jp, model.subject.height, girth), _pelvis(jp, girth)]
+    meshes = [*_trunk(jp, model.subject.height, girth), _pelvis(jp, girth)]
     for side in SIDES:
-        out += _leg(jp, side, girth)
-        out.append(_foot(model, side))
-        out += _arm(model, jp, side, girth)
-    return tuple(out)
+        meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
+    return tuple(meshes)
 
 
 def _point(jp: dict[str, float], place: str) -> Array:
@@ -83,23 +81,26 @@ def _point(jp: dict[str, float], place: str) -> Array:
     return np.array([jp.get(f"{place}.{axis}", 0.0) for axis in ("ant", "sup", "lat")])
 
 
-def _limb(mesh: str, segment: str, ends: tuple[Array, Array], at: tuple[float, float], across: float) -> Garment:
-    """A mesh whose heights `at` (own unit) come to the joint centres `ends` (proximal, distal)."""
-    along = (ends[0] - ends[1]) / (at[0] - at[1])
+def _limb(
+    mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
+) -> FittedMesh:
+    """A mesh whose `heights` (its own unit) come to the joint centres `ends` (proximal, distal)."""
+    along = (ends[0] - ends[1]) / (heights[0] - heights[1])
     scale = float(np.linalg.norm(along))
     y = along / scale
     x = np.cross(y, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
     turn = np.column_stack([x, y, np.cross(x, y)])
     place = turn * np.array([across, scale, across])
-    return Garment(mesh, segment, np.column_stack([place, ends[0] - at[0] * along]))
+    return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
 
 
-def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]) -> Garment:
-    return Garment(mesh, segment, np.column_stack([np.diag(scale), origin]))
+def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]) -> FittedMesh:
+    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each axis."""
+    return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
-def _trunk(jp: dict[str, float], height: float, girth: float) -> list[Garment]:
+def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
     lumbar = _point(jp, "back.trunk")
     shoulders = (_point(jp, "shoulder_r.trunk") + _point(jp, "shoulder_l.trunk")) / 2
@@ -125,7 +126,7 @@ def _lumbar_height(jp: dict[str, float], height: float) -> float:
     return (sum(thighs) + sum(shanks)) / 2 + jp["back.pelvis.sup"] - hips + _ANKLE_OF_HEIGHT * height
 
 
-def _pelvis(jp: dict[str, float], girth: float) -> Garment:
+def _pelvis(jp: dict[str, float], girth: float) -> FittedMesh:
     hips = (_point(jp, "hip_r.pelvis") + _point(jp, "hip_l.pelvis")) / 2
     back = _point(jp, "back.pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
@@ -133,7 +134,7 @@ def _pelvis(jp: dict[str, float], girth: float) -> Garment:
     return _straight("pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth))
 
 
-def _leg(jp: dict[str, float], side: str, girth: float) -> list[Garment]:
+def _leg(jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
     hip, knee = _point(jp, f"hip_{side}.thigh"), _point(jp, f"knee_{side}.thigh")
     top, ankle = _point(jp, f"knee_{side}.shank"), _point(jp, f"talocrural_{side}.shank")
@@ -144,7 +145,7 @@ def _leg(jp: dict[str, float], side: str, girth: float) -> list[Garment]:
     ]
 
 
-def _foot(model: SubjectModel, side: str) -> Garment:
+def _foot(model: SubjectModel, side: str) -> FittedMesh:
     """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the toe."""
     _, upright = _ankle_and_up(model.nominal, side)
     ankle, _ = _ankle_and_up(model.parameters, side)
@@ -152,7 +153,7 @@ def _foot(model: SubjectModel, side: str) -> Garment:
     z /= np.linalg.norm(z)
     turn = np.column_stack([np.cross(upright, z), upright, z])
     length = _FOOT_OF_HEIGHT * model.subject.height
-    return Garment("foot", f"foot_{side}", np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
+    return FittedMesh("foot", f"foot_{side}", np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
 
 
 def _ankle_and_up(parameters: Parameters, side: str) -> tuple[Array, Array]:
@@ -165,7 +166,7 @@ def _ankle_and_up(parameters: Parameters, side: str) -> tuple[Array, Array]:
     return into_foot @ (origins[talus, :, 0] - origins[foot, :, 0]), into_foot[:, 1].copy()
 
 
-def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> list[Garment]:
+def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
     shoulder, elbow = _point(jp, f"shoulder_{side}.upperarm"), _point(jp, f"elbow_{side}.upperarm")
     top = _point(jp, f"elbow_{side}.forearm")

@@ -23,7 +23,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
 _RINGS, _AROUND = 13, 20
 _SLACK = 0.05
-"""of the longest side: how far a mesh may leave the box that garments are cut for."""
+"""Of the longest side: how far a mesh may leave the box that `body_fit` places it by."""
 _MOST_VERTICES = 65_536
 """What 16-bit corner numbers in the page can name."""
 
@@ -40,7 +40,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class BodyMeshes:
-    """All meshes that garments may ask for."""
+    """All meshes of a body."""
 
     meshes: dict[str, Mesh]
     replaced: tuple[str, ...]
@@ -64,7 +64,7 @@ def body_meshes() -> BodyMeshes:
 
 
 def _as_expected(name: str, mesh: Mesh) -> Mesh:
-    """ValueError for a mesh of another shape or unit than the one that garments are cut for."""
+    """ValueError for a mesh of another shape or unit than the one that `body_fit` places."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
     low_off, high_off = np.abs(mesh.vertices.min(axis=0) - low), np.abs(mesh.vertices.max(axis=0) - high)
@@ -78,8 +78,8 @@ def _files() -> dict[str, Path]:
         listed = distribution(PACKAGE).files or ()
     except PackageNotFoundError:
         return {}
-    found = (Path(str(f.locate())) for f in listed if _FOLDER in f.as_posix())
-    return {f.name.split("_mesh")[0]: f for f in found}
+    paths = (Path(str(f.locate())) for f in listed if _FOLDER in f.as_posix())
+    return {path.name.split("_mesh")[0]: path for path in paths}
 
 
 def read_stl(content: bytes) -> Mesh:
@@ -114,14 +114,15 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
         axis=-1,
     )
     points = np.vstack([[0.0, -1.0, 0.0], ring.reshape(-1, 3), [0.0, 1.0, 0.0]])
-    here = np.arange(_AROUND)
-    after = (here + 1) % _AROUND
-    last = len(points) - 1
-    top = last - _AROUND
-    triangles = [np.column_stack([np.zeros(_AROUND, dtype=np.intp), 1 + here, 1 + after])]
+    # Corner 0 is the lower pole, then ring after ring of `_AROUND` corners, the last corner is the upper pole.
+    corner = np.arange(_AROUND)
+    following = (corner + 1) % _AROUND
+    pole = len(points) - 1
+    top = pole - _AROUND
+    triangles = [np.column_stack([np.zeros(_AROUND, dtype=np.intp), 1 + corner, 1 + following])]
     for k in range(_RINGS - 2):
         below, above = 1 + k * _AROUND, 1 + (k + 1) * _AROUND
-        triangles.append(np.column_stack([below + here, above + here, below + after]))
-        triangles.append(np.column_stack([below + after, above + here, above + after]))
-    triangles.append(np.column_stack([np.full(_AROUND, last), top + after, top + here]))
+        triangles.append(np.column_stack([below + corner, above + corner, below + following]))
+        triangles.append(np.column_stack([below + following, above + corner, above + following]))
+    triangles.append(np.column_stack([np.full(_AROUND, pole), top + following, top + corner]))
     return Mesh((low + high) / 2 + points * (high - low) / 2, np.vstack(triangles))

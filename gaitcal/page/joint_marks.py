@@ -1,10 +1,9 @@
 """Where each joint lies in the two segments it connects: nominal, fitted, and how far the fit can be trusted.
 
-A joint is a sequence of elements from parent to child (`model/linkage.py`). Those before its first coordinate place the
-joint in the parent, those after its last coordinate place it, inverted, in the child:
+The frames of a joint in its two segments (`export/joint_frames.py`) hold its constants, those before the first
+coordinate in the parent and those after the last in the child:
 
-    T_parent = E_1 ... E_k            T_child = (E_m ... E_n)^-1
-    centre = translation of T         axis = sign * T R[:, axis of the coordinate next to it]
+    centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
 
 Standard errors s_p of the joint parameters p spread into centre and axis through the Jacobian,
 cov = sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table of errors tells no more); its matrix
@@ -19,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Joint, Source
+from gaitcal.export.joint_frames import frames_of
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
+from gaitcal.model.linkage import JOINTS, Joint
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -30,7 +29,7 @@ _STEP = 1e-6
 """m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointMark:
     """One joint as it lies in one of its two segments."""
 
@@ -61,63 +60,52 @@ def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, fl
     """
     marks = []
     for joint in JOINTS:
-        for segment, before in ((joint.parent, True), (joint.child, False)):
-            elements = _beside(joint, before=before)
-            names = [e.name for e in elements if e.source is Source.JOINT_PARAMETER]
+        for segment in (joint.parent, joint.child):
+            names = [p.name for p in JOINT_PARAMETERS if (p.joint, p.segment) == (joint.name, segment)]
             if not names:
                 continue
-            axis = _axis(joint, before=before)
-            centre_0, axis_0 = _place(elements, axis, nominal, before=before)
-            centre_1, axis_1 = _place(elements, axis, fitted, before=before)
             known = {name: errors[name] for name in names if np.isfinite(errors.get(name, np.nan))}
-            spread = _spread(elements, axis, fitted, known, before=before)
-            at = [JP_INDEX[name] for name in names]
-            changed = bool(known) or not np.array_equal(nominal.joint[at], fitted.joint[at])
-            marks.append(JointMark(joint.name, segment, centre_0, centre_1, axis_0, axis_1, *spread, changed))
+            columns = [JP_INDEX[name] for name in names]
+            nominal_centre, nominal_axis = _centre_and_axis(joint, segment, nominal)
+            fitted_centre, fitted_axis = _centre_and_axis(joint, segment, fitted)
+            centre_spread, axis_spread = _spreads(joint, segment, fitted, known)
+            marks.append(
+                JointMark(
+                    joint=joint.name,
+                    segment=segment,
+                    nominal_centre=nominal_centre,
+                    fitted_centre=fitted_centre,
+                    nominal_axis=nominal_axis,
+                    fitted_axis=fitted_axis,
+                    centre_spread=centre_spread,
+                    axis_spread=axis_spread,
+                    fitted=bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns]),
+                )
+            )
     return tuple(marks)
 
 
-def _beside(joint: Joint, *, before: bool) -> tuple[Element, ...]:
-    at = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
-    return joint.elements[: at[0]] if before else joint.elements[at[-1] + 1 :]
+def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tuple[Array, Array]:
+    """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a ball joint."""
+    frames = frames_of(joint, parameters)
+    in_parent = segment == joint.parent
+    place = frames.in_parent if in_parent else frames.in_child
+    axis = frames.motions[0 if in_parent else -1]
+    ball = len(frames.motions) > 2
+    centre = place.translation + 0.0  # no negative zeros, which would stand in the page
+    return centre, np.full(3, np.nan) if ball else axis.sign * place.rotation[:, axis.axis]
 
 
-def _axis(joint: Joint, *, before: bool) -> Element | None:
-    """The coordinate next to that segment; None for a ball joint."""
-    own = [e for e in joint.elements if e.source is Source.COORDINATE]
-    return None if len(own) > 2 else own[0 if before else -1]
-
-
-def _place(
-    elements: tuple[Element, ...], axis: Element | None, values: Parameters, *, before: bool
-) -> tuple[Array, Array]:
-    rotation, translation = np.eye(3), np.zeros(3)
-    for e in elements:
-        of_jp = e.source is Source.JOINT_PARAMETER
-        amount = e.sign * float(values.joint[JP_INDEX[e.name]] if of_jp else values.zero_angles[_ZERO_INDEX[e.name]])
-        if e.rotates:
-            rotation = rotation @ axis_rotation(e.axis, amount)
-        else:
-            translation = translation + amount * rotation[:, e.axis]
-    if not before:
-        rotation, translation = rotation.T, -rotation.T @ translation
-    return translation, np.full(3, np.nan) if axis is None else axis.sign * rotation[:, axis.axis]
-
-
-_ZERO_INDEX = {name: i for i, name in enumerate(ZERO_ANGLES)}
-
-
-def _spread(
-    elements: tuple[Element, ...], axis: Element | None, at: Parameters, errors: Mapping[str, float], *, before: bool
-) -> tuple[Array, Array]:
+def _spreads(joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]) -> tuple[Array, Array]:
+    """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN without errors."""
     if not errors:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     columns = []
     for name, error in errors.items():
-        value = at.joint[JP_INDEX[name]]
+        value = fitted.joint[JP_INDEX[name]]
         low, high = (
-            np.concatenate(_place(elements, axis, at.with_joint((name,), np.array([value + d])), before=before))
-            for d in (-_STEP, _STEP)
+            np.concatenate(_centre_and_axis(joint, segment, fitted.with_joint((name,), np.array([value + step]))))
+            for step in (-_STEP, _STEP)
         )
         columns.append(error * (high - low) / (2 * _STEP))
     pulls = np.array(columns).T

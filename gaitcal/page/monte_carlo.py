@@ -13,8 +13,9 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from gaitcal.figures.monte_carlo import FRAME_WORDS, SET_WORDS, SIDE_WORDS
+from gaitcal.figures.monte_carlo import FRAME_WORDS, SET_WORDS
 from gaitcal.files.atomic import atomic_text
+from gaitcal.gait.words import SIDE_WORDS, capitalised
 from gaitcal.montecarlo.conclusions import TORQUE_WORDS
 from gaitcal.montecarlo.settings import ReactionFrame
 from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
@@ -83,8 +84,7 @@ def _reading(cause: CauseOfMarkerError) -> Reading:
             cells += [f"{row['average']:.2f}", f"{row['p10']:.2f} to {row['p90']:.2f}"]
         rows.append((TORQUE_WORDS[str(torque)[:-2]].capitalize(), tuple(cells)))
     level = f"more than {cause.level:.0f} %" if cause.beyond else f"{cause.level:.0f} %"
-    words = SET_WORDS[cause.varied]
-    return Reading(words[0].upper() + words[1:], level, tuple(rows))
+    return Reading(capitalised(SET_WORDS[cause.varied]), level, tuple(rows))
 
 
 def _picture(path: Path) -> Markup:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.page.body_fit import Garment
+from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
@@ -27,10 +27,10 @@ FAR = 20.0
 _FULL = 32767
 
 
-def scene_json(scene: Scene, body: BodyMeshes) -> str:
+def scene_json(scene: Scene, shapes: BodyMeshes) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`."""
     thin = _thinning(scene)
-    used = sorted({garment.mesh for garment in scene.garments})
+    used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
         "mass": scene.mass,
@@ -42,9 +42,9 @@ def scene_json(scene: Scene, body: BodyMeshes) -> str:
             "places": _floats(scene.marker_places),
         },
         "joints": [_joint(scene, joint) for joint in scene.joints],
-        "meshes": {name: _mesh(body.meshes[name]) for name in used},
-        "capsules": sorted(set(used) & set(body.replaced)),
-        "garments": [_garment(scene, garment) for garment in scene.garments],
+        "meshes": {name: _mesh(shapes.meshes[name]) for name in used},
+        "capsules": sorted(set(used) & set(shapes.replaced)),
+        "body": [_fitted(scene, fitted) for fitted in scene.body],
         "trials": [_trial(trial, thin) for trial in scene.trials],
     }
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
@@ -108,19 +108,16 @@ def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
     }
 
 
-def _garment(scene: Scene, garment: Garment) -> dict[str, Any]:
+def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
     return {
-        "mesh": garment.mesh,
-        "segment": scene.segments.index(garment.segment),
-        "place": [float(x) for x in garment.place.ravel()],
+        "mesh": fitted.mesh,
+        "segment": scene.segments.index(fitted.segment),
+        "place": [float(x) for x in fitted.place.ravel()],
     }
 
 
 def _mesh(mesh: Mesh) -> dict[str, Any]:
-    return {
-        "vertices": _lengths(mesh.vertices),
-        "triangles": _base64(mesh.triangles.astype("<u2")),
-    }
+    return {"vertices": _lengths(mesh.vertices), "triangles": _base64(mesh.triangles.astype("<u2"))}
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float] | None:

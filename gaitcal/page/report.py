@@ -17,11 +17,11 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from gaitcal.figures.calibration import charts_of
 from gaitcal.figures.chart import Chart, panel_figure
-from gaitcal.figures.charts import charts_of
 from gaitcal.figures.style import Key
 from gaitcal.gait.words import coordinate_title, explained
-from gaitcal.page.answers import findings
+from gaitcal.page.answers import answers
 from gaitcal.page.svg import SvgPage
 from gaitcal.page.trials import phase_words, trial_facts, trial_fits
 from gaitcal.person.parameter_words import (
@@ -80,7 +80,7 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         version=made.get("gaitcal") or _version("gaitcal"),
         date=datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
         facts=trial_facts(calibration),
-        findings=findings(calibration, charts.gait),
+        answers=answers(calibration, charts.gait),
         charts=charts,
         fits=trial_fits(calibration),
         joints=joint_groups(calibration),

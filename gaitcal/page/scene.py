@@ -20,7 +20,7 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.page.body_fit import Garment, garments_of
+from gaitcal.page.body_fit import FittedMesh, fitted_meshes
 from gaitcal.page.joint_marks import JointMark, joint_marks
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.recording import Recording
@@ -36,7 +36,7 @@ MOST_FRAMES = 4000
 """Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialScene:
     """One trial: poses of the fitted model, markers, and ground reactions."""
 
@@ -71,7 +71,7 @@ class TrialScene:
         return bool(np.isfinite(self.forces).any())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """A calibrated person in all trials."""
 
@@ -87,17 +87,18 @@ class Scene:
     marker_places: Array
     """(nm, 3) m, in the segment frame."""
     joints: tuple[JointMark, ...]
-    garments: tuple[Garment, ...]
+    body: tuple[FittedMesh, ...]
     trials: tuple[TrialScene, ...]
     segments: tuple[str, ...] = SEGMENTS
 
     def model_markers(self, trial: TrialScene) -> Array:
         """(nf, nm, 3) m: where the fitted model has the markers."""
-        at = np.array([self.segments.index(s) for s in self.marker_segments], dtype=np.intp)
+        carrying = [self.segments.index(s) for s in self.marker_segments]
         turned = [
-            Rotation.from_quat(trial.turns[:, s]).apply(local) for s, local in zip(at, self.marker_places, strict=True)
+            Rotation.from_quat(trial.turns[:, s]).apply(local)
+            for s, local in zip(carrying, self.marker_places, strict=True)
         ]
-        out: Array = np.stack(turned, axis=1) + trial.origins[:, at]
+        out: Array = np.stack(turned, axis=1) + trial.origins[:, carrying]
         return out
 
 
@@ -121,15 +122,15 @@ def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Ma
     errors : joint parameter -> standard error (m, rad) of every fitted one.
     """
     return Scene(
-        model.subject.name,
-        model.subject.mass,
-        model.subject.height,
-        model.markers.labels,
-        model.markers.segments,
-        model.markers.local,
-        joint_marks(model.nominal, model.parameters, errors),
-        garments_of(model),
-        trials,
+        subject=model.subject.name,
+        mass=model.subject.mass,
+        height=model.subject.height,
+        labels=model.markers.labels,
+        marker_segments=model.markers.segments,
+        marker_places=model.markers.local,
+        joints=joint_marks(model.nominal, model.parameters, errors),
+        body=fitted_meshes(model),
+        trials=trials,
     )
 
 
@@ -165,26 +166,26 @@ def trial_scene(
         forces, centres = _arrows(reactions.wrench[kept], level)
         valid = reactions.valid[kept]
     return TrialScene(
-        name,
-        role,
-        recorded,
-        stride,
-        motion.time[kept],
-        origins.transpose(2, 0, 1).astype(np.float32),
-        _quaternions(axes),
-        _tracked(motion),
-        _measured(model, recording, kept),
-        forces,
-        centres,
-        valid,
-        plates,
+        name=name,
+        role=role,
+        recorded=recorded,
+        stride=stride,
+        time=motion.time[kept],
+        origins=origins.transpose(2, 0, 1).astype(np.float32),  # from (ns, 3, nf)
+        turns=_quaternions(axes),
+        tracked=_tracked(motion),
+        measured=_measured(model, recording, kept),
+        forces=forces,
+        pressure_centres=centres,
+        valid=valid,
+        plates=plates,
     )
 
 
 def _quaternions(axes: Array) -> Single:
     """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
     ns, nf = axes.shape[0], axes.shape[-1]
-    matrices = axes.transpose(3, 0, 2, 1).reshape(-1, 3, 3)
+    matrices = axes.transpose(3, 0, 2, 1).reshape(-1, 3, 3)  # frame, segment, and the axes as columns
     turns = Rotation.from_matrix(matrices).as_quat().reshape(nf, ns, 4)
     flips = np.where(np.sum(turns[1:] * turns[:-1], axis=2) < 0, -1.0, 1.0)
     turns[1:] *= np.cumprod(flips, axis=0)[:, :, None]
@@ -193,6 +194,7 @@ def _quaternions(axes: Array) -> Single:
 
 
 def _tracked(motion: Motion) -> BoolArray:
+    """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
     distance = motion.errors.distance
     carrying = {s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()}
     carrying |= {f"talus_{s[-1]}" for s in carrying if s.startswith("foot_")}
@@ -200,12 +202,13 @@ def _tracked(motion: Motion) -> BoolArray:
 
 
 def _measured(model: SubjectModel, recording: Recording, kept: slice) -> Single:
-    at = {label: i for i, label in enumerate(recording.labels)}
+    """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did not see it."""
+    column = {label: i for i, label in enumerate(recording.labels)}
     markers = recording.markers[kept]
     out = np.full((len(markers), len(model.markers.labels), 3), np.nan, dtype=np.float32)
     for i, label in enumerate(model.markers.labels):
-        if label in at:
-            out[:, i] = markers[:, at[label]]
+        if label in column:
+            out[:, i] = markers[:, column[label]]
     return out
 
 

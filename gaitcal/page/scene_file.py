@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.page.body_fit import MESHES, Garment
+from gaitcal.page.body_fit import MESHES, FittedMesh
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
 
 VERSION = 1
+_BODY = "garments"
+"""What files of this version call the body meshes."""
 
 _DAMAGE = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
@@ -53,7 +55,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         arrays |= {f"trial{i}/{name}": getattr(trial, name) for name in _TRIAL_ARRAYS}
     for name in _JOINT_ARRAYS:
         arrays[f"joints/{name}"] = np.array([getattr(joint, name) for joint in scene.joints])
-    arrays["garments/place"] = np.array([garment.place for garment in scene.garments])
+    arrays[f"{_BODY}/place"] = np.array([fitted.place for fitted in scene.body])
     text = {
         "version": VERSION,
         "subject": scene.subject,
@@ -63,7 +65,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         "marker_segments": scene.marker_segments,
         "segments": scene.segments,
         "joints": [[j.joint, j.segment, j.fitted] for j in scene.joints],
-        "garments": [[g.mesh, g.segment] for g in scene.garments],
+        _BODY: [[fitted.mesh, fitted.segment] for fitted in scene.body],
         "trials": [[t.name, t.role, t.recorded, t.stride] for t in scene.trials],
     }
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
@@ -104,21 +106,23 @@ def _scene(arrays: Any) -> Scene:
         for i, (name, role, recorded, stride) in enumerate(text["trials"])
     )
     joints = {name: arrays[f"joints/{name}"] for name in _JOINT_ARRAYS}
-    places = arrays["garments/place"]
+    places = arrays[f"{_BODY}/place"]
     scene = Scene(
-        str(text["subject"]),
-        float(text["mass"]),
-        float(text["height"]),
-        tuple(map(str, text["labels"])),
-        tuple(map(str, text["marker_segments"])),
-        arrays["marker_places"],
-        tuple(
-            JointMark(str(joint), str(segment), fitted=bool(fitted), **{n: v[k] for n, v in joints.items()})
+        subject=str(text["subject"]),
+        mass=float(text["mass"]),
+        height=float(text["height"]),
+        labels=tuple(map(str, text["labels"])),
+        marker_segments=tuple(map(str, text["marker_segments"])),
+        marker_places=arrays["marker_places"],
+        joints=tuple(
+            JointMark(
+                joint=str(joint), segment=str(segment), fitted=bool(fitted), **{n: v[k] for n, v in joints.items()}
+            )
             for k, (joint, segment, fitted) in enumerate(text["joints"])
         ),
-        tuple(Garment(str(m), str(s), places[k]) for k, (m, s) in enumerate(text["garments"])),
-        trials,
-        tuple(map(str, text["segments"])),
+        body=tuple(FittedMesh(str(m), str(s), places[k]) for k, (m, s) in enumerate(text[_BODY])),
+        trials=trials,
+        segments=tuple(map(str, text["segments"])),
     )
     _check(scene)
     return scene
@@ -127,12 +131,12 @@ def _scene(arrays: Any) -> Scene:
 def _check(scene: Scene) -> None:
     """ValueError where sizes do not fit together."""
     segments, markers = len(scene.segments), len(scene.labels)
-    known = {*scene.marker_segments, *(j.segment for j in scene.joints), *(g.segment for g in scene.garments)}
+    known = {*scene.marker_segments, *(j.segment for j in scene.joints), *(mesh.segment for mesh in scene.body)}
     fits = (
         known <= set(scene.segments)
         and scene.marker_places.shape == (markers, 3)
         and len(scene.marker_segments) == markers
-        and all(g.mesh in MESHES and g.place.shape == (3, 4) for g in scene.garments)
+        and all(fitted.mesh in MESHES and fitted.place.shape == (3, 4) for fitted in scene.body)
     )
     for t in scene.trials:
         n = len(t.time)

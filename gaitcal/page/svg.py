@@ -96,10 +96,10 @@ def _rounded(path: str, digits: int) -> str:
 
 def _references(root: ElementTree.Element) -> list[str]:
     """Identifiers that something refers to, in order; matplotlib's own hold random parts."""
-    found: dict[str, None] = {}
+    names: list[str] = []
     for element in root.iter():
         for key, value in element.attrib.items():
-            found.update(dict.fromkeys(_REFERENCE.findall(value)))
+            names += _REFERENCE.findall(value)
             if key.removeprefix(_XLINK) == "href":
-                found[value.removeprefix("#")] = None
-    return list(found)
+                names.append(value.removeprefix("#"))
+    return list(dict.fromkeys(names))

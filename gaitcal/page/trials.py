@@ -8,8 +8,8 @@ from pathlib import PurePosixPath, PureWindowsPath
 import numpy as np
 
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.figures.fit import Fit, leg_fit, segment_fits, trial_fit
-from gaitcal.gait.words import joint_words, role_words, segment_words
+from gaitcal.figures.fit import RmsErrors, leg_fit, segment_fits, trial_fit
+from gaitcal.gait.words import joint_words, listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, TrialResult
 
@@ -21,7 +21,7 @@ WORST = 6
 """Markers shown at once; the rest is folded away."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialFacts:
     """One recording of the study."""
 
@@ -35,29 +35,25 @@ class TrialFacts:
     seen: float
     """% of all marker samples that were seen."""
     plates: int
-    valid_frames: int | None
-    """Frames in which every foot on the ground is on a plate; None without plates."""
 
 
 def trial_facts(calibration: Calibration) -> tuple[TrialFacts, ...]:
     """All recordings, the static one too."""
-    valid = {t.name: int(t.loads.reactions.valid.sum()) for t in calibration.trials if t.loads}
     facts = []
     for trial in calibration.study.trials:
-        r = trial.recording
-        seen = np.isfinite(r.markers).all(axis=2)
+        recording = trial.recording
+        seen = np.isfinite(recording.markers).all(axis=2)
         facts.append(
             TrialFacts(
-                trial.name,
-                role_words(trial.role, trial.joint),
-                file_name(r.source),
-                float(r.time[-1] - r.time[0]),
-                len(r.time),
-                r.rate,
-                len(r.labels),
-                100.0 * float(seen.mean()) if seen.size else 0.0,
-                len(r.plates),
-                valid.get(trial.name),
+                name=trial.name,
+                role=role_words(trial.role, trial.joint),
+                file=file_name(recording.source),
+                seconds=float(recording.time[-1] - recording.time[0]),
+                frames=len(recording.time),
+                rate=recording.rate,
+                markers=len(recording.labels),
+                seen=100.0 * float(seen.mean()) if seen.size else 0.0,
+                plates=len(recording.plates),
             )
         )
     return tuple(facts)
@@ -68,7 +64,7 @@ def file_name(source: str) -> str:
     return PureWindowsPath(PurePosixPath(source).name).name or source
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MarkerFit:
     """How one marker is met, mm."""
 
@@ -84,7 +80,7 @@ class MarkerFit:
     """Largest distance with the calibrated model."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialFit:
     """How one trial is met."""
 
@@ -92,12 +88,12 @@ class TrialFit:
     role: str
     joint: str | None
     """The joint of an isolated trial."""
-    whole: Fit
-    legs: Fit
+    whole: RmsErrors
+    legs: RmsErrors
     """Pelvis and legs alone."""
-    final: Fit | None
+    final: RmsErrors | None
     """With the model at the end of the whole calibration, where later phases changed the fit of this trial."""
-    segments: tuple[Fit, ...]
+    segments: tuple[RmsErrors, ...]
     few: str
     """Segments with fewer than three markers, in words; empty where there are none."""
     markers: tuple[MarkerFit, ...]
@@ -105,8 +101,6 @@ class TrialFit:
     largest: float | None
     """mm, largest distance of any marker with the calibrated model."""
     largest_marker: str
-    largest_before: float | None
-    """mm."""
 
     @property
     def worst(self) -> tuple[MarkerFit, ...]:
@@ -120,46 +114,45 @@ def trial_fits(calibration: Calibration) -> tuple[TrialFit, ...]:
 
 
 def _trial_fit(trial: TrialResult) -> TrialFit:
-    after, before = trial.calibrated.errors.largest(), trial.nominal.errors.largest()
+    largest, segments = trial.calibrated.errors.largest(), tuple(segment_fits(trial))
     return TrialFit(
-        trial.name,
-        role_words(trial.role, trial.joint),
-        trial.joint,
-        trial_fit(trial),
-        leg_fit(trial),
-        _final_fit(trial),
-        tuple(segment_fits(trial)),
-        _few(trial),
-        _markers(trial),
-        1e3 * after[0] if after else None,
-        after[1] if after else "",
-        1e3 * before[0] if before else None,
+        name=trial.name,
+        role=role_words(trial.role, trial.joint),
+        joint=trial.joint,
+        whole=trial_fit(trial),
+        legs=leg_fit(trial),
+        final=_final_fit(trial),
+        segments=segments,
+        few=listed([fit.label for fit in segments if not fit.rigid]),
+        markers=_markers(trial),
+        largest=1e3 * largest[0] if largest else None,
+        largest_marker=largest[1] if largest else "",
     )
 
 
-def _few(trial: TrialResult) -> str:
-    few = [fit.label for fit in segment_fits(trial) if not fit.rigid]
-    return " and ".join(", ".join(few).rsplit(", ", 1))
-
-
-def _final_fit(trial: TrialResult) -> Fit | None:
-    own, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
-    if own is None or final is None or abs(final - own) < NO_CHANGE:
+def _final_fit(trial: TrialResult) -> RmsErrors | None:
+    calibrated, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
+    if calibrated is None or final is None or abs(final - calibrated) < NO_CHANGE:
         return None
     return replace(trial_fit(trial), calibrated=1e3 * final)
 
 
 def _markers(trial: TrialResult) -> tuple[MarkerFit, ...]:
-    after = trial.calibrated.errors
-    before, floor = _rms_by_label(trial.nominal.errors), _rms_by_label(trial.floor)
-    now = _rms_by_label(after)
-    heaviest = float(after.weight.max(initial=0.0))
-    rows = []
-    for k, label in enumerate(after.labels):
-        column = after.distance[:, k]
-        largest = 1e3 * float(np.nanmax(column)) if np.isfinite(column).any() else None
-        weight, segment = float(after.weight[k]), segment_words(after.segments[k])
-        rows.append(MarkerFit(label, segment, weight, before.get(label), now.get(label), floor.get(label), largest))
+    errors = trial.calibrated.errors
+    nominal, calibrated, floor = map(_rms_by_label, (trial.nominal.errors, errors, trial.floor))
+    heaviest = float(errors.weight.max(initial=0.0))
+    rows = [
+        MarkerFit(
+            label=label,
+            segment=segment_words(errors.segments[k]),
+            weight=float(errors.weight[k]),
+            nominal=nominal.get(label),
+            calibrated=calibrated.get(label),
+            floor=floor.get(label),
+            largest=1e3 * float(np.nanmax(errors.distance[:, k])) if label in calibrated else None,
+        )
+        for k, label in enumerate(errors.labels)
+    ]
     return tuple(sorted(rows, key=lambda m: (m.weight <= LITTLE_WEIGHT * heaviest, -(m.calibrated or 0.0))))
 
 
@@ -179,7 +172,5 @@ def phase_words(phase: Phase) -> str:
         "gait": "legs, from walking",
         "all joints": "all joints, over all trials at once",
         "inertial": "masses, mass centres and moments of inertia",
-        "joint_step": "joint and inertial parameters together",
-        "joint step": "joint and inertial parameters together",
     }
     return known.get(phase.name, phase.name)

@@ -1,4 +1,4 @@
-"""Parameters in words: what was fitted, by how much it moved, how sure it is, and what could not be seen."""
+"""A person's parameters in words: which were fitted, how far they moved, how sure they are, which could not be seen."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ import numpy as np
 
 from gaitcal.calibration.identifiability import NEEDED_TURN
 from gaitcal.gait.words import (
+    capitalised,
     counted,
-    inertial_direction,
-    inertial_place,
-    inertial_words,
     joint_words,
     listed,
     parameter_direction,
@@ -51,6 +49,16 @@ class Row:
     """`fitted`, `at bound`, `unidentifiable` or `fixed`."""
 
     @property
+    def part(self) -> str:
+        """The joint or segment, without its side: `hip`."""
+        return split_side(self.name.split(".")[0])[0]
+
+    @property
+    def side(self) -> str:
+        """`r`, `l`, or nothing where there are no sides."""
+        return split_side(self.name.split(".")[0])[1]
+
+    @property
     def digits(self) -> int:
         """Decimals that make sense."""
         if self.unit == "kg":
@@ -79,38 +87,37 @@ def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
     """Joint parameters that were to be fitted, joint by joint; joints without any are left out."""
     rows = _rows(calibration, joints=True)
     groups = []
-    for base in GROUPS:
-        of_joint = [r for r in rows if split_side(r.name.split(".")[0])[0] == base]
-        shown = [r for r in of_joint if r.status != "fixed"]
-        right, left = (tuple(r for r in shown if split_side(r.name.split(".")[0])[1] in s) for s in (("r", ""), ("l",)))
+    for joint in GROUPS:
+        of_joint = [row for row in rows if row.part == joint]
+        shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
-            groups.append(Group(joint_words(base), right, left, len(of_joint) - len(shown)))
+            groups.append(Group(joint_words(joint), *_sides(shown), len(of_joint) - len(shown)))
     return tuple(groups)
 
 
 def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
     """Inertial parameters that were fitted, segment by segment; one set where left equals right."""
-    rows = [r for r in _rows(calibration, joints=False) if r.status != "fixed"]
+    rows = [row for row in _rows(calibration, joints=False) if row.status != "fixed"]
     groups = []
-    for base in dict.fromkeys(split_side(r.name.split(".")[0])[0] for r in rows):
-        sides = {
-            side: tuple(r for r in rows if split_side(r.name.split(".")[0]) == (base, side)) for side in ("r", "l", "")
-        }
-        right, left = sides["r"] or sides[""], sides["l"]
-        title = segment_words(base)
+    for segment in dict.fromkeys(row.part for row in rows):
+        right, left = _sides([row for row in rows if row.part == segment])
+        title = capitalised(segment_words(segment))
         if left and _mirrored(right, left):
             title, left = f"{title} (right and left alike)", ()
-        groups.append(Group(title[0].upper() + title[1:], right, left, 0))
+        groups.append(Group(title, right, left, 0))
     return tuple(groups)
+
+
+def _sides(rows: list[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+    """Those of the right side, or without a side, and those of the left."""
+    return tuple(row for row in rows if row.side != "l"), tuple(row for row in rows if row.side == "l")
 
 
 def fixed_joints(calibration: Calibration) -> str:
     """Which joints kept all their nominal parameters, in words; empty for none."""
-    rows = _rows(calibration, joints=True)
-    bases = [
-        base for base in GROUPS if all(r.status == "fixed" for r in rows if split_side(r.name.split(".")[0])[0] == base)
-    ]
-    return listed([joint_words(b)[0].lower() + joint_words(b)[1:] for b in bases])
+    moved = {row.part for row in _rows(calibration, joints=True) if row.status != "fixed"}
+    titles = [joint_words(joint) for joint in GROUPS if joint not in moved]
+    return listed([title[0].lower() + title[1:] for title in titles])
 
 
 def blind_spots(calibration: Calibration) -> tuple[str, ...]:
@@ -121,7 +128,7 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
     out = []
     for joint, names in joints.items():
         if joint not in {j.name for j in JOINTS}:
-            out.append(f"{segment_words(joint).capitalize()}: {listed([inertial_words(n) for n in names])}.")
+            out.append(f"{segment_words(joint).capitalize()}: {listed([parameter_words(n) for n in names])}.")
             continue
         moved = range_of_motion(calibration, joint)
         words = listed([parameter_words(n) for n in names])
@@ -178,20 +185,18 @@ def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
     for entry in parameter_table(calibration).to_dict("records"):
         if str(entry["kind"]).startswith("joint ") is not joints:
             continue
-        name, error = str(entry["name"]), entry["standard_error"]
-        known = error is not None and math.isfinite(error)
-        status = str(entry["status"])
+        name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]
         unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
         rows.append(
             Row(
                 name=name,
-                words=parameter_words(name) if joints else inertial_words(name),
-                place=parameter_place(name) if joints else inertial_place(name),
-                direction=parameter_direction(name) if joints else inertial_direction(name),
+                words=parameter_words(name),
+                place=parameter_place(name),
+                direction=parameter_direction(name),
                 unit=unit,
                 nominal=scale * float(entry["nominal"]),
                 fitted=scale * float(entry["fitted"]),
-                error=scale * float(error) if known else None,
+                error=scale * float(error) if error is not None and math.isfinite(error) else None,
                 status="at bound" if status == "fitted" and name in bound else status,
             )
         )

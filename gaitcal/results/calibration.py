@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
-from gaitcal.figures.charts import write_figures
+from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.model.inertial_parameters import impossible_bodies

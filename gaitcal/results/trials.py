@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from gaitcal.export.names import safe_name
+from gaitcal.export.xml_text import safe_name
 from gaitcal.files.atomic import also_at, atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.model.subject_model import SubjectModel

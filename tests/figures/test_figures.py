@@ -11,14 +11,13 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from gaitcal.dynamics.residual_limits import residual_limits
+from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import chart_figure, panel_figure
-from gaitcal.figures.charts import charts_of, write_figures
 from gaitcal.figures.style import plain
 from gaitcal.gait.moments import moment_names
 from gaitcal.gait.words import (
     coordinate_words,
     explained,
-    inertial_words,
     joint_words,
     parameter_words,
     segment_words,
@@ -145,7 +144,7 @@ def test_names_are_no_markup_in_figures(name: str) -> None:
 def test_everything_has_words() -> None:
     assert all(coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n))
     assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
-    assert all(inertial_words(n) for n in IP_NAMES)
+    assert all(parameter_words(n) for n in IP_NAMES)
     assert segment_words("forearm_hand_l") == "left forearm and hand"
     assert len({segment_words(s) for s in SEGMENTS}) == len(SEGMENTS)
     assert joint_words("hip_l") == "left hip"

@@ -11,7 +11,7 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SEGMENTS
 from gaitcal.model.parameters import published_subject
 from gaitcal.page import Scene, person_scene
-from gaitcal.page.body_fit import MESHES, garments_of
+from gaitcal.page.body_fit import MESHES, fitted_meshes
 from gaitcal.page.joint_marks import joint_marks
 from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
@@ -129,7 +129,7 @@ def test_an_error_that_is_no_number_draws_nothing() -> None:
 
 def test_limb_meshes_end_at_the_joint_centres() -> None:
     model = subject_model()
-    worn = {(g.mesh, g.segment): g.place for g in garments_of(model)}
+    worn = {(g.mesh, g.segment): g.place for g in fitted_meshes(model)}
     knee = joint_marks(model.nominal, model.parameters, {})
     centre = next(m.fitted_centre for m in knee if m.joint == "knee_r" and m.segment == "thigh_r")
     place = worn["upperleg", "thigh_r"]
@@ -147,7 +147,7 @@ def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     joint = published_subject().joint * np.array([scale if abs(x) > 0 else 1.0 for x in base.nominal.joint])
     parameters = replace(base.nominal, joint=joint)
     model = replace(base, subject=replace(base.subject, height=height), parameters=parameters, nominal=parameters)
-    head = next(g.place for g in garments_of(model) if g.mesh == "head")
+    head = next(g.place for g in fitted_meshes(model) if g.mesh == "head")
     marks = {(m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})}
     legs = marks["hip_r", "thigh_r"] - marks["knee_r", "thigh_r"] - marks["talocrural_r", "shank_r"]
     lumbar = legs + marks["knee_r", "shank_r"] + marks["back", "pelvis"] - marks["hip_r", "pelvis"] + 0.039 * height
@@ -156,7 +156,7 @@ def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
 
 
 def test_every_massive_segment_is_dressed(scene: Scene) -> None:
-    assert {g.segment for g in scene.garments} == set(MASSIVE_SEGMENTS)
+    assert {g.segment for g in scene.body} == set(MASSIVE_SEGMENTS)
 
 
 def test_a_scene_needs_no_errors() -> None:

@@ -139,7 +139,7 @@ def test_command_prints_and_writes(
     monkeypatch.setattr(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
-    command.run(tmp_path / "out", draws=0, noise_seeds=5, seed=3, quiet=False, verbose=False)
+    command.run(tmp_path / "out", Talk(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3)
     settings, kept = asked[0]
     assert (settings.noise_seeds, settings.seed, settings.draws, settings.data, kept) == (5, 3, 0, None, None)
     assert (tmp_path / "out" / "tables.csv").is_file()
@@ -154,13 +154,13 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
-        command.run(tmp_path, draws=0, noise_seeds=2, seed=0, quiet=True, verbose=False)
+        command.run(tmp_path, Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0)
 
 
 def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
-        command.run(tmp_path / "out", draws=0, noise_seeds=2, seed=0, quiet=True, verbose=False)
+        command.run(tmp_path / "out", Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0)
     assert not (tmp_path / "out").exists()
 
 

@@ -2,7 +2,7 @@
 // The packed scene, back as numbers. See gaitcal/page/playback.py for how it was packed.
 const Gaitcal = {};
 
-Gaitcal.bytes = function (text) {
+Gaitcal.bytes = (text) => {
   const binary = atob(text);
   const out = new Uint8Array(binary.length);
   for (let i = 0; i < out.length; i++) out[i] = binary.charCodeAt(i);
@@ -117,7 +117,7 @@ Gaitcal.Trial = class {
 };
 
 // Between two points; the nearer one where the other is missing, nothing where the nearer one is missing.
-Gaitcal.between = function (from, to, part, out) {
+Gaitcal.between = (from, to, part, out) => {
   const [a, b] = [Number.isNaN(from(0)), Number.isNaN(to(0))];
   if (part < 0.5 ? a : b) return false;
   const share = a ? 1 : b ? 0 : part;

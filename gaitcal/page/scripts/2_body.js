@@ -1,16 +1,19 @@
 "use strict";
-// The segments as moving groups, dressed with body meshes.
+// The segments as moving groups, and the body meshes that are fixed in them.
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
   nominal: 0x6e7680, fitted: 0xaa2f7b, background: 0xeef2f5,
 };
 
+// As a style sheet writes it: "#0072b2".
+Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
+
 Gaitcal.Body = class {
   constructor(scene, root) {
     const THREE = MeshCat.THREE;
     this.groups = scene.segments.map(() => new THREE.Group());
-    this.groups.forEach((group) => root.add(group));
-    this.clothes = [];
+    for (const group of this.groups) root.add(group);
+    this.meshes = [];
     // Drawn twice: first only into the depth buffer, so that one layer of the translucent body is seen, not three.
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true });
     const skin = new THREE.MeshPhongMaterial({
@@ -18,16 +21,16 @@ Gaitcal.Body = class {
     });
     const shapes = {};
     for (const [name, packed] of Object.entries(scene.meshes)) shapes[name] = Gaitcal.shape(packed);
-    for (const garment of scene.garments) {
+    for (const fitted of scene.body) {
       for (const [material, order] of [[depth, 1], [skin, 2]]) {
-        const mesh = new THREE.Mesh(shapes[garment.mesh], material);
+        const mesh = new THREE.Mesh(shapes[fitted.mesh], material);
         mesh.matrixAutoUpdate = false;
-        mesh.matrix.set(...garment.place, 0, 0, 0, 1);
+        mesh.matrix.set(...fitted.place, 0, 0, 0, 1);
         mesh.renderOrder = order;
         mesh.castShadow = order === 2;
         mesh.frustumCulled = false;
-        this.groups[garment.segment].add(mesh);
-        this.clothes.push({ mesh, segment: garment.segment });
+        this.groups[fitted.segment].add(mesh);
+        this.meshes.push({ mesh, segment: fitted.segment });
       }
     }
   }
@@ -41,11 +44,11 @@ Gaitcal.Body = class {
   }
 
   show(on, trial) {
-    for (const { mesh, segment } of this.clothes) mesh.visible = on && trial.tracked[segment];
+    for (const { mesh, segment } of this.meshes) mesh.visible = on && trial.tracked[segment];
   }
 };
 
-Gaitcal.shape = function (packed) {
+Gaitcal.shape = (packed) => {
   const THREE = MeshCat.THREE;
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(new Gaitcal.Lengths(packed.vertices).all(), 3));
@@ -57,7 +60,7 @@ Gaitcal.shape = function (packed) {
 Gaitcal.FLOOR = 48;
 
 // A texture of floor tiles half a metre wide.
-Gaitcal.lines = function () {
+Gaitcal.tiles = () => {
   const THREE = MeshCat.THREE;
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 256;
@@ -95,7 +98,7 @@ Gaitcal.Stage = class {
       root.add(mesh);
       return mesh;
     };
-    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.lines() }), 0);
+    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.tiles() }), 0);
     const shadow = new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false });
     this.shade = plane(6, -0.002, shadow, 0);
     this.shade.receiveShadow = true;

@@ -134,13 +134,11 @@ Gaitcal.Forces = class {
   // Two points of every arrow, with its size in newtons and in body weights (N).
   targets(weight) {
     if (!this.group.visible) return [];
-    return this.arrows
-      .map((a, foot) => {
-        const size = `${Math.round(a.newtons)} N, ${(a.newtons / weight).toFixed(2)} body weights`;
-        const text = `ground reaction on the ${["right", "left"][foot]} foot\n${size}`;
-        const point = (share) => a.head.position.clone().multiplyScalar(share).applyMatrix4(a.arrow.matrix);
-        return a.newtons > 0 ? [[point(1), text], [point(0.5), text]] : [];
-      })
-      .flat();
+    return this.arrows.flatMap((a, foot) => {
+      const size = `${Math.round(a.newtons)} N, ${(a.newtons / weight).toFixed(2)} body weights`;
+      const text = `ground reaction on the ${["right", "left"][foot]} foot\n${size}`;
+      const point = (share) => a.head.position.clone().multiplyScalar(share).applyMatrix4(a.arrow.matrix);
+      return a.newtons > 0 ? [[point(1), text], [point(0.5), text]] : [];
+    });
   }
 };

@@ -98,7 +98,7 @@ Gaitcal.Joints = class {
 
 Gaitcal.SIDES = { r: "right", l: "left" };
 
-Gaitcal.jointText = function (mark) {
+Gaitcal.jointText = (mark) => {
   const [name, side] = mark.joint.split("_");
   const title = side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
   if (!mark.fitted) return `${title}\nnot fitted: nominal`;
@@ -114,7 +114,7 @@ Gaitcal.jointText = function (mark) {
 };
 
 // Two cones from the joint centre that the axis stays within: half angles = confidence times standard errors.
-Gaitcal.cones = function (mark, length, confidence) {
+Gaitcal.cones = (mark, length, confidence) => {
   const THREE = MeshCat.THREE;
   const s = mark.axisSpread;
   const columns = [0, 1, 2].map((k) => new THREE.Vector3(s[k], s[3 + k], s[6 + k]));

@@ -11,13 +11,12 @@ Gaitcal.LAYERS = [
   ["uncertainty", "Uncertainty", "95 %: cloud of the centre, cones of the axis"],
 ];
 
-Gaitcal.swatch = function (name) {
+Gaitcal.swatch = (name) => {
   const canvas = document.createElement("canvas");
   canvas.width = 60;
   canvas.height = 44;
   const pen = canvas.getContext("2d");
-  const colour = (value) => "#" + value.toString(16).padStart(6, "0");
-  const c = Gaitcal.COLOURS;
+  const c = Object.fromEntries(Object.entries(Gaitcal.COLOURS).map(([part, colour]) => [part, Gaitcal.css(colour)]));
   const dot = (x, y, r, fill) => {
     pen.fillStyle = fill;
     pen.beginPath();
@@ -32,50 +31,44 @@ Gaitcal.swatch = function (name) {
     pen.lineTo(x1, y1);
     pen.stroke();
   };
-  const joint = (fill) => {
-    line(8, 36, 46, 12, 5, fill);
+  const polygon = (corners, fill) => {
     pen.fillStyle = fill;
     pen.beginPath();
-    [[56, 6], [50, 20], [42, 7]].forEach(([x, y]) => pen.lineTo(x, y));
+    for (const [x, y] of corners) pen.lineTo(x, y);
     pen.fill();
+  };
+  const ellipse = (x, y, a, b, fill) => {
+    pen.fillStyle = fill;
+    pen.beginPath();
+    pen.ellipse(x, y, a, b, 0, 0, 7);
+    pen.fill();
+  };
+  const joint = (fill) => {
+    line(8, 36, 46, 12, 5, fill);
+    polygon([[56, 6], [50, 20], [42, 7]], fill);
     dot(27, 24, 10, fill);
   };
   const draw = {
-    body: () => {
-      pen.fillStyle = colour(c.body);
-      pen.beginPath();
-      pen.ellipse(30, 22, 12, 20, 0, 0, 7);
-      pen.fill();
-    },
-    measured: () => dot(30, 22, 11, colour(c.measured)),
-    model: () => dot(30, 22, 10, colour(c.model)),
+    body: () => ellipse(30, 22, 12, 20, c.body),
+    measured: () => dot(30, 22, 11, c.measured),
+    model: () => dot(30, 22, 10, c.model),
     errors: () => {
-      line(16, 30, 44, 14, 6, colour(c.error));
-      dot(14, 31, 8, colour(c.model));
-      dot(46, 13, 9, colour(c.measured));
+      line(16, 30, 44, 14, 6, c.error);
+      dot(14, 31, 8, c.model);
+      dot(46, 13, 9, c.measured);
     },
     forces: () => {
-      pen.fillStyle = colour(c.plate) + "60";
+      pen.fillStyle = `${c.plate}60`;
       pen.fillRect(6, 34, 48, 8);
-      line(30, 38, 30, 14, 7, colour(c.force));
-      pen.fillStyle = colour(c.force);
-      pen.beginPath();
-      [[30, 0], [42, 18], [18, 18]].forEach(([x, y]) => pen.lineTo(x, y));
-      pen.fill();
+      line(30, 38, 30, 14, 7, c.force);
+      polygon([[30, 0], [42, 18], [18, 18]], c.force);
     },
-    fitted: () => joint(colour(c.fitted)),
-    nominal: () => joint(colour(c.nominal)),
+    fitted: () => joint(c.fitted),
+    nominal: () => joint(c.nominal),
     uncertainty: () => {
-      pen.fillStyle = colour(c.fitted) + "55";
-      pen.beginPath();
-      [[2, 8], [30, 22], [2, 36]].forEach(([x, y]) => pen.lineTo(x, y));
-      pen.fill();
-      pen.beginPath();
-      [[58, 8], [30, 22], [58, 36]].forEach(([x, y]) => pen.lineTo(x, y));
-      pen.fill();
-      pen.beginPath();
-      pen.ellipse(30, 22, 14, 10, 0, 0, 7);
-      pen.fill();
+      polygon([[2, 8], [30, 22], [2, 36]], `${c.fitted}55`);
+      polygon([[58, 8], [30, 22], [58, 36]], `${c.fitted}55`);
+      ellipse(30, 22, 14, 10, `${c.fitted}55`);
     },
   };
   draw[name]();

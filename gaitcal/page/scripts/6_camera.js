@@ -78,6 +78,8 @@ Gaitcal.Tip = class {
     };
     pane.addEventListener("pointermove", (event) => event.pointerType === "mouse" && show(event, 14));
     pane.addEventListener("pointerdown", (event) => event.pointerType !== "mouse" && show(event, 26));
-    pane.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && (element.hidden = true));
+    pane.addEventListener("pointerleave", (event) => {
+      if (event.pointerType === "mouse") element.hidden = true;
+    });
   }
 };

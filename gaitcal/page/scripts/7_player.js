@@ -45,7 +45,7 @@ Gaitcal.Player = class {
 
   controls() {
     const { get } = this;
-    this.trials.forEach((trial, i) => get("trial").add(new Option(trial.name, String(i))));
+    for (const [i, trial] of this.trials.entries()) get("trial").add(new Option(trial.name, String(i)));
     get("trial").addEventListener("change", () => this.open(Number(get("trial").value)));
     get("speed").addEventListener("change", () => (this.speed = Number(get("speed").value)));
     get("play").addEventListener("click", () => this.play(!this.playing));
@@ -114,7 +114,7 @@ Gaitcal.Player = class {
     canvas.width = Math.max(1, canvas.clientWidth);
     const pen = canvas.getContext("2d");
     const { time, valid, duration } = this.trial;
-    pen.fillStyle = "#" + Gaitcal.COLOURS.force.toString(16).padStart(6, "0");
+    pen.fillStyle = Gaitcal.css(Gaitcal.COLOURS.force);
     for (let i = 0; i + 1 < time.length; i++) {
       if (!valid[i]) continue;
       const [a, b] = [time[i], time[i + 1]].map((t) => (t / duration) * canvas.width);
@@ -190,13 +190,13 @@ Gaitcal.Player = class {
 
 Gaitcal.group = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 
-Gaitcal.ordinal = function (n) {
+Gaitcal.ordinal = (n) => {
   const last = n % 100;
   const ending = last > 10 && last < 14 ? "th" : { 1: "st", 2: "nd", 3: "rd" }[n % 10] ?? "th";
   return n === 2 ? "second" : n === 3 ? "third" : `${n}${ending}`;
 };
 
-(function () {
+(() => {
   const failure = document.getElementById("failure");
   try {
     window.gaitcal = new Gaitcal.Player(JSON.parse(document.getElementById("scene").textContent));

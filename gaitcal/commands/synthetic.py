@@ -1,4 +1,4 @@
-"""`gaitcal demo`: the embedded example, end to end, through files."""
+"""`gaitcal synthesize`, a synthetic person as a study folder, and `gaitcal demo`, that person calibrated end to end."""
 
 from __future__ import annotations
 
@@ -20,9 +20,20 @@ SEED = 2007
 """Of the demonstration's noise and of its subject's true parameters."""
 
 
-def run(out: Path, *, quiet: bool, verbose: bool) -> None:
+def write_subject(out: Path, talk: Talk, *, seed: int, noise: bool, perturb: bool) -> None:
+    """Write a synthetic subject as a study folder."""
+    kept = require_room(out, ResultKind.SYNTHETIC)
+    with talk.working() as step:
+        step("writing C3D files of the synthetic subject")
+        study = synthesize(out, seed=seed, noise=noise, perturb=perturb)
+    tell_kept(talk, kept)
+    talk.line(f"study: {study}")
+    talk.line(f"truth: {study.parent / 'truth.csv'}")
+    talk.line(f"next:  gaitcal calibrate {study} --out {out}-result")
+
+
+def demonstrate(out: Path, talk: Talk) -> None:
     """Write a noisy synthetic subject as C3D, calibrate it, and compare with the truth."""
-    talk = Talk(quiet=quiet, verbose=verbose)
     folder, result = out / "subject", out / "result"
     require_room(folder, ResultKind.SYNTHETIC)
     kept = require_room(result, ResultKind.CALIBRATION)

@@ -1,12 +1,9 @@
-"""All charts of a calibration, in the order of the report. The page and the files for papers both come from here.
-
-Each figure as a file for papers: PNG at 300 dpi and SVG.
-"""
+"""All charts of a calibration, in the order of the report: for the page, and as PNG and SVG files for papers."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
@@ -21,22 +18,22 @@ from gaitcal.person.parameter_words import joint_groups
 from gaitcal.person.result import Calibration, TrialResult
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GaitView:
-    """What the report shows of one whole-body trial. Without force plates only the angles."""
+    """What the report shows of one whole-body trial: without force plates only the angles."""
 
     trial: TrialResult
     layout: Layout
     axis: str
     """What the horizontal axis is, in words."""
     angles: Chart
-    moments: Chart | None
-    forces: Chart | None
-    residuals: Chart | None
-    change: Chart | None
-    numbers: tuple[MomentNumbers, ...]
-    stages: tuple[ResidualMagnitudes, ...]
-    limits: ResidualLimits | None
+    moments: Chart | None = None
+    forces: Chart | None = None
+    residuals: Chart | None = None
+    change: Chart | None = None
+    numbers: tuple[MomentNumbers, ...] = ()
+    stages: tuple[ResidualMagnitudes, ...] = ()
+    limits: ResidualLimits | None = None
 
     @property
     def valid_frames(self) -> int:
@@ -54,10 +51,9 @@ class Charts:
 
     def all(self) -> list[Chart]:
         """In the order of the report."""
-        found = [self.fit, self.parameters]
-        for part in ("angles", "moments", "forces", "residuals", "change"):
-            found += [getattr(view, part) for view in self.gait]
-        return [chart for chart in found if chart is not None]
+        kinds = ("angles", "moments", "forces", "residuals", "change")
+        of_gait = (getattr(view, kind) for kind in kinds for view in self.gait)
+        return [chart for chart in (self.fit, self.parameters, *of_gait) if chart is not None]
 
 
 def charts_of(calibration: Calibration) -> Charts:
@@ -77,29 +73,28 @@ def stem(number: int, name: str) -> str:
 
 
 def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitView:
-    drawn = layout(calibration.model, trial.body, trial.loads.reactions if trial.loads else None)
-    angles = angle_chart(calibration, trial, drawn, name)
-    loads = trial.loads
-    if loads is None:
-        return GaitView(trial, drawn, cycle_sentence(drawn), angles, None, None, None, None, (), (), None)
-    forces = forces_chart(calibration, trial, loads, name)
-    if not loads.reactions.valid.any():
-        return GaitView(trial, drawn, cycle_sentence(drawn), angles, None, forces, None, None, (), (), None)
-    numbers = moment_numbers(calibration.model, drawn, loads.final, loads.nominal, loads.errors)
-    found = loads.residuals
-    limit = residual_limits(calibration.model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
-    return GaitView(
-        trial,
-        drawn,
-        cycle_sentence(drawn),
-        angles,
-        moment_chart(calibration, trial, loads, drawn, name),
-        forces,
-        residuals_chart(trial, loads, found, limit, name),
-        moment_change_chart(trial, numbers, name),
-        numbers,
-        found,
-        limit,
+    loads, model = trial.loads, calibration.model
+    drawn = layout(model, trial.body, loads.reactions if loads else None)
+    view = GaitView(
+        trial=trial,
+        layout=drawn,
+        axis=cycle_sentence(drawn),
+        angles=angle_chart(calibration, trial, drawn, name),
+        forces=forces_chart(calibration, trial, loads, name) if loads else None,
+    )
+    if loads is None or not loads.reactions.valid.any():
+        return view
+    numbers = moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors)
+    steps = loads.residuals
+    limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
+    return replace(
+        view,
+        moments=moment_chart(calibration, trial, loads, drawn, name),
+        residuals=residuals_chart(trial, loads, steps, limits, name),
+        change=moment_change_chart(trial, numbers, name),
+        numbers=numbers,
+        stages=steps,
+        limits=limits,
     )
 
 
@@ -123,7 +118,8 @@ def write_figures(calibration: Calibration, folder: Path | str) -> list[Path]:
         figure = chart_figure(chart)
         for suffix in ("png", "svg"):
             path = folder / f"{chart.name}.{suffix}"
-            nothing = {"Date": None, "Creator": None, "Format": None, "Type": None} if suffix == "svg" else None
-            figure.savefig(path, dpi=DPI, metadata=nothing)
+            # Without date and program, the same result gives the same file.
+            unsigned = {"Date": None, "Creator": None, "Format": None, "Type": None} if suffix == "svg" else None
+            figure.savefig(path, dpi=DPI, metadata=unsigned)
             written.append(path)
     return written

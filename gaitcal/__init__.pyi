@@ -1,0 +1,31 @@
+"""Where the public names live: read by type checkers, and by `__init__.py` when a name is first used."""
+
+from .dynamics.ground_contact import GroundReactions as GroundReactions
+from .dynamics.ground_reactions import ground_reactions as ground_reactions
+from .dynamics.inverse_dynamics import Moments as Moments
+from .dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+from .errors import ConvergenceError as ConvergenceError
+from .errors import GaitcalError as GaitcalError
+from .errors import InputError as InputError
+from .model.build import build_model as build_model
+from .model.linkage import COORDINATES as COORDINATES
+from .model.marker_set import MarkerSet as MarkerSet
+from .model.marker_set import load_marker_set as load_marker_set
+from .model.model_file import load_model as load_model
+from .model.model_file import save_model as save_model
+from .model.nominal import nominal_model as nominal_model
+from .model.nominal import published_model as published_model
+from .model.parameters import Parameters as Parameters
+from .model.subject_model import Subject as Subject
+from .model.subject_model import SubjectModel as SubjectModel
+from .montecarlo.study import monte_carlo as monte_carlo
+from .motion.motion import Motion as Motion
+from .motion.motion import track as track
+from .person.calibrate import calibrate as calibrate
+from .person.result import Calibration as Calibration
+from .person.tables import parameter_table as parameter_table
+from .recording import Recording as Recording
+from .recording import read_recording as read_recording
+from .results.calibration import write_results as write_results
+from .study.study import Study as Study
+from .synthetic.subject import synthesize as synthesize
