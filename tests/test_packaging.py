@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -23,6 +24,30 @@ def python(code: str, cwd: Path, **environment: str) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
+
+
+def test_one_version_everywhere() -> None:
+    """Of the package, of the citation, and of the newest release in the changelog, which has its date."""
+    texts = {
+        name: (ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
+    }
+    (package,) = re.findall(r'^version = "(.+)"$', texts["pyproject.toml"], re.M)
+    (cited,) = re.findall(r"^version: (.+)$", texts["CITATION.cff"], re.M)
+    (date,) = re.findall(r'^date-released: "(.+)"$', texts["CITATION.cff"], re.M)
+    headings = re.findall(r"^## (.+)$", texts["CHANGELOG.md"], re.M)
+    assert cited == package
+    assert headings[:2] == ["[Unreleased]", f"[{package}] - {date}"]
+
+
+def test_what_contributors_are_told_is_there() -> None:
+    """Every path and test that `CONTRIBUTING.md` names."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    folders = ("gaitcal/", "models/", "scripts/", "tests/", ".ci/")
+    named = {word for word in re.findall(r"[\w./-]+", text) if word.startswith(folders)}
+    assert len(named) > 10
+    assert {path for path in named if not (ROOT / path.rstrip(".")).exists()} == set()
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
+    assert {name for name in re.findall(r"`(test_\w+)`", text) if f"def {name}(" not in tests} == set()
 
 
 def test_models_of_the_checkout() -> None:

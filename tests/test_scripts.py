@@ -53,6 +53,7 @@ def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_figures")
 def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Path) -> None:
     from tests.real_studies import write_study
 

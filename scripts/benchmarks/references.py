@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
@@ -38,7 +39,7 @@ class Counted(TrialProblem):
 
 def passes(p: TrialProblem) -> tuple[int, int]:
     """Passes over all frames that tracking makes: with and without the matrix."""
-    counted = Counted(p.name, p.chain, p.basis, p.data, p.labels)
+    counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
     track_nodes(counted, p.constants(subject().parameters), start_of(p))
     return counted.counts["matrices"], counted.counts["gradients"]
 

@@ -115,6 +115,19 @@ def test_bounds_hold_and_are_told() -> None:
     assert found.at_bound == ("knee_r.thigh.sup",)
 
 
+def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
+    """An earlier phase moved the parameter by 8 mm; what is left of 10 mm is 2 mm, though the truth is further off."""
+    problem, truth = knee_trial(5)
+    name = ("knee_r.thigh.sup",)
+    true = float(values(truth, name)[0])
+    nominal, present = (truth.with_joint(name, np.array([true + off])) for off in (0.030, 0.022))
+    nodes = starting_nodes(problem.chain, problem.constants(present), problem.data, problem.basis)
+    settings = JointSettings(position_bound=0.010, orientation_bound=0.1)
+    found = calibrate_joints([problem], present, name, [nodes], settings, nominal=nominal)
+    assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
+    assert found.at_bound == name
+
+
 def test_a_strong_prior_keeps_parameters_where_they_are() -> None:
     problem, truth = knee_trial(6, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
@@ -165,6 +178,24 @@ def test_standard_errors_are_those_of_repeated_white_noise() -> None:
     # 60 draws know a standard deviation to 9 %; the leverage correction is cautious where noise is white
     assert ratio.min() > 0.7
     assert ratio.max() < 2.0
+
+
+def test_a_motion_is_predicted_where_the_parameters_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After 1 mm and 3 mrad the motion behind them is met at once: one gradient, no matrix."""
+    problem, truth = knee_trial(10, noise=0.004)
+    nodes = starting_nodes(problem.chain, problem.constants(truth), problem.data, problem.basis)
+    reduced = ReducedProblem([problem], truth, KNEE, [nodes], DescentSettings())
+    p = values(truth, KNEE)
+    reduced.settle(p)
+    formed: list[str] = []
+    for name in ("equations", "both_gradients"):
+        plain = getattr(TrialProblem, name)
+        monkeypatch.setattr(
+            TrialProblem, name, lambda *a, plain=plain, name=name, **k: (formed.append(name), plain(*a, **k))[1]
+        )
+    position = np.array([not name.endswith(("front", "trans")) for name in KNEE])
+    reduced.at(p + np.where(position, 0.001, 0.003))
+    assert formed == ["both_gradients"]
 
 
 def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

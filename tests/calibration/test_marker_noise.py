@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import LEAST_NOISE, independent_noise, marker_evidence
+from gaitcal.calibration.influence import LEAST_NOISE, MarkerEvidence, independent_noise, marker_evidence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import JointCalibration, JointTrial, calibrate_sequentially
 from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.trial_problem import TrialProblem
-from tests.calibration.test_joint_calibration import KNEE, fit, knee_trial, values
-from tests.derivatives import Array
+from tests.calibration.test_joint_calibration import KNEE, PART, fit, knee_trial, values
+from tests.derivatives import Array, perturbed_parameters, random_trial
 
 WEAK = JointSettings(prior_position=0.020, prior_orientation=np.deg2rad(10.0), cumulative=True)
 FRAMES = 120
@@ -52,6 +52,26 @@ def test_white_noise_is_itself_and_repeated_noise_is_more() -> None:
     assert np.median(slows) > 2.5 * np.median(whites)
 
 
+def test_what_the_fitted_parameters_take_up_is_made_good() -> None:
+    """A linear fit of n parameters to G independent samples, each of which has the same say: the mean square of what
+    is found over many draws is that of the noise; without the factor G / (G - n) it would be a third less.
+    """
+    samples, size, noise, draws = 12, 4, 0.003, 2000
+    turn = 2 * np.pi * np.arange(samples) / samples
+    design = np.stack([np.cos(turn), np.sin(turn), np.cos(2 * turn), np.sin(2 * turn)], axis=1)
+    hessian = design.T @ design
+    inverse = np.linalg.inv(hessian)
+    rng = np.random.default_rng(13)
+    found = []
+    for _ in range(draws):
+        measured = rng.normal(0.0, noise, samples)
+        residual = measured - design @ (inverse @ (design.T @ measured))
+        errors = inverse @ (design.T * residual)  # one column a sample, as of `influence_of`
+        evidence = MarkerEvidence(covariance=errors @ errors.T, unseen=np.zeros((size, 0)), coordinates=samples)
+        found.append(independent_noise(hessian, evidence, np.arange(size), np.ones(size)))
+    assert np.mean(np.square(found)) == pytest.approx(noise**2, rel=0.05)  # 2000 draws know it to 1 %
+
+
 def test_it_grows_with_the_noise() -> None:
     assert noise_found(slow, 0.002, 3) == pytest.approx(2.0 * noise_found(slow, 0.001, 3), rel=0.05)
 
@@ -62,6 +82,25 @@ def test_markers_without_noise_overrule_any_prior() -> None:
     done = weakly_calibrated(problem, start)
     assert done.phases[0].marker_noise == LEAST_NOISE
     np.testing.assert_allclose(values(done.parameters, done.free), values(truth, done.free), atol=1e-8)
+
+
+def test_what_an_earlier_phase_knows_counts_by_the_noise_of_both() -> None:
+    """In units of its own noise each: a sharp isolated trial has more say in a blurred walk's cost than in its own."""
+    rng = np.random.default_rng(31)
+    truth = perturbed_parameters(rng)
+    trials = []
+    for noise in (0.001, 0.004):
+        problem, _ = random_trial(rng, truth, frames=60, nodes=8, root="thigh_r", segments=PART, per_segment=5)
+        measured = problem.data.measured + noise * slow(rng, problem.data.measured.shape)
+        trials.append(replace(problem, data=replace(problem.data, measured=measured)))
+    isolated, walk = (JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True))
+    first, second = calibrate_sequentially([isolated, walk], truth, WEAK, {"r": KNEE}).fits
+    assert second.marker_noise > 2.0 * first.marker_noise
+    assert len(second.free) > 3 and set(second.free) <= set(first.free)
+    same = [first.free.index(name) for name in second.free]
+    own = np.diag((second.marker_noise / WEAK.prior_deviation(second.free)) ** 2)
+    earlier = (second.marker_noise / first.marker_noise) ** 2 * first.state.hessian[np.ix_(same, same)]
+    np.testing.assert_allclose(second.prior.T @ second.prior, own + earlier, atol=1e-9 * np.abs(earlier).max())
 
 
 def test_a_prior_brings_noisy_trials_nearer_to_the_truth() -> None:

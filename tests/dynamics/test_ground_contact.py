@@ -15,6 +15,7 @@ from gaitcal.dynamics.ground_contact import (
     RESTING,
     FootPoints,
     GroundReactions,
+    distance_to_line,
     ground_reactions_on_feet,
     ground_velocity,
 )
@@ -155,6 +156,12 @@ def test_the_load_outside_the_corners_is_weighed() -> None:
     pressed = replace(plate, time=TIME[:2], force=force, point=point)
     assert plate.corners is not None
     assert share_outside(pressed, plate.corners, 20.0) == pytest.approx((0.1, 1.0), rel=1e-12)
+
+
+def test_distance_to_a_foot_ends_at_heel_and_toe() -> None:
+    heel, toe = np.zeros((3, 2)), np.tile([0.2, 0.0], (3, 1))
+    points = np.array([[0.1, 0.05], [0.5, 0.0], [-0.3, 0.4]])
+    np.testing.assert_allclose(distance_to_line(points, heel, toe), [0.05, 0.3, 0.5])
 
 
 def test_the_size_of_the_force_plays_no_part() -> None:

@@ -42,6 +42,21 @@ def test_plates_of_a_recording_give_torques(walk: Recording, tracked: gc.Motion)
     assert not left.loaded[:, 0].any() and left.loaded[:, 1].any()
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.22, False), (0.28, True)])
+def test_forces_that_the_motion_contradicts_are_told(
+    walk: Recording, tracked: gc.Motion, share: float, told: bool
+) -> None:
+    """A share of body weight too much on the first plate; a quarter is the limit. The frames stay valid."""
+    model = gc.published_model()
+    more = share * model.subject.weight * np.array([0.0, 1.0, 0.0])
+    first = walk.plates[0]
+    pressed = first.force[:, 1:2] > 100.0
+    spoilt = replace(first, force=first.force + pressed * more)
+    found = gc.ground_reactions(model, tracked, replace(walk, plates=(spoilt, walk.plates[1])), cutoff_hz=None)
+    assert any("differs by up to" in warning for warning in found.warnings) == told
+    assert found.valid.any()
+
+
 def test_what_cannot_be_is_one_clear_line(walk: Recording, tracked: gc.Motion) -> None:
     model = gc.published_model()
     with pytest.raises(gc.InputError, match=r"forces: found tuple; allowed: an array .* gaitcal.ground_reactions"):

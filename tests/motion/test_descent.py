@@ -85,6 +85,13 @@ def test_the_minimum_of_a_curved_valley_is_found(settings: DescentSettings, star
     np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
 
 
+def test_steps_that_damping_makes_small_do_not_end_it() -> None:
+    """With damping of 1e9 the first steps gain next to nothing: that says nothing of the minimum."""
+    end = descend(_Rosenbrock(), np.array([-1.2, 1.0]), DescentSettings(first_damping=1e9))
+    assert end.converged
+    np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
+
+
 def test_a_short_last_step_is_taken() -> None:
     end = descend(_Rosenbrock(), np.array([0.9, 0.8]), DescentSettings(gain=0.0, shortest_step=1e-3))
     assert end.ending in (Ending.SHORT_STEP, Ending.NOTHING_LEFT)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.motion.marker_residual import marker_positions
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
@@ -57,6 +58,19 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     columns = [k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))]
     assert len(columns) == 6
     assert off[:, columns].max() < SETTLED
+
+
+def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> None:
+    """A whole body that turns about the vertical from 170 to 290 deg: no jump, and most of the trial within 180 deg."""
+    rng = np.random.default_rng(23)
+    parameters = perturbed_parameters(rng)
+    problem, _ = random_trial(rng, parameters, frames=60, nodes=8)
+    constants, about = problem.constants(parameters), problem.chain.coordinates.index("pelvis_rotation")
+    q = np.zeros((60, len(problem.chain.coordinates)))
+    q[:, about] = np.deg2rad(np.linspace(170.0, 290.0, 60))
+    turned = replace(problem.data, measured=marker_positions(problem.chain, constants, problem.data, q))
+    found = starting_coordinates(problem.chain, constants, turned)
+    np.testing.assert_allclose(found[:, about], q[:, about] - 2 * np.pi, atol=ROUNDING)
 
 
 def test_a_segment_lost_for_a_while_is_bridged() -> None:

@@ -49,6 +49,15 @@ def test_any_vertical_is_found_and_undone_bit_for_bit(axis: int, sign: int, make
     assert bool(back.notes) == ((axis, sign) != (1, 1))
 
 
+def test_a_body_below_the_origin_stands_on_its_plates() -> None:
+    """An origin under the ceiling: all heights are negative, and up is still away from the plates."""
+    walk = loaded_body()
+    down = np.array([0.0, -3.0, 0.0])
+    plates = tuple(replace(p, point=p.point + down, corners=p.corners + down) for p in walk.plates)
+    found = find_vertical(walk.markers + down, plates)
+    assert (found.axis, found.sign) == (1, 1)
+
+
 def test_arms_held_out_do_not_make_the_body_wide() -> None:
     """From hand to hand is more than the height; the spread of the markers is still vertical."""
     heights = np.array([0.05, 0.05, 0.5, 0.5, 1.0, 1.0, 1.0, 1.4, 1.4, 1.7, 1.4, 1.4])

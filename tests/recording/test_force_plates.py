@@ -109,13 +109,13 @@ def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
     arm = np.array([0.0, 0.0, ARM[2]])
     force, moment = truth.force.T, (truth.moment + np.cross(arm, truth.force)).T
     fx, fy, fz = force
-    # Four corner forces of given sum and moments; shear split so that it gives Mz.
+    # Four corner forces of given sum and moments; shear split so that both directions give a part of Mz.
     z = np.linalg.solve(
         np.array([[1, 1, 1, 1], [B, B, -B, -B], [-A, A, A, -A], [1, -1, 1, -1]], dtype=float),
         np.stack([fz, moment[0], moment[1], 0 * fz]),
     )
-    difference = moment[2] / B
-    channels = np.stack([(fx - difference) / 2, (fx + difference) / 2, fy / 2, fy / 2, *z])
+    dx, dy = 0.6 * moment[2] / B, 0.4 * moment[2] / A
+    channels = np.stack([(fx - dx) / 2, (fx + dx) / 2, (fy + dy) / 2, (fy - dy) / 2, *z])
     recording = read_plate(tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8)
     require_truth(recording, truth)
     computed_force, computed_moment = wrench_type_3(channels, np.array([A, B, ARM[2]]))

@@ -1,0 +1,61 @@
+"""What an inertial fit says of its errors: their covariance, and the noise of the pelvis residual behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.inertial_calibration import fit_consistent
+from gaitcal.calibration.inertial_chart import ConsistentSettings
+from gaitcal.calibration.inertial_equations import root_equations
+from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.inertial_parameters import dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
+from gaitcal.model.nominal import published_model
+from gaitcal.synthetic.motion import gait_motion
+from tests.derivatives import Array
+
+MODEL, MOTION = published_model(), gait_motion()
+WEIGHT, LENGTH = MODEL.subject.weight, MODEL.subject.height
+
+
+def loads(noise: float, seed: int) -> tuple[Array, Array]:
+    """Root regressor (nf, 6, 12, 10) of a walk, and what the ground reactions must say (nf, 6), plus white noise of
+    `noise` times weight in force and times weight and height in moment.
+    """
+    q, v, a = (MOTION.basis.evaluate(MOTION.nodes, k) for k in range(3))
+    regressor = Dynamics(MODEL.parameters).root_regressor(q, v, a)
+    exact = np.einsum("fisk,sk->fi", regressor, dynamic_parameters(MODEL.parameters.inertial))
+    white = np.random.default_rng(seed).normal(0.0, noise * WEIGHT, exact.shape)
+    white[:, 3:] *= LENGTH
+    return regressor, white - exact
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.05])
+def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: float) -> None:
+    """Its standard deviation in each of the six components of a frame, of which one in `independent` counts."""
+    regressor, ground = loads(noise, 61)
+    settings = ConsistentSettings()
+    found = fit_consistent(
+        root_equations(regressor, ground, WEIGHT, LENGTH), MODEL.parameters.inertial, symmetric_set(), settings
+    )
+    scale = np.repeat([1.0 / WEIGHT, 1.0 / (WEIGHT * LENGTH)], 3)
+    by_inertial = np.einsum("i,fisd,sdk->fisk", scale, regressor, dynamic_jacobian(found.inertial))
+    plain = by_inertial.reshape(-1, 84) @ found.jacobian
+    size = len(found.names)
+    weight = np.linalg.norm(found.residual_jacobian[:-size]) / np.linalg.norm(plain)
+    deviation = 1.0 / (weight * np.sqrt(settings.independent))
+    # 1248 samples know it to 2 %; the parameters fitted take up less than that
+    assert deviation == pytest.approx(noise, rel=0.05)
+
+
+@pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36", "84"])
+def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_knows(which) -> None:
+    """R R^T = (d IP / d x) (A^T A)^-1 (d IP / d x)^T, A the Jacobian of residuals and penalties."""
+    regressor, ground = loads(0.02, 62)
+    found = fit_consistent(root_equations(regressor, ground, WEIGHT, LENGTH), MODEL.parameters.inertial, which)
+    a = found.residual_jacobian
+    covariance = found.jacobian @ np.linalg.solve(a.T @ a, found.jacobian.T)
+    root = inertial_square_root(found)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    np.testing.assert_allclose((root @ root.T) / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-9)

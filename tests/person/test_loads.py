@@ -1,0 +1,59 @@
+"""The torques of a calibration are those of the model and the motion that they are said to be of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.motion import Motion
+from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.person.calibrate import calibrate
+from gaitcal.person.result import Calibration
+from gaitcal.study.study import Study
+from tests.synthetic_studies import write_synthetic_study
+
+SAME = 1e-9
+"""N, N·m: the same sums in the same order."""
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    """The published subject, 3 kg heavier on paper than on the plates: every step has something to change."""
+    path = write_synthetic_study(tmp_path_factory.mktemp("study"))
+    path.write_text(path.read_text(encoding="utf-8").replace("69.4", "72.4"), encoding="utf-8")
+    return calibrate(Study.load(path))
+
+
+def test_each_step_has_its_own_model_and_motion(done: Calibration) -> None:
+    trial = done.trial("walk")
+    assert trial.loads is not None
+    wrench = trial.loads.reactions.wrench
+
+    def torques(parameters: Parameters, motion: Motion) -> np.ndarray:
+        return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)[:, :27]
+
+    nominal, final = done.nominal.parameters, done.model.parameters
+    np.testing.assert_allclose(trial.loads.nominal.tau, torques(nominal, trial.nominal), atol=SAME)
+    np.testing.assert_allclose(trial.loads.final.tau, torques(final, trial.body), atol=SAME)
+    assert np.abs(trial.nominal.q - trial.body.q).max() > 1e-6
+    assert np.abs(trial.loads.nominal.tau - trial.loads.final.tau).max() > 1.0
+
+
+def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
+    trial = done.trial("walk")
+    assert trial.loads is not None and trial.loads.errors is not None
+    spread, count = done.uncertainty, len(trial.body.basis.knots) - 6
+    problem = trial_problem("walk", done.nominal, trial.recording, NodeRule(fixed=count))
+    errors = torque_standard_errors(
+        problem,
+        trial.body.nodes,
+        done.model.parameters,
+        trial.loads.reactions.wrench,
+        spread.joint,
+        spread.inertial,
+    )
+    np.testing.assert_allclose(trial.loads.errors.tau, errors[:, :27], rtol=1e-6)
+    np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors[:, 27:], rtol=1e-6)
