@@ -29,12 +29,11 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion
 
 Array = NDArray[np.float64]
 
-CYCLE_S = 1.04
 LEVELS = {"68 %": (1.0, (60.0, 76.0)), "95 %": (1.96, (91.0, 98.0))}
 """Interval -> half width in standard errors, and what is wanted of its coverage, %."""
 ENDS = 20
@@ -63,7 +62,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     problem = noisy(motion.q, motion.basis.time, seed, noise_m)
     fit = calibrate_joints([problem], truth, free, [starting(problem, truth)])
     influence = influence_of([problem], fit)
-    wrench = ground_reactions(truth, motion, CYCLE_S)
+    wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
     errors = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
     found = _torques(fit.parameters, [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)], wrench)

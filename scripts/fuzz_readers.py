@@ -43,7 +43,7 @@ from gaitcal.recording import (
 from gaitcal.recording.csv import with_corners, write_plates_csv
 from gaitcal.recording.force_plate import plate_from_moment
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, static_motion
 
 STATIC_STUDY = """
@@ -203,7 +203,7 @@ def real_kinds() -> Iterator[Kind]:
 def small_recording() -> Recording:
     """Some frames of the published subject's walk, with two plates."""
     model, motion = published_model(), gait_motion()
-    wrench = ground_reactions(model.parameters, motion, 1.04)[:FRAMES]
+    wrench = residual_free_wrench(model.parameters, motion)[:FRAMES]
     time_ = motion.basis.time[:FRAMES]
     up, origin = np.array([0.0, 1.0, 0.0]), np.zeros(3)
     corners = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5]])

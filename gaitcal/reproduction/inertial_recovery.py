@@ -35,15 +35,13 @@ from gaitcal.reproduction.error_measures import (
     symmetric_errors,
 )
 from gaitcal.reproduction.joint_recovery import JointRecovery, free_parameters, subject, true_motion
-from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.measurements import residual_free_wrench
 
 Array = NDArray[np.float64]
 
 SEED_RANGE = 0.5
 RANDOM_SEEDS = 10
 NOISELESS_DECAY = 0.1
-CYCLE = 1.035
-"""s, the gait cycle."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class ThirdStep:
 @cache
 def true_wrench() -> Array:
     """(208, 2, 6) ground reactions on the feet that leave the true model no residual."""
-    return ground_reactions(subject().parameters, true_motion("full leg"), CYCLE)
+    return residual_free_wrench(subject().parameters, true_motion("full leg"))
 
 
 def gait_equations(parameters: Parameters, nodes: Array, scale: TorqueScale = TorqueScale.BODY_HEIGHT) -> RootEquations:

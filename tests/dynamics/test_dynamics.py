@@ -11,7 +11,7 @@ from gaitcal.dynamics.root_residual import root_residual
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
-from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
@@ -126,7 +126,7 @@ def test_force_derivatives_by_finite_differences() -> None:
 def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> None:
     parameters = perturbed_parameters(RNG)
     motion = gait_motion()
-    wrench = ground_reactions(parameters, motion, 1.035)
+    wrench = residual_free_wrench(parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     forces = Dynamics(parameters).forces(q, v, a, wrench)
     assert np.abs(forces.residual_force).max() < FORCE
