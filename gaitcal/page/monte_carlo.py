@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from gaitcal.figures.monte_carlo import FRAME_WORDS, SET_WORDS, SIDE_WORDS
 from gaitcal.files.atomic import atomic_text
-from gaitcal.montecarlo.conclusions import TORQUE_WORDS
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS
 from gaitcal.montecarlo.settings import ReactionFrame
 from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
 from gaitcal.montecarlo.study import MonteCarloStudy

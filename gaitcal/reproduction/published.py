@@ -27,7 +27,7 @@ _AXIS = {"anterior": "ant", "superior": "sup", "lateral": "lat"}
 _QUANTITY = {"mass": "mass", "com": "com", "moment of inertia": "moi"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointParameterRow:
     """A row of Table II: difference from the true (synthetic) or nominal (experimental) value, mm or deg."""
 
@@ -41,7 +41,7 @@ class JointParameterRow:
     full_leg_experimental: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InertialParameterRow:
     """A row of Table IV: difference from the true (synthetic) or nominal (experimental) value, kg, mm, kg mm^2."""
 
@@ -72,13 +72,18 @@ def table_one(row: str, quantity: str) -> dict[str, float | None]:
 
 def table_two() -> tuple[JointParameterRow, ...]:
     """Table II, 27 rows."""
-    rows = []
-    for entry in _content()["table_II"]:
-        name = f"{_JOINT[entry['joint']]}_{SIDE}.{entry['segment']}.{_DIRECTION[entry['parameter']]}"
-        title = f"{entry['joint']}, {entry['segment']}, {entry['parameter']}"
-        (one, one_experimental), (leg, leg_experimental) = entry["single_joint"], entry["full_leg"]
-        rows.append(JointParameterRow(name, title, entry["unit"], one, leg, one_experimental, leg_experimental))
-    return tuple(rows)
+    return tuple(
+        JointParameterRow(
+            name=f"{_JOINT[entry['joint']]}_{SIDE}.{entry['segment']}.{_DIRECTION[entry['parameter']]}",
+            title=f"{entry['joint']}, {entry['segment']}, {entry['parameter']}",
+            unit=entry["unit"],
+            single_joint=entry["single_joint"][0],
+            full_leg=entry["full_leg"][0],
+            single_joint_experimental=entry["single_joint"][1],
+            full_leg_experimental=entry["full_leg"][1],
+        )
+        for entry in _content()["table_II"]
+    )
 
 
 def table_three(row: str) -> list[Any]:
@@ -91,23 +96,20 @@ def table_four() -> tuple[InertialParameterRow, ...]:
     """Table IV, 37 rows; `foot.com.sup` was held and is no variable."""
     rows = []
     for entry in _content()["table_IV"]:
-        body = _BODY.get(entry["segment"], entry["segment"])
-        parts = [body, _QUANTITY[entry["category"]]]
-        title = f"{entry['category']}, {entry['segment']}".replace("com,", "mass centre,")
-        if entry["direction"]:
-            parts.append(_AXIS[entry["direction"]])
-            title += f", {entry['direction']}"
+        segment, quantity, direction = entry["segment"], entry["category"], entry["direction"]
+        names = (_BODY.get(segment, segment), _QUANTITY[quantity], *([_AXIS[direction]] if direction else []))
+        words = (quantity.replace("com", "mass centre"), segment, *([direction] if direction else []))
         mean, sd = entry["random_seeds"]
         rows.append(
             InertialParameterRow(
-                ".".join(parts),
-                title,
-                entry["unit"],
-                entry["correct_seed"],
-                mean,
-                sd,
-                entry["experimental"],
-                entry.get("note", ""),
+                name=".".join(names),
+                title=", ".join(words),
+                unit=entry["unit"],
+                correct_seed=entry["correct_seed"],
+                random_mean=mean,
+                random_sd=sd,
+                experimental=entry["experimental"],
+                note=entry.get("note", ""),
             )
         )
     return tuple(rows)

@@ -36,7 +36,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
         parameters = parameters.with_inertial(parameters.inertial * factor)
     if change.noise is not None:
         data = replace(data, measured=data.measured + change.noise)
-    problem = TrialProblem("reference", context.problem.chain, context.basis, data, context.labels)
+    problem = TrialProblem("reference", context.problem.chain, context.basis, data, context.problem.labels)
     constants = problem.constants(parameters)
     nodes = case.nodes
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
@@ -51,7 +51,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within)
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
     apart = 1e3 * np.linalg.norm(problem.positions(nodes, constants) - data.measured, axis=1)
-    left = [i for i, label in enumerate(context.labels) if label.startswith("L.") and _on_leg(context, i)]
+    left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
     assert found.values[COLUMNS.index(marker_column("l", "rms"))] == pytest.approx(
         np.sqrt((apart[left] ** 2).mean()), abs=1e-4
     )

@@ -8,13 +8,8 @@ import pytest
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, symmetric_set
 from gaitcal.model.joint_parameters import JP_TO_SI, gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.reproduction.error_measures import (
-    inertial_rms,
-    joint_errors,
-    joint_rms,
-    rms,
-    symmetric_errors,
-)
+from gaitcal.reproduction.inertial_recovery import inertial_rms, symmetric_errors
+from gaitcal.reproduction.joint_recovery import joint_errors, joint_rms, rms
 from gaitcal.reproduction.published import PROBLEMS, table_four, table_one, table_three, table_two
 
 ROUNDING = 0.01
