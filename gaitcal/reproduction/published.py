@@ -1,4 +1,4 @@
-"""The printed figures of Reinbolt et al. 2007 (`published_results.json`), by the names that this project uses."""
+"""The printed figures of Reinbolt et al. 2007 (`published_results.json`), parameters by the names of this project."""
 
 from __future__ import annotations
 
@@ -13,32 +13,20 @@ PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
 SIDE = "l"
 """The paper's leg is the left one: only then do the signs of Table II fit frames with z to the right."""
 
-_JOINT = {"hip": "hip", "knee": "knee", "ankle talocrural": "talocrural", "ankle subtalar": "subtalar"}
-_DIRECTION = {
-    "anterior position": "ant",
-    "superior position": "sup",
-    "lateral position": "lat",
-    "frontal plane orientation": "front",
-    "transverse plane orientation": "trans",
-    "sagittal plane orientation": "sag",
-}
-_BODY = {"head and trunk": "head_trunk", "upper arm": "upper_arm", "lower arm and hand": "forearm_hand"}
-_AXIS = {"anterior": "ant", "superior": "sup", "lateral": "lat"}
-_QUANTITY = {"mass": "mass", "com": "com", "moment of inertia": "moi"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class JointParameterRow:
-    """A row of Table II: difference from the true (synthetic) or nominal (experimental) value, mm or deg."""
+    """A row of Table II: difference from the true (synthetic) and from the nominal (experimental) value, mm or deg."""
 
     name: str
     """Of the joint parameter, left leg."""
     title: str
+    """As the paper has it."""
     unit: str
-    single_joint: float
-    full_leg: float
-    single_joint_experimental: float
-    full_leg_experimental: float
+    single_joint: tuple[float, float]
+    """Synthetic and experimental."""
+    full_leg: tuple[float, float]
+    """Synthetic and experimental."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +36,13 @@ class InertialParameterRow:
     name: str
     """Of the symmetric inertial parameter: `thigh.com.sup`."""
     title: str
+    """As the paper has it."""
     unit: str
     correct_seed: float
-    random_mean: float
-    random_sd: float
+    random_seeds: tuple[float, float]
+    """Mean and standard deviation."""
     experimental: float
-    note: str
+    note: str = ""
 
 
 @cache
@@ -72,18 +61,7 @@ def table_one(row: str, quantity: str) -> dict[str, float | None]:
 
 def table_two() -> tuple[JointParameterRow, ...]:
     """Table II, 27 rows."""
-    return tuple(
-        JointParameterRow(
-            name=f"{_JOINT[entry['joint']]}_{SIDE}.{entry['segment']}.{_DIRECTION[entry['parameter']]}",
-            title=f"{entry['joint']}, {entry['segment']}, {entry['parameter']}",
-            unit=entry["unit"],
-            single_joint=entry["single_joint"][0],
-            full_leg=entry["full_leg"][0],
-            single_joint_experimental=entry["single_joint"][1],
-            full_leg_experimental=entry["full_leg"][1],
-        )
-        for entry in _content()["table_II"]
-    )
+    return tuple(JointParameterRow(**row) for row in _content()["table_II"])
 
 
 def table_three(row: str) -> list[Any]:
@@ -94,25 +72,7 @@ def table_three(row: str) -> list[Any]:
 
 def table_four() -> tuple[InertialParameterRow, ...]:
     """Table IV, 37 rows; `foot.com.sup` was held and is no variable."""
-    rows = []
-    for entry in _content()["table_IV"]:
-        segment, quantity, direction = entry["segment"], entry["category"], entry["direction"]
-        names = (_BODY.get(segment, segment), _QUANTITY[quantity], *([_AXIS[direction]] if direction else []))
-        words = (quantity.replace("com", "mass centre"), segment, *([direction] if direction else []))
-        mean, sd = entry["random_seeds"]
-        rows.append(
-            InertialParameterRow(
-                name=".".join(names),
-                title=", ".join(words),
-                unit=entry["unit"],
-                correct_seed=entry["correct_seed"],
-                random_mean=mean,
-                random_sd=sd,
-                experimental=entry["experimental"],
-                note=entry.get("note", ""),
-            )
-        )
-    return tuple(rows)
+    return tuple(InertialParameterRow(**row) for row in _content()["table_IV"])
 
 
 def cpu_seconds(problem: str) -> tuple[float, float]:

@@ -176,9 +176,9 @@ def table_two_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     for printed in table_two():
         joint = printed.name.split("_")[0]
         isolated = joint if joint in PROBLEMS else "ankle"
-        for column, problem, published, experiment in (
-            ("single joint", isolated, printed.single_joint, printed.single_joint_experimental),
-            ("full leg", "full leg", printed.full_leg, printed.full_leg_experimental),
+        for column, problem, (published, experiment) in (
+            ("single joint", isolated, printed.single_joint),
+            ("full leg", "full leg", printed.full_leg),
         ):
             recovered = [draw.joints[problem] for draw in draws]
             values = np.array([r.errors[r.names.index(printed.name)] for r in recovered])
@@ -235,8 +235,8 @@ def table_four_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
         cases = [np.array([r.each[p.name] for r in d.random]) for d in draws]
         for column, published, values in (
             ("correct seed", p.correct_seed, [d.correct.each[p.name] for d in draws]),
-            ("random seeds: mean", p.random_mean, [float(c.mean()) for c in cases]),
-            ("random seeds: standard deviation", p.random_sd, [float(c.std(ddof=1)) for c in cases]),
+            ("random seeds: mean", p.random_seeds[0], [float(c.mean()) for c in cases]),
+            ("random seeds: standard deviation", p.random_seeds[1], [float(c.std(ddof=1)) for c in cases]),
         ):
             rows.append(Cell("IV", p.title, column, p.unit).over_draws(published, values, held))
         rows.append(Cell("IV", p.title, "experimental", p.unit).experiment(p.experimental, p.note))

@@ -20,7 +20,7 @@ ROUNDING = 0.01
 def test_table_two_gives_table_one(problem: str) -> None:
     joints = {"hip": ("hip",), "knee": ("knee",), "ankle": ("talocrural", "subtalar")}
     rows = [r for r in table_two() if problem == "full leg" or r.name.startswith(joints[problem])]
-    errors = np.array([r.full_leg if problem == "full leg" else r.single_joint for r in rows])
+    errors = np.array([(r.full_leg if problem == "full leg" else r.single_joint)[0] for r in rows])
     position, orientation = joint_rms(errors, [r.name for r in rows])
     assert position == pytest.approx(table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING)
     expected = table_one("synthetic_with_noise", "orientation_deg")[problem]
