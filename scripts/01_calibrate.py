@@ -26,8 +26,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("study", type=Path, nargs="?")
-    told = parser.parse_args(arguments)
-    calibration = run(told.out, told.study)
+    chosen = parser.parse_args(arguments)
+    calibration = run(chosen.out, chosen.study)
     print(f"{'trial':<12}{'nominal':>10}{'calibrated':>12}{'rigid floor':>13}   RMS marker error, mm")
     for trial in calibration.trials:
         errors = (trial.nominal.errors, trial.calibrated.errors, trial.floor)
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{trial.name:<12}{before:>10.2f}{after:>12.2f}{floor:>13.2f}")
     for warning in calibration.warnings:
         print(f"warning: {warning}")
-    print(f"report: {told.out / 'result' / 'report.html'}")
+    print(f"report: {chosen.out / 'result' / 'report.html'}")
 
 
 if __name__ == "__main__":

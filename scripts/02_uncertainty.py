@@ -46,12 +46,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("study", type=Path, nargs="?")
-    told = parser.parse_args(arguments)
-    study = told.study or gc.synthesize(told.out / "subject", seed=1, noise=True, perturb=True)
+    chosen = parser.parse_args(arguments)
+    study = chosen.study or gc.synthesize(chosen.out / "subject", seed=1, noise=True, perturb=True)
     calibration = gc.calibrate(gc.Study.load(study))
-    table = parameters(calibration, None if told.study else study.parent / "truth.csv")
-    told.out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(told.out / "parameters.csv")
+    table = parameters(calibration, None if chosen.study else study.parent / "truth.csv")
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    table.to_csv(chosen.out / "parameters.csv")
     columns = ["unit", "nominal", "fitted", "standard_error", *(["true"] if "true" in table else [])]
     print(table[columns].round(2).to_string())
     if "true" in table:

@@ -30,14 +30,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("address", nargs="?")
     parser.add_argument("--draws", type=int, default=500)
-    told = parser.parse_args(arguments)
-    if told.address:
-        study = run(told.out, told.address, told.draws)
+    chosen = parser.parse_args(arguments)
+    if chosen.address:
+        study = run(chosen.out, chosen.address, chosen.draws)
     else:
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            study = run(told.out, cluster.scheduler_address, told.draws)
-    for found in conclusions(study.statistics):
-        print(f"{found.claim} ({found.frame.value}): {found.verdict}. {found.numbers}")
+            study = run(chosen.out, cluster.scheduler_address, chosen.draws)
+    for conclusion in conclusions(study.statistics):
+        print(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
 
 
 if __name__ == "__main__":

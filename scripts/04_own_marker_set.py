@@ -64,13 +64,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("studies", type=Path, nargs="*", metavar="STUDY.toml")
-    told = parser.parse_args(arguments)
-    if len(told.studies) not in (0, 2):
+    chosen = parser.parse_args(arguments)
+    if len(chosen.studies) not in (0, 2):
         parser.error("give two study files, or none")
-    first, second = (gc.Study.load(path) for path in told.studies or example(told.out))
+    first, second = (gc.Study.load(path) for path in chosen.studies or example(chosen.out))
     for study in (first, second):
-        own = study.marker_set
-        print(f"{own.name}: {len(own.labels)} markers on {len(own.tracking)} segments. {own.description}")
+        used = study.marker_set
+        print(f"{used.name}: {len(used.labels)} markers on {len(used.tracking)} segments. {used.description}")
     compare(gc.calibrate(first), gc.calibrate(second))
 
 

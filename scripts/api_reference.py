@@ -83,8 +83,8 @@ def undocumented() -> list[str]:
     """Public functions and classes, and their public members and fields, that nothing is said about."""
     page = pdoc.doc.Module(gaitcal)
     inside = [member for of in page.classes for member in of.members.values()]
-    own = [m for m in inside if not m.name.startswith("_") and m.name != "args"]  # `args` of exceptions: Python's
-    return [m.fullname for m in (*page.classes, *page.functions, *own) if not m.docstring.strip()]
+    public = [m for m in inside if not m.name.startswith("_") and m.name != "args"]  # `args` of exceptions: Python's
+    return [m.fullname for m in (*page.classes, *page.functions, *public) if not m.docstring.strip()]
 
 
 def build(out: Path) -> list[str]:
@@ -128,13 +128,13 @@ def gaitcal_version() -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, nargs="?", default=Path("docs/api"))
-    told = parser.parse_args(arguments)
-    faults = build(told.out)
+    chosen = parser.parse_args(arguments)
+    faults = build(chosen.out)
     for fault in faults:
         print(fault, file=sys.stderr)
     if faults:
         raise SystemExit(1)
-    print(f"API reference: {told.out / 'index.html'}")
+    print(f"API reference: {chosen.out / 'index.html'}")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,18 +22,17 @@ from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.calibration.torque_errors import coordinate_standard_errors, marker_moves, torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion
 
 Array = NDArray[np.float64]
 
-CYCLE_S = 1.04
 LEVELS = {"68 %": (1.0, (60.0, 76.0)), "95 %": (1.96, (91.0, 98.0))}
 """Interval -> half width in standard errors, and what is wanted of its coverage, %."""
 ENDS = 20
@@ -60,17 +58,17 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     model, motion = published_model(), gait_motion()
     truth = model.parameters
     free = tuple(name for side in "rl" for name in gait_parameters(side))
-    problem = noisy(motion.q, motion.basis.time, seed, noise_m)
+    problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
     fit = calibrate_joints([problem], truth, free, [starting(problem, truth)])
     influence = influence_of([problem], fit)
-    wrench = ground_reactions(truth, motion, CYCLE_S)
+    wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
     errors = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
-    found = _torques(fit.parameters, [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)], wrench)
+    fitted = _torques(fit.parameters, [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)], wrench)
     true = _torques(truth, [motion.basis.evaluate(motion.nodes, k) for k in range(3)], wrench)
     inner = slice(ENDS, -ENDS, EVERY)
     joints = slice(6, None)
-    torques = (found - true)[inner, joints] / errors[inner, joints]
+    torques = (fitted - true)[inner, joints] / errors[inner, joints]
     angles = (problem.basis.evaluate(fit.nodes[0]) - motion.q) / coordinate_standard_errors(problem, moves)
     return Draw(_standardised(fit.free, fit.values, truth, influence.standard_errors), torques, angles[inner])
 
@@ -79,20 +77,20 @@ def knee_draw(seed: int, noise_m: float) -> Draw:
     """One isolated trial of the right knee."""
     truth = published_model().parameters
     motion = isolated_motion("knee_r")
-    problem = noisy(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
+    problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
     fit = calibrate_joints([problem], truth, isolated_parameters("knee_r"), [starting(problem, truth)])
     return Draw(_standardised(fit.free, fit.values, truth, influence_of([problem], fit).standard_errors), None, None)
 
 
-def noisy(q: Array, time: Array, seed: int, noise_m: float, segments: Sequence[str] | None = None) -> TrialProblem:
+def noisy_problem(
+    q: Array, time: Array, seed: int, noise_m: float, segments: tuple[str, ...] = SEGMENTS
+) -> TrialProblem:
     """Markers of a motion with noise, as a least-squares problem of 20 nodes."""
     model = published_model()
     markers = synthetic_markers(model.parameters, model.markers, q)
     markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
     recording = Recording("made up", time, model.markers.labels, markers)
-    if segments is None:
-        return trial_problem("trial", model, recording, NodeRule(fixed=NODES))
-    return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=tuple(segments))
+    return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
 
 
 def starting(problem: TrialProblem, parameters: Parameters) -> Array:
@@ -134,11 +132,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args(arguments)
-    found = draws(chosen.draws, 1e-3 * chosen.noise, chosen.seed, chosen.processes)
+    standardised = draws(chosen.draws, 1e-3 * chosen.noise, chosen.seed, chosen.processes)
     print(f"{chosen.draws} draws, noise up to {chosen.noise:g} mm")
     print(f"{'quantity':34}" + "".join(f"{level:>8}" for level in LEVELS) + "   wanted")
     good = True
-    for name, values in found.items():
+    for name, values in standardised.items():
         covered = {level: coverage(values, width) for level, (width, _) in LEVELS.items()}
         inside = all(low <= covered[level] <= high for level, (_, (low, high)) in LEVELS.items())
         good &= inside

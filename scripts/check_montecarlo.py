@@ -49,14 +49,14 @@ class Peak:
     """Largest resident memory of this process and of each of its children, MiB (Linux)."""
 
     def __init__(self) -> None:
-        self.own, self.child = 0.0, 0.0
+        self.here, self.worker = 0.0, 0.0
 
     def look(self) -> None:
-        self.own = max(self.own, _peak(Path("/proc/self")))
+        self.here = max(self.here, _peak(Path("/proc/self")))
         for stat in Path("/proc").glob("[0-9]*/stat"):
             try:
                 if int(stat.read_text().rpartition(")")[2].split()[1]) == os.getpid():
-                    self.child = max(self.child, _peak(stat.parent))
+                    self.worker = max(self.worker, _peak(stat.parent))
             except OSError:
                 continue
 
@@ -76,7 +76,7 @@ def judged(name: str, figure: str, limit: str, met: bool) -> bool:
 
 def full_limits(seconds: float, peak: Peak, study: MonteCarloStudy) -> bool:
     """Whether a full study was quick, small and converged: all three are told."""
-    largest, late = max(peak.own, peak.child), len(unconverged(study.statistics))
+    largest, late = max(peak.here, peak.worker), len(unconverged(study.statistics))
     met = [
         judged(
             "time", f"{seconds:.0f} s for {study.computed} new draws", f"{MOST_SECONDS:.0f} s", seconds <= MOST_SECONDS
@@ -109,13 +109,13 @@ def full(out: Path, draws: int, jobs: int) -> bool:
     write_monte_carlo_figures(study.statistics, contributions, out / "figures")
     peak.look()
     print(
-        f"figures in {time.monotonic() - began:.0f} s; peak memory {peak.own:.0f} MiB here, {peak.child:.0f} a worker"
+        f"figures in {time.monotonic() - began:.0f} s; peak memory {peak.here:.0f} MiB here, {peak.worker:.0f} a worker"
     )
     left = unconverged(study.statistics)
     print(f"converged: {study.converged}")
     print(left[["set", "level", "quantity", "grf", "mean_settles", "cv_settles"]].to_string() if len(left) else "")
-    for found in conclusions(study.statistics):
-        print(f"{found.frame.value}: {found.claim}: {found.verdict}. {found.numbers}")
+    for c in conclusions(study.statistics):
+        print(f"{c.frame.value}: {c.claim}: {c.verdict}. {c.numbers}")
     for figure in PUBLISHED:
         ours = _in_words(beside(study.statistics, figure, study.settings))
         print(f"{figure.varied.title} {figure.torque}: published {figure.value}, here {ours or 'at another bound'}")
@@ -124,10 +124,10 @@ def full(out: Path, draws: int, jobs: int) -> bool:
     wide = monte_carlo(case, settings=fifty, plan=plan, workers=ThisProcess())
     print(f"IP +-50 %: {_in_words(beside(wide.statistics, PUBLISHED[-1], fifty))}, published {PUBLISHED[-1].value}")
     for distance in (4.0, 6.0, 8.0, 14.0):
-        told = [
+        levels = [
             f"{c.varied.title} {'>' if c.beyond else ''}{c.level:.0f} %" for c in expect(study.statistics, distance)
         ]
-        print(f"marker RMS {distance:g} mm: {', '.join(told)}")
+        print(f"marker RMS {distance:g} mm: {', '.join(levels)}")
     return full_limits(seconds, peak, study)
 
 
@@ -210,14 +210,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--draws", type=int, default=5000)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--kills", type=int, default=50)
-    told = parser.parse_args(arguments)
-    if told.what == "full":
-        return 0 if full(told.out, told.draws, told.jobs) else 1
-    if told.what == "kills":
-        return 0 if kills(told.kills) else 1
-    if told.what == "scaling":
+    chosen = parser.parse_args(arguments)
+    if chosen.what == "full":
+        return 0 if full(chosen.out, chosen.draws, chosen.jobs) else 1
+    if chosen.what == "kills":
+        return 0 if kills(chosen.kills) else 1
+    if chosen.what == "scaling":
         return 0 if scaling() else 1
-    small(told.out, LocalProcesses(2))
+    small(chosen.out, LocalProcesses(2))
     return 0
 
 

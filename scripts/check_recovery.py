@@ -27,8 +27,8 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_table
 from gaitcal.study.study import Role, Study
-from gaitcal.synthetic.measurements import ground_reactions
-from gaitcal.synthetic.subject import CYCLE, synthesize, true_gait
+from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.subject import synthesize, true_gait
 
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 UNITS = {"joint position": "mm", "joint orientation": "deg"}
@@ -70,7 +70,7 @@ def torque_errors(calibration: Calibration, seed: int) -> np.ndarray:
     """(n, 23) errors of a person's gait torques in their standard errors."""
     parameters, motion = true_gait(seed)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    true = Dynamics(parameters).forces(q, v, a, ground_reactions(parameters, motion, CYCLE))
+    true = Dynamics(parameters).forces(q, v, a, residual_free_wrench(parameters, motion))
     loads = calibration.trial("gait").loads
     if loads is None or loads.errors is None:
         raise RuntimeError("the gait trial has no torques with standard errors")

@@ -120,7 +120,7 @@ def made_study(folder: Path, seed: int, noise_m: float, trials: tuple[str, ...] 
     study = Study.load(synthesize(folder, seed=seed, perturb=True))
     rng = np.random.default_rng(seed)
 
-    def noisy(trial: StudyTrial) -> StudyTrial:
+    def with_noise(trial: StudyTrial) -> StudyTrial:
         if trial.role is Role.STATIC:
             return trial
         r = trial.recording
@@ -130,7 +130,7 @@ def made_study(folder: Path, seed: int, noise_m: float, trials: tuple[str, ...] 
 
     kept = [t for t in study.trials if trials is None or t.role is Role.STATIC or t.name in trials]
     settings = study.settings.model_copy(update={"ip": "none"})
-    return replace(study, trials=tuple(noisy(t) for t in kept), settings=settings)
+    return replace(study, trials=tuple(with_noise(t) for t in kept), settings=settings)
 
 
 def joint_parameters(study: Study, loss: str) -> tuple[Array, tuple[str, ...]]:
@@ -147,9 +147,9 @@ def changes(study: Study, seed: int, losses: tuple[str, ...], spoils: dict[str, 
         rng = np.random.default_rng(seed + 1)
         trials = tuple(replace(t, recording=spoil(t, rng)) if t.role is not Role.STATIC else t for t in study.trials)
         for loss in losses:
-            found, free = joint_parameters(replace(study, trials=trials), loss)
+            spoilt, free = joint_parameters(replace(study, trials=trials), loss)
             for against in dict.fromkeys((loss, "none")):
-                yield _change(name, loss, against, found - clean[against][0], free)
+                yield _change(name, loss, against, spoilt - clean[against][0], free)
 
 
 def _change(spoil: str, loss: str, against: str, moved: Array, free: tuple[str, ...]) -> Change:
@@ -160,12 +160,12 @@ def _change(spoil: str, loss: str, against: str, moved: Array, free: tuple[str, 
     return Change(spoil, loss, against, float(size[position].max()), float(size[~position].max()), worst)
 
 
-def _line(found: list[Change]) -> str:
-    one = found[0]
-    mm, deg = np.array([[c.position_mm, c.orientation_deg] for c in found]).T
+def _line(group: list[Change]) -> str:
+    one = group[0]
+    mm, deg = np.array([[c.position_mm, c.orientation_deg] for c in group]).T
     kind = "its own clean fit" if one.against == one.loss else "clean least squares"
-    over = sum(not c.small for c in found)
-    mark = f"  over the limit in {over} of {len(found)}" if over else ""
+    over = sum(not c.small for c in group)
+    mark = f"  over the limit in {over} of {len(group)}" if over else ""
     return (
         f"{one.spoil:28} {one.loss:8} {kind:20} {np.median(mm):7.2f} {mm.max():7.2f} {np.median(deg):7.2f} "
         f"{deg.max():7.2f}{mark}"
@@ -179,19 +179,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=3.0, help="largest amplitude of marker noise, mm")
     parser.add_argument("--losses", default="none,huber,cauchy")
     chosen = parser.parse_args(arguments)
-    found: dict[tuple[str, str, str], list[Change]] = {}
+    groups: dict[tuple[str, str, str], list[Change]] = {}
     for seed in range(chosen.seed, chosen.seed + chosen.subjects):
         with tempfile.TemporaryDirectory() as folder:
             study = made_study(Path(folder) / "study", seed, 1e-3 * chosen.noise)
             for change in changes(study, seed, tuple(chosen.losses.split(",")), SPOILS):
-                found.setdefault((change.spoil, change.loss, change.against), []).append(change)
+                groups.setdefault((change.spoil, change.loss, change.against), []).append(change)
                 print(f"subject {seed}: {change}", file=sys.stderr, flush=True)
     print(f"{chosen.subjects} subjects, marker noise up to {chosen.noise:g} mm")
     print(f"{'spoilt by':28} {'loss':8} {'against':20} {'mm':>7} {'worst':>7} {'deg':>7} {'worst':>7}")
-    for group in found.values():
+    for group in groups.values():
         print(_line(group))
-    own = [c for group in found.values() for c in group if c.loss == c.against == "cauchy"]
-    return 0 if all(c.small for c in own) else 1
+    against_itself = [c for group in groups.values() for c in group if c.loss == c.against == "cauchy"]
+    return 0 if all(c.small for c in against_itself) else 1
 
 
 if __name__ == "__main__":

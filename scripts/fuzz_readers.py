@@ -3,8 +3,9 @@
     python scripts/fuzz_readers.py [--files 10000] [--seed N] [--processes 2]
 
 Sound files are made (C3D, TRC, MOT, CSV of markers and of forces, study, marker-set and model TOML; with GAITCAL_DATA
-also real C3D, TRC and MOT files), damaged at random, and read. Counted are results, clear errors (`GaitcalError`),
-and, as failures: other exceptions, hangs over 10 s, dead processes. Exit code 1 if there is any failure.
+also real C3D, TRC and MOT files), damaged at random, and read. Counted are results, clear errors (`GaitcalError` with
+one line that names the file), and, as failures: other exceptions, recordings that are not sound, hangs over 10 s, dead
+processes. Exit code 1 if there is any failure.
 """
 
 from __future__ import annotations
@@ -43,11 +44,10 @@ from gaitcal.recording import (
 from gaitcal.recording.csv import with_corners, write_plates_csv
 from gaitcal.recording.force_plate import plate_from_moment
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, static_motion
 
-STATIC_STUDY = """
-[subject]
+STUDY = """[subject]
 name = "x"
 mass_kg = 69.4
 height_m = 1.7
@@ -57,11 +57,20 @@ set = "published"
 [[trial]]
 name = "static"
 role = "static"
-file = "{file}"
+file = "{static}"
 [[trial]]
 name = "walk"
 role = "gait"
-file = "static.csv"
+file = "{walk}"
+"""
+MORE = """forces = "forces.mot"
+plates = { 1 = "r" }
+time = [0.0, 1.0]
+[calibration]
+mode = "simultaneous"
+nodes = 8
+robust = "huber"
+force_filter_hz = 12.5
 """
 SECONDS = 10.0
 FRAMES = 12
@@ -115,25 +124,25 @@ def mutated(content: bytes, rng: np.random.Generator, head: int) -> bytes:
         if not out:
             break
         reach = min(head, len(out)) if rng.random() < 0.5 else len(out)
-        at, length = int(rng.integers(reach)), int(rng.integers(1, 20))
+        place, length = int(rng.integers(reach)), int(rng.integers(1, 20))
         kind = int(rng.integers(6)) if rng.random() < 0.95 else 6
         if kind == 0:
-            out[at] ^= 1 << int(rng.integers(8))
+            out[place] ^= 1 << int(rng.integers(8))
         elif kind == 1:
-            out[at : at + length] = rng.bytes(length)
+            out[place : place + length] = rng.bytes(length)
         elif kind == 2:
-            del out[at : at + length]
+            del out[place : place + length]
         elif kind == 3:
-            out[at:at] = TOKENS[int(rng.integers(len(TOKENS)))]
+            out[place:place] = TOKENS[int(rng.integers(len(TOKENS)))]
         elif kind == 4:
             other = int(rng.integers(len(out)))
-            out[at : at + length] = out[other : other + length]
+            out[place : place + length] = out[other : other + length]
         elif kind == 5:
-            digits = [i for i in range(at, min(at + 200, len(out))) if 48 <= out[i] <= 57]
+            digits = [i for i in range(place, min(place + 200, len(out))) if 48 <= out[i] <= 57]
             if digits:
                 out[digits[int(rng.integers(len(digits)))]] = 48 + int(rng.integers(10))
         else:
-            del out[int(rng.integers(at, len(out))) :]
+            del out[int(rng.integers(place, len(out))) :]
     return bytes(out)
 
 
@@ -144,7 +153,7 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     for suffix, write in writers.items():
         path = folder / f"made{suffix}"
         write(path, recording)
-        yield Kind(f"markers {suffix}", path.read_bytes(), suffix, read_recording, 4000 if suffix == ".c3d" else 800)
+        yield Kind(f"markers {suffix}", path.read_bytes(), suffix, read_sound, 4000 if suffix == ".c3d" else 800)
     for suffix, write_forces in {".mot": write_forces_mot, ".csv": write_forces_csv}.items():
         path = folder / f"forces{suffix}"
         write_forces(path, recording.plates)
@@ -152,11 +161,7 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     write_plates_csv(folder / "corners_plates.csv", recording.plates)
     corners = (folder / "corners_plates.csv").read_bytes()
     yield Kind("corners .csv", corners, ".csv", read_damaged_corners, 300)
-    study = b'[subject]\nname = "x"\nmass_kg = 70\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n' + (
-        b'[[trial]]\nname = "static"\nrole = "static"\nfile = "made.csv"\n[[trial]]\nname = "walk"\nrole = "gait"\n'
-        b'file = "made.trc"\nforces = "forces.mot"\nplates = { 1 = "r" }\ntime = [0.0, 1.0]\n[calibration]\n'
-        b'mode = "simultaneous"\nnodes = 8\nrobust = "huber"\nforce_filter_hz = 12.5\n'
-    )
+    study = (STUDY.format(static="made.csv", walk="made.trc") + MORE).encode()
     yield Kind("study .toml", study, ".toml", load_study_file, 600)
     yield Kind("checked study .toml", study, ".toml", check_file, 600)
     standing = published_model(static_only=True)
@@ -170,6 +175,21 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     yield Kind("model .toml", (folder / "model.toml").read_bytes(), ".toml", load_model, 4000)
 
 
+def read_sound(path: Path) -> Recording:
+    """A recording whose arrays fit each other."""
+    recording = read_recording(path)
+    sound = (
+        len(set(recording.labels)) == len(recording.labels)
+        and recording.markers.shape == (len(recording.time), len(recording.labels), 3)
+        and np.all(np.diff(recording.time) > 0)
+        and not np.isinf(recording.markers).any()
+        and all(p.force.shape == p.point.shape == p.moment.shape == (len(p.time), 3) for p in recording.plates)
+    )
+    if not sound:
+        raise ValueError("a recording that is not sound")
+    return recording
+
+
 def read_damaged_corners(path: Path) -> object:
     """Plates with the damaged table beside their forces."""
     path.with_name("torn_plates.csv").write_bytes(path.read_bytes())
@@ -179,11 +199,11 @@ def read_damaged_corners(path: Path) -> object:
 def check_damaged_static(path: Path) -> object:
     """All checks of a study whose static trial is the damaged file."""
     study = path.with_name("of_damaged.toml")
-    study.write_text(STATIC_STUDY.format(file=path.name), encoding="utf-8")
-    found = check_file(study)
-    if any(f.topic in ("reading", "study file") for f in found):
+    study.write_text(STUDY.format(static=path.name, walk="static.csv"), encoding="utf-8")
+    findings = check_file(study)
+    if any(f.topic in ("reading", "study file") for f in findings):
         raise InputError("could not be read", source=path)
-    return found
+    return findings
 
 
 def real_kinds() -> Iterator[Kind]:
@@ -192,8 +212,8 @@ def real_kinds() -> Iterator[Kind]:
     if not named:
         return
     for path in sorted((Path(named) / "c3d_formats").glob("*")):
-        yield Kind(f"real {path.name}", path.read_bytes(), ".c3d", read_recording, 6000)
-    for name, read in (("uf3/knee_l.trc", read_recording), ("subject01/subject01_walk1_grf.mot", read_forces)):
+        yield Kind(f"real {path.name}", path.read_bytes(), ".c3d", read_sound, 6000)
+    for name, read in (("uf3/knee_l.trc", read_sound), ("subject01/subject01_walk1_grf.mot", read_forces)):
         path = Path(named) / name
         if path.is_file():
             yield Kind(f"real {path.name}", path.read_bytes()[:60_000].rpartition(b"\n")[0], path.suffix, read, 1500)
@@ -203,7 +223,7 @@ def real_kinds() -> Iterator[Kind]:
 def small_recording() -> Recording:
     """Some frames of the published subject's walk, with two plates."""
     model, motion = published_model(), gait_motion()
-    wrench = ground_reactions(model.parameters, motion, 1.04)[:FRAMES]
+    wrench = residual_free_wrench(model.parameters, motion)[:FRAMES]
     time_ = motion.basis.time[:FRAMES]
     up, origin = np.array([0.0, 1.0, 0.0]), np.zeros(3)
     corners = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5]])
@@ -226,8 +246,8 @@ def fuzz(kind: Kind, folder: Path, files: int, seed: int) -> Count:
             kind.read(path)
         except GaitcalError as error:
             count.errors += 1
-            if "\n" in str(error) or not str(error):
-                count.failures.append(f"{kind.name}, file {number}: not one line: {str(error)[:200]!r}")
+            if "\n" in str(error) or str(folder) not in str(error):
+                count.failures.append(f"{kind.name}, file {number}: not one line with the file: {str(error)[:200]!r}")
         except Exception:  # noqa: BLE001  what is counted here
             count.failures.append(f"{kind.name}, file {number}: {traceback.format_exc(limit=-3)}")
         else:

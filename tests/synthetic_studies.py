@@ -12,12 +12,11 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.recording import ForcePlate, Recording, write_forces_csv, write_markers_csv
 from gaitcal.recording.force_plate import plate_from_moment
-from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, gait_motion, isolated_motion, static_motion
 
 Array = NDArray[np.float64]
 
-CYCLE_S = 1.04
 UP = np.array([0.0, 1.0, 0.0])
 
 STUDY = """
@@ -54,7 +53,7 @@ def made_recording(motion: TrueMotion, parameters: Parameters | None = None, *, 
 def made_plates(motion: TrueMotion, parameters: Parameters | None = None) -> tuple[ForcePlate, ForcePlate]:
     """A plate under each foot that carries what the motion asks for."""
     own = published_model().parameters if parameters is None else parameters
-    wrench = ground_reactions(own, motion, CYCLE_S)
+    wrench = residual_free_wrench(own, motion)
     time, origin = motion.basis.time, np.zeros(3)
     right, left = (
         plate_from_moment(name, time, wrench[:, k, :3], wrench[:, k, 3:], origin, UP, None)

@@ -98,7 +98,7 @@ def test_monte_carlo_limits_decide_the_exit_code(monkeypatch: pytest.MonkeyPatch
     settled = pd.DataFrame({"measure": ["rms"], "grf": ["lab"], "mean_settles": [1.0], "cv_settles": [1.0]})
     sound = SimpleNamespace(statistics=settled, computed=80000)
     late = SimpleNamespace(statistics=settled.assign(cv_settles=2.1), computed=80000)
-    small, large = SimpleNamespace(own=900.0, child=1000.0), SimpleNamespace(own=900.0, child=1100.0)
+    small, large = SimpleNamespace(here=900.0, worker=1000.0), SimpleNamespace(here=900.0, worker=1100.0)
     assert check.full_limits(1700.0, small, sound)
     assert not check.full_limits(1900.0, small, sound)
     assert not check.full_limits(1700.0, large, sound)

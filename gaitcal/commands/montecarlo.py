@@ -19,9 +19,9 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.files.atomic import atomic_file
 from gaitcal.montecarlo.case import MODEL, case_from
-from gaitcal.montecarlo.conclusions import PUBLISHED, TORQUE_WORDS, beside, conclusions
+from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.montecarlo.context import MonteCarloContext
-from gaitcal.montecarlo.leg_torques import TORQUES
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import (
     MOST_LEVEL,
     MonteCarloSettings,
@@ -251,8 +251,8 @@ def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloSt
 def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:
     shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
     for varied in Varied:
-        columns = [levels_of(table, varied.value, f"{t}_{SHOWN_SIDE}", frame.value) for t in TORQUES]
-        columns.append(levels_of(table, varied.value, f"markers_{SHOWN_SIDE}"))
+        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in TORQUES]
+        columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
         for k in range(len(columns[0])):
             level = str(columns[0]["level"].iloc[k])
             shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))

@@ -12,9 +12,10 @@ from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_directory, require_room
 from gaitcal.files.ownership import ResultKind
+from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.folder import write_tables
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
-from gaitcal.reproduction.rows import Claim, TableRow, Verdict
+from gaitcal.reproduction.tables import TableRow
 
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"

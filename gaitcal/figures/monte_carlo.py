@@ -18,8 +18,7 @@ from gaitcal.figures.chart import new_figure
 from gaitcal.figures.style import GRID, INK
 from gaitcal.files.atomic import atomic_file
 from gaitcal.gait.words import SIDE_WORDS
-from gaitcal.montecarlo.conclusions import TORQUE_WORDS
-from gaitcal.montecarlo.leg_torques import TORQUES
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of
 
@@ -56,7 +55,7 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
     measure : `rms` (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
-    quantities = [(f"{torque}_{side}", frame.value) for torque in TORQUES] + [(f"markers_{side}", "")]
+    quantities = [*((f"{torque}_{side}", frame) for torque in TORQUES), (f"markers_{side}", None)]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
     figure = new_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
@@ -65,7 +64,7 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
     )
     for row, (quantity, of) in enumerate(quantities):
         for column, varied in enumerate(sets):
-            _boxes(axes[row, column], levels_of(table, varied.value, quantity, of, measure), SET_COLOURS[varied])
+            _boxes(axes[row, column], levels_of(table, varied, quantity, of, measure), SET_COLOURS[varied])
         _scale(axes[row], measure)
         words = TORQUE_WORDS.get(quantity[:-2])
         unit = "marker\ndistance, mm" if words is None else words.replace(" ", "\n", 1) + ",\n%BW·H"

@@ -1,7 +1,11 @@
-"""Where the data folder `models/` lies: inside the installed package, or at the top of a source checkout."""
+"""What is installed: where the data folder `models/` lies, and versions of packages.
+
+The data folder is inside the installed package, or at the top of a source checkout.
+"""
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 
@@ -24,3 +28,11 @@ def models_path() -> Path:
         if (folder / "nominal_subject.json").is_file():
             return folder
     raise GaitcalError(f"{package}: the data folder 'models' is missing; install gaitcal again")
+
+
+def package_version(name: str) -> str:
+    """Version of an installed package, or `unknown`."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

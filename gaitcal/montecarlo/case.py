@@ -1,16 +1,14 @@
 """The undisturbed case: a model in motion with its ground reactions, small enough to travel with every task.
 
 The draws disturb it: its own markers, without noise, are what each disturbed model is fitted to, and its own torques
-are what each disturbed torque is compared with.
-
-The case of a folder: the result of a calibration, or a study that is calibrated first.
+are what each disturbed torque is compared with. It is the built-in subject of the reproduction, a calibrated person in
+one gait trial, or the person of a folder: the result of a calibration, or a study that is calibrated first.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -20,7 +18,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.package_data import models_path
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.model_file import load_model
 from gaitcal.model.nominal import published_model
@@ -31,14 +28,16 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.study import Study
-from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class MonteCarloCase:
     """A model, its motion and the ground reactions on its feet."""
 
@@ -59,16 +58,17 @@ class MonteCarloCase:
         """SHA-256 of each part: two cases with the same fingerprint give the same draws."""
         s, p, m = self.subject, self.parameters, self.markers
         return {
-            "subject": _hash([repr((s.mass, s.height)).encode()]),
-            "joint parameters": _hash([p.joint.tobytes(), p.zero_angles.tobytes()]),
-            "inertial parameters": _hash([p.inertial.tobytes()]),
-            "markers": _hash([repr((m.labels, m.segments)).encode(), m.local.tobytes(), m.weight.tobytes()]),
-            "motion": _hash([self.time.tobytes(), np.ascontiguousarray(self.nodes).tobytes()]),
-            "ground reactions": _hash([np.ascontiguousarray(self.wrench).tobytes(), self.valid.tobytes()]),
+            "subject": _hash(repr((s.mass, s.height)).encode()),
+            "joint parameters": _hash(p.joint.tobytes(), p.zero_angles.tobytes()),
+            "inertial parameters": _hash(p.inertial.tobytes()),
+            "markers": _hash(repr((m.labels, m.segments)).encode(), m.local.tobytes(), m.weight.tobytes()),
+            "motion": _hash(self.time.tobytes(), self.nodes.tobytes()),
+            "ground reactions": _hash(self.wrench.tobytes(), self.valid.tobytes()),
         }
 
 
-def _hash(parts: Iterable[bytes]) -> str:
+def _hash(*parts: bytes) -> str:
+    """SHA-256 of byte strings, each with its length before it, so that none runs into the next."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
@@ -77,17 +77,16 @@ def _hash(parts: Iterable[bytes]) -> str:
 
 def nominal_case() -> MonteCarloCase:
     """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions without residual."""
-    gait = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
     model, motion = published_model(), gait_motion()
     return MonteCarloCase(
-        "nominal subject",
-        model.subject,
-        model.parameters,
-        model.markers,
-        motion.basis.time,
-        motion.nodes,
-        ground_reactions(model.parameters, motion, gait["cycle_s"]),
-        np.ones(len(motion.basis.time), dtype=bool),
+        name="nominal subject",
+        subject=model.subject,
+        parameters=model.parameters,
+        markers=model.markers,
+        time=motion.basis.time,
+        nodes=motion.nodes,
+        wrench=residual_free_wrench(model.parameters, motion),
+        valid=np.ones(len(motion.basis.time), dtype=bool),
     )
 
 
@@ -99,25 +98,22 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
     InputError
         No such trial, or none with a frame in which every foot on the ground is on a force plate.
     """
-    loaded = {t.name: t for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()}
-    chosen = loaded[chosen_trial(tuple(loaded), trial, calibration.study.source)]
-    reactions = chosen.loads.reactions if chosen.loads is not None else None
-    if reactions is None:
-        raise InputError("found no ground reactions", source=calibration.study.source)
-    model, errors = calibration.model, chosen.body.errors
+    reactions = {t.name: t.loads.reactions for t in calibration.trials if t.loads and t.loads.reactions.valid.any()}
+    name = _chosen_trial(tuple(reactions), trial, calibration.study.source)
+    model, motion = calibration.model, calibration.trial(name).body
     return MonteCarloCase(
-        chosen.name,
-        model.subject,
-        model.parameters,
-        tracked_markers(model.markers, tuple(np.array(errors.labels)[errors.kept()].tolist())),
-        chosen.body.time,
-        chosen.body.nodes,
-        reactions.wrench,
-        reactions.valid,
+        name=name,
+        subject=model.subject,
+        parameters=model.parameters,
+        markers=_tracked(model.markers, np.array(motion.errors.labels)[motion.errors.kept()].tolist()),
+        time=motion.time,
+        nodes=motion.nodes,
+        wrench=reactions[name].wrench,
+        valid=reactions[name].valid,
     )
 
 
-def chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
+def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
     """The trial to study, among those with valid ground reactions."""
     if not loaded:
         raise InputError(
@@ -131,18 +127,11 @@ def chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) ->
     return wanted or loaded[0]
 
 
-def tracked_markers(markers: MarkerPlacement, labels: tuple[str, ...]) -> MarkerPlacement:
+def _tracked(markers: MarkerPlacement, labels: Container[str]) -> MarkerPlacement:
     """Those markers of a model that a trial really had."""
     kept = [i for i, label in enumerate(markers.labels) if label in labels]
-    return MarkerPlacement(
-        tuple(markers.labels[i] for i in kept),
-        tuple(markers.segments[i] for i in kept),
-        markers.local[kept],
-        markers.weight[kept],
-    )
-
-
-SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
+    names, segments = (tuple(of[i] for i in kept) for of in (markers.labels, markers.segments))
+    return MarkerPlacement(names, segments, markers.local[kept], markers.weight[kept])
 
 
 def case_from(folder: Path | str, trial: str | None = None, progress: Progress = silent) -> MonteCarloCase:
@@ -170,25 +159,32 @@ def _of_result(folder: Path, trial: str | None) -> MonteCarloCase:
     model, path = load_model(folder / MODEL), folder / SPLINES
     try:
         with np.load(path, allow_pickle=False) as stored:
-            names = [str(name) for name in stored["trials"]]
-            loaded = [name for k, name in enumerate(names) if f"valid_{k}" in stored and stored[f"valid_{k}"].any()]
-            name = chosen_trial(tuple(loaded), trial, folder)
-            k = names.index(name)
-            parts = ("time", "knots", "nodes", "wrench", "valid")
-            time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
+            trials = [str(name) for name in stored["trials"]]
+            valid = {name: stored[f"valid_{k}"] for k, name in enumerate(trials) if f"valid_{k}" in stored}
+            name = _chosen_trial(tuple(name for name, frames in valid.items() if frames.any()), trial, folder)
+            parts = ("time", "knots", "nodes", "wrench")
+            time, knots, nodes, wrench = (np.array(stored[f"{part}_{trials.index(name)}"]) for part in parts)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path) from None
     whole = nodes.ndim == 2 and nodes.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
     if not whole or not np.array_equal(spline_basis(time, len(nodes)).knots, knots):
         raise InputError(f"found other splines than this version writes for trial '{name}'", source=path)
-    markers = tracked_markers(model.markers, _tracked_labels(folder / "marker_errors" / f"{name}.csv"))
-    return MonteCarloCase(name, model.subject, model.parameters, markers, time, nodes, wrench, valid.astype(bool))
+    return MonteCarloCase(
+        name=name,
+        subject=model.subject,
+        parameters=model.parameters,
+        markers=_tracked(model.markers, _tracked_labels(folder / "marker_errors" / f"{name}.csv")),
+        time=time,
+        nodes=nodes,
+        wrench=wrench,
+        valid=valid[name].astype(bool),
+    )
 
 
-def _tracked_labels(path: Path) -> tuple[str, ...]:
+def _tracked_labels(path: Path) -> list[str]:
     """Markers that a trial really had: those with a distance in any frame."""
     try:
         table = pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None
-    return tuple(str(label) for label in table.columns if label != "time" and table[label].notna().any())
+    return [str(label) for label in table.columns if label != "time" and table[label].notna().any()]

@@ -6,14 +6,13 @@ paper names one. Fewer than `FEWEST` draws are not judged, nor is a difference t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gaitcal.montecarlo.leg_torques import TORQUES
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import FEWEST, levels_of
 
@@ -27,15 +26,6 @@ INTERACTION_LIMIT = 0.15
 SAMPLING = 3.0
 """Standard errors of the averages within which chance lies. Where they are wider than `INTERACTION_LIMIT`, the draws
 cannot tell an interaction from chance."""
-TORQUE_WORDS = {
-    "hip_flexion": "hip flexion",
-    "hip_adduction": "hip adduction",
-    "hip_rotation": "hip rotation",
-    "knee_angle": "knee flexion",
-    "knee_adduction": "knee adduction",
-    "ankle_angle": "ankle dorsiflexion",
-    "subtalar_angle": "subtalar inversion",
-}
 
 
 @dataclass(frozen=True)
@@ -57,7 +47,7 @@ PUBLISHED = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Conclusion:
     """One claim, whether it holds here, and why."""
 
@@ -84,34 +74,31 @@ def beside(
     """Our mean RMS (%BW*H) for a published figure, in either frame; empty where the study did not look at it."""
     if figure.varied is Varied.IP and settings.inertial_percent != figure.inertial_percent:
         return {}
-    found = {f: levels_of(table, figure.varied.value, f"{figure.torque}_{side}", f.value) for f in ReactionFrame}
-    at_full = {frame: rows.loc[rows["level"] == 100, "average"] for frame, rows in found.items()}
+    levels = {frame: levels_of(table, figure.varied, f"{figure.torque}_{side}", frame) for frame in ReactionFrame}
+    at_full = {frame: rows.loc[rows["level"] == 100, "average"] for frame, rows in levels.items()}
     return {frame: float(rows.iloc[0]) for frame, rows in at_full.items() if len(rows)}
 
 
 def conclusions(table: pd.DataFrame, side: str = "l") -> tuple[Conclusion, ...]:
     """The claims that the sets in `table` (from `statistics`) allow to test, both ground-reaction frames."""
-    return tuple(found for frame in ReactionFrame for found in _of_frame(table, frame, side))
+    return tuple(conclusion for frame in ReactionFrame for conclusion in _of_frame(table, frame, side))
 
 
 def top_errors(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: str = "l") -> Array | None:
     """(7,) mean RMS errors (%BW*H) at the highest level, in the order of `TORQUES`; None where the set is absent."""
-    found = [levels_of(table, varied.value, f"{torque}_{side}", frame.value) for torque in TORQUES]
-    if any(rows.empty for rows in found):
-        return None
-    return np.array([float(rows["average"].iloc[-1]) for rows in found])
+    rows = _top_rows(table, varied, frame, side)
+    return rows["average"].to_numpy(dtype=float) if len(rows) == len(TORQUES) else None
 
 
-def _draws(table: pd.DataFrame, sets: Iterable[Varied], frame: ReactionFrame, side: str) -> int:
-    """Draws behind the averages at the highest level, of the set that has the fewest."""
-    last = (levels_of(table, varied.value, f"{TORQUES[0]}_{side}", frame.value).iloc[-1] for varied in sets)
-    return min(int(row["draws"]) for row in last)
+def _top_rows(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: str) -> pd.DataFrame:
+    """Statistics of the torques of a leg at the highest level, in the order of `TORQUES`."""
+    return pd.concat([levels_of(table, varied, f"{torque}_{side}", frame).tail(1) for torque in TORQUES])
 
 
-def _relative_error(table: pd.DataFrame, varied: Varied, frame: ReactionFrame, side: str) -> Array:
-    """(7,) standard errors of the averages at the highest level, relative to them."""
-    rows = [levels_of(table, varied.value, f"{torque}_{side}", frame.value).iloc[-1] for torque in TORQUES]
-    return np.array([row["sd"] / row["average"] / np.sqrt(max(row["draws"], 1)) for row in rows])
+def _relative_error(rows: pd.DataFrame) -> Array:
+    """(7,) standard errors of averages, relative to them."""
+    out: Array = (rows["sd"] / rows["average"] / np.sqrt(rows["draws"].clip(lower=1))).to_numpy()
+    return out
 
 
 def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conclusion]:
@@ -121,9 +108,9 @@ def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conc
     def conclude(
         claim: str, sets: tuple[Varied, ...], holds: np.bool_, numbers: str, *, told_apart: bool = True
     ) -> None:
-        draws = _draws(table, sets, frame, side)
-        judged = draws >= FEWEST and told_apart
-        out.append(Conclusion(claim, frame, bool(holds) if judged else None, numbers, draws))
+        draws = min(int(_top_rows(table, varied, frame, side)["draws"].iloc[0]) for varied in sets)
+        verdict = bool(holds) if draws >= FEWEST and told_apart else None
+        out.append(Conclusion(claim=claim, frame=frame, holds=verdict, numbers=numbers, draws=draws))
 
     if jp is not None and ip is not None:
         numbers = f"JP / IP, torque by torque: {_range(jp / ip)}; mean over torques {jp.mean():.3f} and {ip.mean():.3f}"
@@ -133,9 +120,8 @@ def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conc
         conclude("inertial parameters matter little", (Varied.IP,), ip.max() < IP_LIMIT, numbers)
     if jp is not None and both is not None and ip is not None:
         apart = both / np.hypot(jp, ip) - 1.0
-        chance = SAMPLING * np.hypot(
-            *(_relative_error(table, varied, frame, side) for varied in (Varied.JP, Varied.BOTH))
-        )
+        tops = (_top_rows(table, varied, frame, side) for varied in (Varied.JP, Varied.BOTH))
+        chance = SAMPLING * np.hypot(*map(_relative_error, tops))
         numbers = (
             f"JP + IP against JP: {_range(both / jp)}; against the root of the sum of squares, as without "
             f"interaction: {_range(1.0 + apart)}, limit {1 - INTERACTION_LIMIT:g} to {1 + INTERACTION_LIMIT:g}, chance "
@@ -155,7 +141,7 @@ def _of_frame(table: pd.DataFrame, frame: ReactionFrame, side: str) -> list[Conc
 
 
 def _moved(table: pd.DataFrame, side: str) -> str:
-    markers = levels_of(table, Varied.IP.value, f"markers_{side}")
+    markers = levels_of(table, Varied.IP, f"markers_{side}")
     return f"; markers move {markers['average'].iloc[-1]:.3g} mm" if len(markers) else ""
 
 

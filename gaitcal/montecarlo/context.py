@@ -11,20 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import in_segment_frames, joint_regressor
-from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import (
     dynamic_parameters,
     symmetric_set,
 )
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
 from gaitcal.montecarlo.settings import MonteCarloSettings
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.spline import SplineBasis, spline_basis
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.recording import Recording
+from gaitcal.synthetic.measurements import synthetic_markers
 
 Array = NDArray[np.float64]
 
@@ -39,10 +40,10 @@ class MonteCarloContext:
         self.joint_values = case.parameters.joint[[JP_INDEX[name] for name in self.names]]
         """(np,) their undisturbed values, m and rad."""
         self.inertial_set = symmetric_set()
-        self.basis = spline_basis(case.time, len(case.nodes))
+        self.problem = _undisturbed_problem(case)
+        """The undisturbed motion fits its markers exactly."""
+        self.basis, self.data = self.problem.basis, self.problem.data
         q = self.basis.evaluate(case.nodes)
-        self.data, self.labels = own_markers(case, q)
-        self.problem = TrialProblem(name=case.name, chain=Chain(), basis=self.basis, data=self.data, labels=self.labels)
         constants = self.problem.constants(case.parameters)
         self.undisturbed_factor = BandFactor(self.problem.equations(case.nodes, constants).band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
@@ -70,30 +71,30 @@ class MonteCarloContext:
         return out
 
 
-def own_markers(case: MonteCarloCase, q: Array) -> tuple[MarkerData, tuple[str, ...]]:
-    """The model's own markers as measured ones, sorted by segment, and their labels."""
-    chain = Chain()
-    segment = np.array([chain.segments.index(s) for s in case.markers.segments], dtype=np.intp)
-    order = np.argsort(segment, kind="stable")
-    segment, local = segment[order], case.markers.local[order]
-    constants = chain.constants(case.parameters.joint, case.parameters.zero_angles)
-    bare = MarkerData(segment, local, np.empty(0), np.empty(0))
-    weight = np.repeat(case.markers.weight[order][:, None], len(q), axis=1)
-    data = MarkerData(segment, local, marker_positions(chain, constants, bare, q), weight)
-    return data, tuple(case.markers.labels[i] for i in order)
+def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
+    """The model's own markers in its own motion, as if they had been measured, in the case's spline space."""
+    model = SubjectModel(
+        subject=case.subject, parameters=case.parameters, nominal=case.parameters, markers=case.markers
+    )
+    q = spline_basis(case.time, len(case.nodes)).evaluate(case.nodes)
+    markers = synthetic_markers(case.parameters, case.markers, q)
+    recording = Recording(case.name, case.time, case.markers.labels, markers)
+    return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.nodes)))
 
 
 def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, ...]) -> Array:
+    """(nn, nq, np) dN/dp of the equation above."""
     opened = problem.with_free(names)
     equations = opened.equations(case.nodes, opened.constants(case.parameters))
     solved = -BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
-    at = [names.index(name) for name in opened.chain.free]
+    passed = [names.index(name) for name in opened.chain.free]
     out = np.zeros((*case.nodes.shape, len(names)))
-    out[:, :, at] = solved.reshape(*case.nodes.shape, len(at))
+    out[:, :, passed] = solved.reshape(*case.nodes.shape, len(passed))
     return out
 
 
 def _regressor(case: MonteCarloCase, basis: SplineBasis) -> Array:
+    """(nf * 14, 120) Y of the equation above: of Pinocchio's bodies, then told in the frames of our segments."""
     legs = LegTorques(case.parameters)
     states = (basis.evaluate(case.nodes, k) for k in range(3))
     rows = in_segment_frames(legs.linkage, joint_regressor(legs.linkage, legs.rows, *states))

@@ -1,11 +1,9 @@
 """One draw: disturb the model or the markers, fit the motion anew, compare the torques of both legs.
 
-A draw is a pure function of the context (case and settings), its set, its level and its number.
-
-The random numbers of a draw: a function of seed, set, level and number, and of nothing else.
-
-Every draw has a stream of its own, spawned from the seed by (set, level, number), so that draws can be made in any
-order and anywhere. Uniform within the bounds; noise is one sinusoid per marker coordinate (method, sections 5 and 6).
+A draw is a pure function of the context (case and settings), its set, its level and its number. This is where the
+study's randomness enters: every draw has a `numpy.random.Generator` of its own, spawned from the seed by (set, level,
+number), so that draws can be made in any order and anywhere. Disturbances are uniform within the bounds; noise is one
+sinusoid per marker coordinate (method, sections 5 and 6).
 """
 
 from __future__ import annotations
@@ -19,11 +17,41 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES
 from gaitcal.montecarlo.refit import refit
-from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.synthetic.measurements import marker_noise
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What one draw changes; None where its set leaves something alone."""
+
+    joint: Array | None
+    """(np,) m, rad added to the joint parameters that vary."""
+    inertial: Array | None
+    """(36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more."""
+    noise: Array | None
+    """(nm, 3, nf) m added to the markers, in the order of the context's data."""
+
+
+def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
+    """What draw `number` (0, 1, ...) of a set at a level (per cent of the bounds) changes."""
+    settings, part = context.settings, level / 100.0
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number)))
+    joint = inertial = noise = None
+    if varied.joint:
+        bounds = settings.joint_bounds
+        joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
+    if varied.inertial:
+        names = context.inertial_set.names
+        inertial = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, len(names))
+    if varied is Varied.NOISE:
+        time, markers = context.case.time, len(context.data.segment)
+        waves = marker_noise(time - time[0], markers, rng, amplitude=part * 1e-3 * settings.noise_mm)
+        noise = np.ascontiguousarray(waves.transpose(1, 2, 0))
+    return Disturbance(joint, inertial, noise)
 
 
 def torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
@@ -56,42 +84,28 @@ class DrawResult:
     """Why the motion could not be fitted; empty where it could. The values are then those of the last motion tried."""
 
 
-def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
-    """What draw `number` of a set at a level (per cent) changes."""
-    return disturbance(
-        context.settings,
-        len(context.inertial_set.names),
-        len(context.labels),
-        context.case.time,
-        (varied, level),
-        number,
-    )
-
-
 def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) -> DrawResult:
     """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
     change = disturb(context, varied, level, number)
     try:
-        if varied is Varied.IP:
-            return _without_refit(context, _inertial(context, change))
-        return _with_refit(context, change)
+        return _without_refit(context, change) if varied is Varied.IP else _with_refit(context, change)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
 
 
 def _inertial(context: MonteCarloContext, change: Disturbance) -> Array:
     """(84,) disturbed inertial parameters, SI."""
-    base = context.case.parameters.inertial
+    undisturbed = context.case.parameters.inertial
     if change.inertial is None:
-        return base
-    out: Array = base * (1.0 + context.inertial_set.selection @ change.inertial)
+        return undisturbed
+    out: Array = undisturbed * (1.0 + context.inertial_set.selection @ change.inertial)
     return out
 
 
-def _without_refit(context: MonteCarloContext, inertial: Array) -> DrawResult:
-    errors = context.inertial_change(inertial)
-    distance = np.zeros(context.data.weight.shape)
-    return DrawResult(_record(context, (errors, errors), distance), 0, "")
+def _without_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+    """Inertial parameters move no marker: the motion stays, and torques are linear in them."""
+    errors = context.inertial_change(_inertial(context, change))
+    return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
 
 
 def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
@@ -132,45 +146,3 @@ def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: A
     out.append(np.array([np.sqrt((d * d).mean()) if d.size else np.nan for d in of_legs]))
     out.append(np.array([d.mean() if d.size else np.nan for d in of_legs]))
     return np.concatenate(out)
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What one draw changes; None where its set leaves something alone."""
-
-    joint: Array | None
-    """(np,) m, rad added to the joint parameters that vary."""
-    inertial: Array | None
-    """(36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more."""
-    noise: Array | None
-    """(nm, 3, nf) m added to the markers, in the order of the context's data."""
-
-
-def generator(settings: MonteCarloSettings, varied: Varied, level: int, number: int) -> np.random.Generator:
-    """The stream of draw `number` of a set at a level (per cent)."""
-    return np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number)))
-
-
-def disturbance(
-    settings: MonteCarloSettings, inertial: int, labels: int, time: Array, cell: tuple[Varied, int], number: int
-) -> Disturbance:
-    """Draw `number` of a cell.
-
-    Parameters
-    ----------
-    inertial, labels : number of inertial parameters that vary, and of markers.
-    time : (nf,) s.
-    cell : set and level (per cent).
-    """
-    varied, level = cell
-    rng, part = generator(settings, varied, level, number), level / 100.0
-    joint = inertial_part = noise = None
-    if varied.joint:
-        bounds = settings.joint_bounds
-        joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
-    if varied.inertial:
-        inertial_part = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, inertial)
-    if varied is Varied.NOISE:
-        waves = marker_noise(time - time[0], labels, rng, amplitude=part * 1e-3 * settings.noise_mm)
-        noise = np.ascontiguousarray(waves.transpose(1, 2, 0))
-    return Disturbance(joint, inertial_part, noise)

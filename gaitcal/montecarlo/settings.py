@@ -91,7 +91,7 @@ class RefitSettings:
     """Evaluations of the gradient after which a draw counts as failed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MonteCarloSettings:
     """Everything that a draw depends on besides the model, its set, its level and its number."""
 
@@ -112,9 +112,9 @@ class MonteCarloSettings:
 
     def as_json(self) -> Mapping[str, float]:
         """Flat and plain, for the store and for comparison with it."""
-        own = {name: value for name, value in asdict(self).items() if name != "refit"}
-        refit = {f"refit_{name}": value for name, value in asdict(self.refit).items()}
-        return {**own, "parameters": self.parameters.value, **refit}
+        plain = asdict(self) | {"parameters": self.parameters.value}
+        refit = {f"refit_{name}": value for name, value in plain.pop("refit").items()}
+        return plain | refit
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,11 @@
-"""What the draws of a study say: distributions, and whether there are enough of them.
+"""What the draws of a study say: distributions, whether there are enough of them, and what a marker error may mean.
 
 Convergence (method, section 6): over the last 10 % of the draws the running mean and the running coefficient of
 variation, CV = 100 SD / mean, stay within 2 % of their final values, for every torque's RMS error.
 
-From a person's marker distance to the torque errors to expect, read from the Monte Carlo distributions.
-
-The published discussion does this by hand: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or to
-50 % of the noise amplitude, and to the torque errors there. Between levels, and from nothing at level zero, straight
-lines.
+A person's marker distance is turned into the torque errors to expect (`expect`) as the published discussion does by
+hand: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or to 50 % of the noise amplitude, and to the
+torque errors there. Between levels, and from nothing at level zero, straight lines.
 """
 
 from __future__ import annotations
@@ -30,26 +28,18 @@ TOLERANCE_PERCENT = 2.0
 LAST_PART = 0.1
 FEWEST = 20
 """Draws below which nothing is claimed: neither convergence nor a conclusion."""
+EXPECTED = ("average", "p10", "p50", "p90")
+"""Columns of `statistics` that are told of the errors to expect."""
 
 
-@dataclass(frozen=True)
-class Settling:
-    """How far running statistics are from their final values over the last tenth of the draws, per cent."""
+def settling(values: Array) -> tuple[float, float]:
+    """How far the running mean and CV of `values` (n,) are, over the last tenth, from their final values, per cent.
 
-    mean: float
-    cv: float
-
-    @property
-    def converged(self) -> bool:
-        """Whether both stay within the published 2 %."""
-        return self.mean <= TOLERANCE_PERCENT and self.cv <= TOLERANCE_PERCENT
-
-
-def settling(values: Array) -> Settling:
-    """Settling of the running mean and CV of `values` (n,), in the order of the draws; NaN for too few."""
+    In the order of the draws; NaN for too few.
+    """
     n = len(values)
     if n < FEWEST:
-        return Settling(np.nan, np.nan)
+        return np.nan, np.nan
     scale = float(np.abs(values).max()) or 1.0
     x, count = values / scale, np.arange(1, n + 1)
     mean = np.cumsum(x) / count
@@ -58,7 +48,7 @@ def settling(values: Array) -> Settling:
         cv = np.where(mean != 0.0, spread / mean, 0.0)
         last = slice(int(np.ceil(n * (1.0 - LAST_PART))) - 1, None)
         apart = [100.0 * np.abs(run[last] - run[-1]).max() / abs(run[-1]) if run[-1] else 0.0 for run in (mean, cv)]
-    return Settling(float(apart[0]), float(apart[1]))
+    return float(apart[0]), float(apart[1])
 
 
 def statistics(draws: pd.DataFrame) -> pd.DataFrame:
@@ -84,19 +74,17 @@ def _cell(cell: pd.DataFrame) -> list[dict[str, object]]:
         for torque in LEG_TORQUES:
             for measure in (*MEASURES, "abs_mean"):
                 values = good[torque_column(torque, frame, measure.removeprefix("abs_"))].to_numpy()
-                rows.append(_row(torque, frame.value, measure, "%BW*H", values, failed))
+                rows.append({"quantity": torque, "grf": frame.value, **_distribution(measure, "%BW*H", values, failed)})
     for side in SIDES:
         for measure in MEASURES:
             values = good[marker_column(side, measure)].to_numpy()
-            rows.append(_row(f"markers_{side}", "", measure, "mm", values, failed))
+            rows.append({"quantity": f"markers_{side}", "grf": "", **_distribution(measure, "mm", values, failed)})
     return rows
 
 
-def _row(quantity: str, frame: str, measure: str, unit: str, values: Array, failed: int) -> dict[str, object]:
+def _distribution(measure: str, unit: str, values: Array, failed: int) -> dict[str, object]:
     shown = np.abs(values) if measure == "abs_mean" else values
     row: dict[str, object] = {
-        "quantity": quantity,
-        "grf": frame,
         "measure": measure,
         "unit": unit,
         "draws": len(values),
@@ -107,8 +95,7 @@ def _row(quantity: str, frame: str, measure: str, unit: str, values: Array, fail
     points = np.percentile(shown, PERCENTILES) if len(shown) else np.full(len(PERCENTILES), np.nan)
     row |= {f"p{p}": value for p, value in zip(PERCENTILES, points, strict=True)}
     if measure == "rms":
-        settled = settling(values)
-        row |= {"mean_settles": settled.mean, "cv_settles": settled.cv}
+        row |= dict(zip(("mean_settles", "cv_settles"), settling(values), strict=True))
     return row
 
 
@@ -125,18 +112,12 @@ def left_out(table: pd.DataFrame) -> pd.DataFrame:
     return cells[cells["failed"] > 0]
 
 
-def levels_of(table: pd.DataFrame, varied: str, quantity: str, frame: str = "", measure: str = "rms") -> pd.DataFrame:
-    """The rows of one quantity of a set, ordered by level."""
-    chosen = table[
-        (table["set"] == varied)
-        & (table["quantity"] == quantity)
-        & (table["grf"] == frame)
-        & (table["measure"] == measure)
-    ]
-    return chosen.sort_values("level")
-
-
-SHOWN = ("average", "p10", "p50", "p90")
+def levels_of(
+    table: pd.DataFrame, varied: Varied, quantity: str, frame: ReactionFrame | None = None, measure: str = "rms"
+) -> pd.DataFrame:
+    """The rows of one quantity of a set, ordered by level; markers have no frame."""
+    wanted = {"set": varied.value, "quantity": quantity, "grf": frame.value if frame else "", "measure": measure}
+    return table[(table[list(wanted)] == list(wanted.values())).all(axis=1)].sort_values("level")
 
 
 @dataclass(frozen=True)
@@ -165,7 +146,7 @@ def expect(table: pd.DataFrame, rms_mm: float, side: str = "l") -> tuple[CauseOf
 
 
 def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> CauseOfMarkerError:
-    markers = levels_of(table, varied.value, f"markers_{side}")
+    markers = levels_of(table, varied, f"markers_{side}")
     levels = np.concatenate([[0.0], markers["level"].to_numpy(dtype=float)])
     distance = np.maximum.accumulate(np.concatenate([[0.0], markers["average"].to_numpy()]))
     beyond = bool(rms_mm > distance[-1])
@@ -173,7 +154,7 @@ def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> Cau
     rows = []
     for frame in ReactionFrame:
         for torque in TORQUES:
-            at = levels_of(table, varied.value, f"{torque}_{side}", frame.value)
-            values = {c: float(np.interp(level, levels, [0.0, *at[c]])) for c in SHOWN}
+            errors = levels_of(table, varied, f"{torque}_{side}", frame)
+            values = {c: float(np.interp(level, levels, [0.0, *errors[c]])) for c in EXPECTED}
             rows.append({"torque": f"{torque}_{side}", "grf": frame.value, **values})
     return CauseOfMarkerError(varied, level, beyond, pd.DataFrame(rows))

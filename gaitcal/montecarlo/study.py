@@ -1,31 +1,42 @@
-"""The Monte Carlo study of a case: what is missing is computed, all is kept, and the whole is returned."""
+"""The Monte Carlo study of a case: what is missing is computed, all is kept, and the whole is returned.
+
+Workers get the case and the settings with every chunk of draws (some ten kilobytes) and keep what they made of them,
+so that a worker can join or be replaced at any time.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
 
 from gaitcal.files.atomic import atomic_file
 from gaitcal.montecarlo.case import MonteCarloCase
-from gaitcal.montecarlo.chunk import CHUNK_DRAWS, Chunk, ChunkResult, ChunkTask, run_chunk
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.draw import draw
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan
 from gaitcal.montecarlo.statistics import statistics, unconverged
-from gaitcal.montecarlo.store import Store, missing_chunks, table_of, together
+from gaitcal.montecarlo.store import Chunk, MemoryStore, Store, records
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
+from gaitcal.runtime import one_blas_thread
 
 DrawProgress = Callable[[int, int], None]
 """Called with the number of draws done and to be done, of those that this run computes."""
 
+CHUNK_DRAWS = 250
+"""Some seconds of work."""
 STEP = 1.2
 """Factor by which `until_converged` raises the number of draws."""
 MOST_DRAWS = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MonteCarloStudy:
     """A finished study."""
 
@@ -33,7 +44,7 @@ class MonteCarloStudy:
     settings: MonteCarloSettings
     plan: Plan
     draws: pd.DataFrame
-    """One row per draw: set, level, draw, evaluations, failure, then `draw.COLUMNS`."""
+    """One row per draw, columns `store.FIELDS`."""
     statistics: pd.DataFrame
     """See `statistics.statistics`."""
     computed: int
@@ -67,8 +78,7 @@ def monte_carlo(
 
     Parameters
     ----------
-    case : `nominal_case()` or `case_of(calibration)` of `gaitcal.montecarlo.case`, or `case_from(folder)` of
-        `gaitcal.montecarlo.case`.
+    case : `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of `gaitcal.montecarlo.case`.
     folder : where draws are kept and a later run goes on, and where `montecarlo.csv` goes; None keeps nothing.
     settings : seed and bounds: what a draw depends on; as published unless given.
     plan : which sets are disturbed, at which levels, how often; as published unless given.
@@ -83,13 +93,21 @@ def monte_carlo(
         The folder holds a study of another model or with other settings.
     """
     settings, plan = settings or MonteCarloSettings(), plan or Plan()
-    workers, progress = workers or LocalProcesses(), progress or _silent
-    store = _Memory() if folder is None else Store(Path(folder))
+    workers = workers or LocalProcesses()
+    progress = progress or (lambda done, todo: None)
+    store = MemoryStore() if folder is None else Store(Path(folder))
     notes = store.open(case, settings) if isinstance(store, Store) else ()
     computed = 0
     while True:
-        chunks = list(store.missing(plan, chunk_draws))
-        computed += _compute(store, [ChunkTask(case, settings, chunk) for chunk in chunks], workers, progress)
+        if chunks := list(store.missing(plan, chunk_draws)):
+            done, todo = 0, sum(len(chunk.numbers) for chunk in chunks)
+            progress(done, todo)
+            with closing(_generator(workers.run(partial(run_chunk, case, settings), chunks))) as results:
+                for chunk, records_of_chunk in results:
+                    store.write(chunk, records_of_chunk)
+                    done += len(chunk.numbers)
+                    progress(done, todo)
+            computed += done
         draws = store.read(plan)
         table = statistics(draws)
         if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
@@ -98,41 +116,31 @@ def monte_carlo(
     if isinstance(store, Store):
         with atomic_file(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
-    return MonteCarloStudy(case, settings, plan, draws, table, computed, notes)
+    return MonteCarloStudy(
+        case=case, settings=settings, plan=plan, draws=draws, statistics=table, computed=computed, notes=notes
+    )
 
 
-def _silent(done: int, todo: int) -> None:
-    """Show nothing."""
-
-
-def _compute(store: Store | _Memory, tasks: list[ChunkTask], workers: Workers, progress: DrawProgress) -> int:
-    """Compute and keep chunks; returns the number of draws."""
-    todo, done = sum(task.chunk.draws for task in tasks), 0
-    if tasks:
-        progress(0, todo)
-        with closing(_generator(workers.run(run_chunk, tasks))) as results:
-            for result in results:
-                store.write(result)
-                done += result.chunk.draws
-                progress(done, todo)
-    return done
-
-
-def _generator(results: Iterator[ChunkResult]) -> Generator[ChunkResult, None, None]:
+def _generator(results: Iterator[tuple[Chunk, pa.Table]]) -> Generator[tuple[Chunk, pa.Table], None, None]:
+    """The same, to be closed where the study is interrupted: workers then end at once."""
     yield from results
 
 
-class _Memory:
-    """A store that is gone with the process."""
+_kept = threading.local()
 
-    def __init__(self) -> None:
-        self._results: list[ChunkResult] = []
 
-    def write(self, result: ChunkResult) -> None:
-        self._results.append(result)
+def run_chunk(case: MonteCarloCase, settings: MonteCarloSettings, chunk: Chunk) -> tuple[Chunk, pa.Table]:
+    """Compute a chunk. BLAS works with one thread, wherever this runs: more would change the last bits."""
+    with one_blas_thread():
+        context = _context(case, settings)
+        return chunk, records(chunk, [draw(context, chunk.varied, chunk.level, k) for k in chunk.numbers])
 
-    def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
-        return missing_chunks([result.chunk for result in self._results], plan, size)
 
-    def read(self, plan: Plan) -> pd.DataFrame:
-        return together((table_of(result) for result in self._results), plan)
+def _context(case: MonteCarloCase, settings: MonteCarloSettings) -> MonteCarloContext:
+    """The context of a case, made once per thread and kept until another case comes."""
+    key = (case.fingerprint(), settings)
+    if getattr(_kept, "key", None) != key:
+        _kept.context = MonteCarloContext(case, settings)
+        _kept.key = key
+    context: MonteCarloContext = _kept.context
+    return context

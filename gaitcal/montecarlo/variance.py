@@ -1,4 +1,4 @@
-"""Which parameter matters: the variance of each torque error, linearised and told parameter by parameter.
+"""Which parameter matters: the variance of each torque error, linearised, shared out parameter by parameter.
 
 With p the joint parameters, N the nodes, and all derivatives at the undisturbed case,
 
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from gaitcal.calibration.influence import basis_matrix
 from gaitcal.dynamics.derivatives import force_derivatives
@@ -27,10 +28,10 @@ from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.kinematics import forward, jacobian
-from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
+from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import disturb, torque_column
-from gaitcal.montecarlo.leg_torques import LEG_TORQUES
+from gaitcal.montecarlo.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 
 Array = NDArray[np.float64]
@@ -79,9 +80,9 @@ def linear_agreement(
         if change.inertial is not None:
             error += linear.by_inertial @ change.inertial
         predicted[row] = to_percent * np.sqrt((error[valid] ** 2).mean(axis=0))
-    found = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
-    residual = ((found - predicted) ** 2).sum(axis=0)
-    out: Array = 1.0 - residual / ((found - found.mean(axis=0)) ** 2).sum(axis=0)
+    drawn = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
+    residual = ((drawn - predicted) ** 2).sum(axis=0)
+    out: Array = 1.0 - residual / ((drawn - drawn.mean(axis=0)) ** 2).sum(axis=0)
     return out
 
 
@@ -102,18 +103,16 @@ def _carried(context: MonteCarloContext, q: Array, change: Array) -> Array:
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
         moved = np.concatenate([np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2)
-        own = [i for i, name in enumerate(LEG_TORQUES) if name.endswith(f"_{SIDES[foot]}")]
-        axes = columns[:, :, [chain.coordinates.index(LEG_TORQUES[i]) for i in own]]
-        out[:, own] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
+        axes = columns[:, :, [chain.coordinates.index(name) for name in LEG_TORQUES[OF_FOOT[foot]]]]
+        out[:, OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
     return out
 
 
 def _by_inertial(context: MonteCarloContext) -> Array:
-    base = context.case.parameters.inertial
-    slopes = np.zeros((120, 84))
-    for s, block in enumerate(dynamic_jacobian(base)):
-        slopes[10 * s : 10 * s + 10, 7 * s : 7 * s + 7] = block
-    relative = slopes @ (base[:, None] * context.inertial_set.selection)
+    """(nf, 14, 36): the regressor, times the derivative of the dynamic parameters, segment by segment."""
+    inertial = context.case.parameters.inertial
+    slopes: Array = block_diag(*dynamic_jacobian(inertial))
+    relative = slopes @ (inertial[:, None] * context.inertial_set.selection)
     return (context.regressor @ relative).reshape(-1, len(LEG_TORQUES), relative.shape[1])
 
 

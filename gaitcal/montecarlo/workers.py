@@ -3,10 +3,9 @@
 A kind of workers is anything with `run(function, tasks)` that yields the results in any order. Tasks are taken from
 their iterator as workers become free, so that memory stays bounded however many there are.
 
-Workers of an existing `dask.distributed` cluster (extra `gaitcal[cluster]`).
-
-The scheduler gives a dead worker's chunks to others by itself; a chunk that it gives up because several workers died
-over it (they may have been killed from outside, one after the other) is handed in anew a few times.
+A cluster is one of `dask.distributed` (extra `gaitcal[cluster]`). Its scheduler gives a dead worker's chunks to others
+by itself; a chunk that it gives up because several workers died over it (they may have been killed from outside, one
+after the other) is handed in anew a few times.
 """
 
 from __future__ import annotations
@@ -23,10 +22,14 @@ from typing import Any, Protocol, TypeVar
 from joblib import Parallel, delayed, parallel_config
 
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.runtime import keep_freed_memory
 
 WATCH_S = 1.0
 """How often a worker process looks whether its parent is still there."""
+AHEAD = 3
+"""Chunks handed in for each worker thread of a cluster: enough to keep it busy, and bounded."""
+HANDED_IN_AGAIN = 5
+WAIT_S = 30
+"""For the scheduler of a cluster, and for its first worker."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -87,12 +90,6 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-AHEAD = 3
-"""Chunks handed in for each worker thread: enough to keep it busy, and bounded."""
-HANDED_IN_AGAIN = 5
-WAIT_S = 30
-
-
 @dataclass(frozen=True)
 class Cluster:
     """The workers of a scheduler."""
@@ -145,7 +142,7 @@ def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task])
     running = _library().as_completed(loop=client.loop, raise_errors=False)
 
     def hand_in(task: Task, left: int) -> None:
-        future = client.submit(_on_worker, function, task, pure=False)
+        future = client.submit(function, task, pure=False)
         again[future.key] = (task, left)
         running.add(future)
 
@@ -162,11 +159,6 @@ def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task])
         yield result
         for new in islice(tasks, max(_room(client) - len(again), 0)):
             hand_in(new, HANDED_IN_AGAIN)
-
-
-def _on_worker(function: Callable[[Task], Result], task: Task) -> Result:
-    keep_freed_memory()
-    return function(task)
 
 
 def _room(client: Any) -> int:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from gaitcal.figures.monte_carlo import FRAME_WORDS, SET_WORDS
 from gaitcal.files.atomic import atomic_text
 from gaitcal.gait.words import SIDE_WORDS, capitalised
-from gaitcal.montecarlo.conclusions import TORQUE_WORDS
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS
 from gaitcal.montecarlo.settings import ReactionFrame
 from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
 from gaitcal.montecarlo.study import MonteCarloStudy

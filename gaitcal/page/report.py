@@ -11,7 +11,6 @@ import platform
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,6 +19,7 @@ from markupsafe import Markup
 from gaitcal.figures.calibration import charts_of
 from gaitcal.figures.chart import Chart, panel_figure
 from gaitcal.figures.style import Key
+from gaitcal.files.package_data import package_version
 from gaitcal.gait.words import coordinate_title, explained
 from gaitcal.page.answers import answers
 from gaitcal.page.svg import SvgPage
@@ -77,7 +77,7 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
     return template.render(
         calibration=calibration,
         subject=calibration.model.subject,
-        version=made.get("gaitcal") or _version("gaitcal"),
+        version=made.get("gaitcal") or package_version("gaitcal"),
         date=datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
         facts=trial_facts(calibration),
         answers=answers(calibration, charts.gait),
@@ -100,8 +100,8 @@ def default_manifest(calibration: Calibration) -> dict[str, object]:
     """Versions, settings and hashes as far as the calibration knows them."""
     study = calibration.study
     return {
-        "gaitcal": _version("gaitcal"),
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in LIBRARIES},
+        "gaitcal": package_version("gaitcal"),
+        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in LIBRARIES},
         "marker_set": study.marker_set.name,
         "settings": study.settings.model_dump(mode="json"),
         "inputs_sha256": dict(study.inputs),
@@ -187,10 +187,3 @@ def environment() -> Environment:
     environment.filters["visible"] = visible
     environment.filters["explained"] = explained
     return environment
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"

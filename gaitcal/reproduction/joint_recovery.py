@@ -3,6 +3,9 @@
 Three isolated trials, each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then
 gait with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no prior, no bounds.
 From zero, nodes and joint parameters step together (`approach`); variable projection finishes.
+
+Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters, positions (mm) and
+orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
 """
 
 from __future__ import annotations
@@ -17,7 +20,15 @@ from numpy.typing import NDArray
 
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters, leg_parameters
+from gaitcal.model.joint_parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_TO_SI,
+    Kind,
+    gait_parameters,
+    isolated_parameters,
+    leg_parameters,
+)
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -25,8 +36,7 @@ from gaitcal.motion.motion import motion_of
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.reproduction.error_measures import joint_errors, joint_rms
-from gaitcal.reproduction.published import PROBLEMS, SIDE
+from gaitcal.reproduction.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion
 
@@ -35,12 +45,33 @@ Array = NDArray[np.float64]
 LEG = leg_parameters(SIDE)
 
 
-@dataclass(frozen=True)
+def rms(values: Array | Sequence[float]) -> float | None:
+    """Root mean square; None of nothing."""
+    array = np.asarray(values, dtype=float)
+    return float(np.sqrt(np.mean(array**2))) if array.size else None
+
+
+def joint_errors(estimate: Parameters, truth: Parameters, names: Sequence[str]) -> Array:
+    """(n,) estimate - true, mm and deg."""
+    index = _index(names)
+    out: Array = (estimate.joint[index] - truth.joint[index]) / JP_TO_SI[index]
+    return out
+
+
+def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
+    """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
+    position = np.array([JOINT_PARAMETERS[k].kind is Kind.POSITION for k in _index(names)], dtype=bool)
+    return rms(errors[position]), rms(errors[~position])
+
+
+def _index(names: Sequence[str]) -> list[int]:
+    return [JP_INDEX[name] for name in names]
+
+
+@dataclass(frozen=True, kw_only=True)
 class JointRecovery:
     """One of the four problems, solved."""
 
-    problem: str
-    """One of `PROBLEMS`."""
     names: tuple[str, ...]
     """The joint parameters whose errors count: the joint's, or the leg's 27."""
     errors: Array
@@ -77,8 +108,8 @@ class JointRecovery:
 
 
 @cache
-def subject() -> SubjectModel:
-    """The true model: the published nominal subject with its 41 tracking markers."""
+def true_model() -> SubjectModel:
+    """The truth: the published nominal subject with its 41 tracking markers."""
     return published_model()
 
 
@@ -95,7 +126,7 @@ def free_parameters(problem: str) -> tuple[str, ...]:
 
 def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
-    model, motion = subject(), true_motion(problem)
+    model, motion = true_model(), true_motion(problem)
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
         markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
@@ -103,59 +134,47 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialP
     return trial_problem(problem, model, recording, NodeRule(fixed=NODES))
 
 
-def synthetic_problems(noise: Sequence[np.random.Generator] | None) -> dict[str, TrialProblem]:
-    """All four problems, in order. `noise`: a generator for each of them; None: without noise."""
-    return {
-        problem: synthetic_problem(problem, None if noise is None else noise[k]) for k, problem in enumerate(PROBLEMS)
-    }
-
-
 def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
     """Solve all four; gait starts from what the isolated trials found for the parameters that it leaves alone."""
     out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
-        held = _held(out) if problem == "full leg" else subject().parameters
+        held = _held(out) if problem == "full leg" else true_model().parameters
         out[problem] = solve(problem, markers, held)
     return out
 
 
 def _held(isolated: Mapping[str, JointRecovery]) -> Parameters:
     """The truth, but for the leg, which has what the isolated trials found."""
-    parameters = subject().parameters
+    parameters = true_model().parameters
     for recovery in isolated.values():
         values = recovery.parameters.joint
         parameters = parameters.with_joint(recovery.names, values[_index(recovery.names)])
     return parameters
 
 
-def _index(names: Sequence[str]) -> list[int]:
-    return [JP_INDEX[name] for name in names]
-
-
 def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
-    truth, motion, free = subject().parameters, true_motion(problem), free_parameters(problem)
+    truth, motion, free = true_model().parameters, true_motion(problem), free_parameters(problem)
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
-    first = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = calibrate_joints([markers], held.with_joint(free, first.p), free, first.nodes)
+    near = step_together([markers], held, free, [zero], np.zeros(len(free)))
+    fit = calibrate_joints([markers], held.with_joint(free, near.p), free, near.nodes)
     seconds = time.process_time() - began
     at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
     from_truth = calibrate_joints([markers], held, free, [at_truth.nodes], start_values=truth.joint[_index(free)])
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
     return JointRecovery(
-        problem,
-        names,
-        joint_errors(fit.parameters, truth, names),
-        1e3 * float(np.sqrt(np.mean(distance**2))),
-        1e3 * float(distance.max()),
-        fit.state.cost,
-        at_truth.cost,
-        from_truth.state.cost,
-        first.steps + fit.iterations,
-        seconds,
-        first.converged and fit.converged,
-        fit.parameters,
-        fit.nodes[0],
+        names=names,
+        errors=joint_errors(fit.parameters, truth, names),
+        marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
+        largest_mm=1e3 * float(distance.max()),
+        cost=fit.state.cost,
+        cost_at_truth=at_truth.cost,
+        cost_from_truth=from_truth.state.cost,
+        steps=near.steps + fit.iterations,
+        seconds=seconds,
+        converged=near.converged and fit.converged,
+        parameters=fit.parameters,
+        nodes=fit.nodes[0],
     )

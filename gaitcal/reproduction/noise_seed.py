@@ -1,4 +1,8 @@
-"""All problems for one draw of the noise (or none): what is repeated over noise seeds."""
+"""All problems for one draw of the noise (or none): what is repeated over noise seeds.
+
+Randomness enters by `generators` alone: the noise of each problem and the random inertial seeds have generators of
+their own, spawned from the seed and the number of the draw.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +23,11 @@ from gaitcal.reproduction.inertial_recovery import (
     recover_inertia,
     third_step,
 )
-from gaitcal.reproduction.joint_recovery import JointRecovery, recover_joints, subject, synthetic_problems
+from gaitcal.reproduction.joint_recovery import JointRecovery, recover_joints, synthetic_problem, true_model
 from gaitcal.reproduction.published import PROBLEMS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SeedResult:
     """Phases 1 to 3 for one draw of the noise."""
 
@@ -48,7 +52,7 @@ def noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     return _run(None, np.random.SeedSequence([seed, 0]), random_seeds)
 
 
-def noisy(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
+def noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Everything with the noise of one draw (0, 1, ...) under `seed`."""
     noise, seeds = generators(seed, draw)
     return _run(noise, seeds, random_seeds)
@@ -63,28 +67,29 @@ def generators(seed: int, draw: int) -> tuple[tuple[np.random.Generator, ...], n
 def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS) -> list[SeedResult]:
     """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for every core)."""
     if jobs == 1:
-        return [noisy(seed, draw, random_seeds) for draw in range(draws)]
-    tasks = (delayed(noisy)(seed, draw, random_seeds) for draw in range(draws))
+        return [noisy_draw(seed, draw, random_seeds) for draw in range(draws)]
+    tasks = (delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws))
     results: list[SeedResult] = Parallel(n_jobs=jobs)(tasks)
     return results
 
 
 def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int) -> SeedResult:
-    problems = synthetic_problems(noise)
+    """Phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or none."""
+    problems = {p: synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)}
     joints = recover_joints(problems)
-    gait, truth = joints["full leg"], subject().parameters.inertial
+    gait, truth = joints["full leg"], true_model().parameters.inertial
     equations = {scale: gait_equations(gait.parameters, gait.nodes, scale) for scale in TorqueScale}
     usual = equations[TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
-    draws = [np.random.default_rng(s) for s in seeds.spawn(random_seeds)]
-    random = [recover_inertia(usual, random_seed(rng, with_held=noise is not None), decay=decay) for rng in draws]
-    scales = {scale: recover_inertia(own, truth) for scale, own in equations.items()}
+    streams = map(np.random.default_rng, seeds.spawn(random_seeds))
+    starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
+    scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(
-        joints,
-        usual.rms(truth),
-        scales[TorqueScale.BODY_HEIGHT],
-        recover_inertia(usual, truth, reseed=False),
-        tuple(random),
-        scales,
-        None if noise is None else third_step(problems["full leg"], gait),
+        joints=joints,
+        residual_before=usual.rms(truth),
+        correct=scales[TorqueScale.BODY_HEIGHT],
+        single_pass=recover_inertia(usual, truth, reseed=False),
+        random=tuple(recover_inertia(usual, start, decay=decay) for start in starts),
+        scales=scales,
+        third=third_step(problems["full leg"], gait) if noise is not None else None,
     )

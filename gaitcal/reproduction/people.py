@@ -18,14 +18,14 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.person.calibrate import calibrate
-from gaitcal.person.result import Calibration, Stage
-from gaitcal.recording import read_recording
-from gaitcal.reproduction.inertial_tables import COLUMNS, SCALES
-from gaitcal.reproduction.published import PROBLEMS, SIDE
-from gaitcal.reproduction.rows import TableRow
+from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult
+from gaitcal.reproduction.inertial_recovery import pelvis_width
+from gaitcal.reproduction.published import SIDE
+from gaitcal.reproduction.tables import RESIDUALS, SCALES, Cell, TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.study.study import Study, read_trial
+from gaitcal.study.study_file import Joint, Trial
 
 STAGES = {
     Stage.NOMINAL: "anatomical",
@@ -41,27 +41,27 @@ NOTE = "another person than the published one, with this project's default setti
 class _Person:
     subject: Subject
     marker_set: str
-    trials: tuple[tuple[str, Role, str | None, str, str | None], ...]
-    """Name, role, joint, file, file of ground reactions."""
+    trials: tuple[Trial, ...]
+    """Files are told from the person's folder."""
 
 
-_JOINTS = tuple(f"{joint}_{side}" for joint in PROBLEMS[:3] for side in ("r", "l"))
+_JOINTS: tuple[Joint, ...] = ("hip_r", "hip_l", "knee_r", "knee_l", "ankle_r", "ankle_l")
 _PEOPLE = {
     "subject01": _Person(
         Subject("subject01", 72.6, 1.803, "male"),
         "gait2354",
         (
-            ("static", Role.STATIC, None, "subject01_static.trc", None),
-            ("walk", Role.GAIT, None, "subject01_walk1.trc", "subject01_walk1_grf.mot"),
+            Trial(name="static", role="static", file=Path("subject01_static.trc")),
+            Trial(name="walk", role="gait", file=Path("subject01_walk1.trc"), forces=Path("subject01_walk1_grf.mot")),
         ),
     ),
     "uf3": _Person(
         Subject("uf3", 68.17, 1.70, "male"),
         "rcnl",
         (
-            ("static", Role.STATIC, None, "static.trc", None),
-            *((joint, Role.JOINT, joint, f"{joint}.trc", None) for joint in _JOINTS),
-            ("gait", Role.GAIT, None, "gait.trc", None),
+            Trial(name="static", role="static", file=Path("static.trc")),
+            *(Trial(name=joint, role="joint", joint=joint, file=Path(f"{joint}.trc")) for joint in _JOINTS),
+            Trial(name="gait", role="gait", file=Path("gait.trc")),
         ),
     ),
 }
@@ -75,7 +75,7 @@ def people_rows(data: Path, progress: Progress = silent) -> list[TableRow]:
             progress(f"{name}: calibration")
             calibration = calibrate(_study(data / name, person))
             rows += _marker_rows(name, calibration)
-            if any(t[4] for t in person.trials):
+            if any(trial.forces for trial in person.trials):
                 rows += _scale_rows(name, calibration)
                 progress(f"{name}: third step")
                 calibration = calibrate(_study(data / name, person, joint_step=True))
@@ -85,14 +85,14 @@ def people_rows(data: Path, progress: Progress = silent) -> list[TableRow]:
 
 def _study(folder: Path, person: _Person, **settings: object) -> Study:
     marker_set = load_marker_set(person.marker_set)
-    trials = []
-    for name, role, joint, file, forces in person.trials:
-        recording = read_recording(folder / file, forces=folder / forces if forces else None)
-        trials.append(StudyTrial(name=name, role=role, joint=joint, recording=marker_set.renamed(recording)))
+    trials = [
+        trial.model_copy(update={"file": folder / trial.file, "forces": trial.forces and folder / trial.forces})
+        for trial in person.trials
+    ]
     return Study(
         subject=person.subject,
         marker_set=marker_set,
-        trials=tuple(trials),
+        trials=tuple(read_trial(trial, {}, marker_set) for trial in trials),
         settings=CalibrationSettings.model_validate(settings),
         weights={},
         inputs={},
@@ -109,28 +109,29 @@ def _marker_rows(name: str, calibration: Calibration) -> list[TableRow]:
         nominal, calibrated = (motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated))
         if nominal is None or calibrated is None:
             continue
-        note = f"{NOTE}; markers of pelvis and legs"
-        for words, value in (("anatomical", nominal), ("phase 1", calibrated)):
-            row = f"{name}, {words}: marker distance RMS"
-            rows.append(TableRow("I", row, column, None, 1e3 * value, "mm", note))
-        fall = 100.0 * (1.0 - calibrated / nominal)
-        rows.append(TableRow("I", f"{name}: fall of marker distance", column, None, fall, "%", note))
+        for row, value, unit in (
+            (f"{name}, anatomical: marker distance RMS", 1e3 * nominal, "mm"),
+            (f"{name}, phase 1: marker distance RMS", 1e3 * calibrated, "mm"),
+            (f"{name}: fall of marker distance", 100.0 * (1.0 - calibrated / nominal), "%"),
+        ):
+            rows.append(Cell("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs"))
     return rows
 
 
 def _residual_rows(name: str, calibration: Calibration) -> list[TableRow]:
     rows: list[TableRow] = []
-    for trial in calibration.trials:
-        loads = trial.loads
-        if loads is None or not loads.reactions.valid.any():
-            continue
+    for _, loads in _loaded(calibration):
         valid = loads.reactions.valid
-        note = f"{NOTE}; {int(np.sum(valid))} of {len(valid)} frames"
+        frames = f"{int(np.sum(valid))} of {len(valid)} frames"
         for stage, moments in loads.moments.items():
-            row = f"{name}, {STAGES[stage]}"
-            for (column, unit, _), value in zip(COLUMNS[:2], moments.residual_rms(valid), strict=True):
-                rows.append(TableRow("III", row, column, None, value, unit, note))
+            for (column, unit, _), value in zip(RESIDUALS, moments.residual_rms(valid), strict=True):
+                rows.append(Cell("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames))
     return rows
+
+
+def _loaded(calibration: Calibration) -> list[tuple[TrialResult, LoadedTrial]]:
+    """Trials with a frame whose ground reactions are valid."""
+    return [(t, t.loads) for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()]
 
 
 def _scale_rows(name: str, calibration: Calibration) -> list[TableRow]:
@@ -138,26 +139,21 @@ def _scale_rows(name: str, calibration: Calibration) -> list[TableRow]:
     nominal, parameters = calibration.nominal, calibration.model.parameters
     motions = [
         LoadedMotion(
-            name=t.name,
-            q=t.body.q,
-            velocity=t.body.velocity,
-            acceleration=t.body.acceleration,
-            wrench=r.wrench,
-            valid=r.valid,
+            name=trial.name,
+            q=trial.body.q,
+            velocity=trial.body.velocity,
+            acceleration=trial.body.acceleration,
+            wrench=loads.reactions.wrench,
+            valid=loads.reactions.valid,
         )
-        for t in calibration.trials
-        if t.loads is not None and (r := t.loads.reactions).valid.any()
+        for trial, loads in _loaded(calibration)
     ]
-    if not motions:
-        return []
-    hips = [nominal.landmarks[f"hjc_{side}"][1] for side in ("r", "l")]
     rows: list[TableRow] = []
-    for scale, (_, words) in SCALES.items():
-        width = float(np.linalg.norm(hips[0] - hips[1]))
-        equations = equations_of(motions, parameters, nominal.subject, scale, width)
+    for scale, (_, words) in SCALES.items() if motions else ():
+        equations = equations_of(motions, parameters, nominal.subject, scale, pelvis_width(nominal))
         fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
-        note = NOTE if is_physical(fit.inertial).all() else f"{NOTE}; some bodies could not exist"
-        for (column, unit, _), value in zip(COLUMNS[:2], (fit.rms_force, fit.rms_moment), strict=True):
-            row = f"{name}, torque divided by {words}"
-            rows.append(TableRow("discussion", row, column, None, value, unit, f"{note}; published cost"))
+        possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"
+        for (column, unit, _), value in zip(RESIDUALS, (fit.rms_force, fit.rms_moment), strict=True):
+            cell = Cell("discussion", f"{name}, torque divided by {words}", column, unit)
+            rows.append(cell.filled(None, value, NOTE, possible, "published cost"))
     return rows

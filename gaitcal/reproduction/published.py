@@ -1,4 +1,4 @@
-"""The printed figures of Reinbolt et al. 2007 (`published_results.json`), by the names that this project uses."""
+"""The printed figures of Reinbolt et al. 2007 (`published_results.json`), parameters by the names of this project."""
 
 from __future__ import annotations
 
@@ -13,47 +13,36 @@ PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
 SIDE = "l"
 """The paper's leg is the left one: only then do the signs of Table II fit frames with z to the right."""
 
-_JOINT = {"hip": "hip", "knee": "knee", "ankle talocrural": "talocrural", "ankle subtalar": "subtalar"}
-_DIRECTION = {
-    "anterior position": "ant",
-    "superior position": "sup",
-    "lateral position": "lat",
-    "frontal plane orientation": "front",
-    "transverse plane orientation": "trans",
-    "sagittal plane orientation": "sag",
-}
-_BODY = {"head and trunk": "head_trunk", "upper arm": "upper_arm", "lower arm and hand": "forearm_hand"}
-_AXIS = {"anterior": "ant", "superior": "sup", "lateral": "lat"}
-_QUANTITY = {"mass": "mass", "com": "com", "moment of inertia": "moi"}
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointParameterRow:
-    """A row of Table II: difference from the true (synthetic) or nominal (experimental) value, mm or deg."""
+    """A row of Table II: difference from the true (synthetic) and from the nominal (experimental) value, mm or deg."""
 
     name: str
     """Of the joint parameter, left leg."""
     title: str
+    """As the paper has it."""
     unit: str
-    single_joint: float
-    full_leg: float
-    single_joint_experimental: float
-    full_leg_experimental: float
+    single_joint: tuple[float, float]
+    """Synthetic and experimental."""
+    full_leg: tuple[float, float]
+    """Synthetic and experimental."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InertialParameterRow:
     """A row of Table IV: difference from the true (synthetic) or nominal (experimental) value, kg, mm, kg mm^2."""
 
     name: str
     """Of the symmetric inertial parameter: `thigh.com.sup`."""
     title: str
+    """As the paper has it."""
     unit: str
     correct_seed: float
-    random_mean: float
-    random_sd: float
+    random_seeds: tuple[float, float]
+    """Mean and standard deviation."""
     experimental: float
-    note: str
+    note: str = ""
 
 
 @cache
@@ -72,13 +61,7 @@ def table_one(row: str, quantity: str) -> dict[str, float | None]:
 
 def table_two() -> tuple[JointParameterRow, ...]:
     """Table II, 27 rows."""
-    rows = []
-    for entry in _content()["table_II"]:
-        name = f"{_JOINT[entry['joint']]}_{SIDE}.{entry['segment']}.{_DIRECTION[entry['parameter']]}"
-        title = f"{entry['joint']}, {entry['segment']}, {entry['parameter']}"
-        (one, one_experimental), (leg, leg_experimental) = entry["single_joint"], entry["full_leg"]
-        rows.append(JointParameterRow(name, title, entry["unit"], one, leg, one_experimental, leg_experimental))
-    return tuple(rows)
+    return tuple(JointParameterRow(**row) for row in _content()["table_II"])
 
 
 def table_three(row: str) -> list[Any]:
@@ -89,28 +72,7 @@ def table_three(row: str) -> list[Any]:
 
 def table_four() -> tuple[InertialParameterRow, ...]:
     """Table IV, 37 rows; `foot.com.sup` was held and is no variable."""
-    rows = []
-    for entry in _content()["table_IV"]:
-        body = _BODY.get(entry["segment"], entry["segment"])
-        parts = [body, _QUANTITY[entry["category"]]]
-        title = f"{entry['category']}, {entry['segment']}".replace("com,", "mass centre,")
-        if entry["direction"]:
-            parts.append(_AXIS[entry["direction"]])
-            title += f", {entry['direction']}"
-        mean, sd = entry["random_seeds"]
-        rows.append(
-            InertialParameterRow(
-                ".".join(parts),
-                title,
-                entry["unit"],
-                entry["correct_seed"],
-                mean,
-                sd,
-                entry["experimental"],
-                entry.get("note", ""),
-            )
-        )
-    return tuple(rows)
+    return tuple(InertialParameterRow(**row) for row in _content()["table_IV"])
 
 
 def cpu_seconds(problem: str) -> tuple[float, float]:

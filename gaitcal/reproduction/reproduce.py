@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -12,20 +11,26 @@ from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.workers import LocalProcesses
-from gaitcal.reproduction.claims import table_claims
+from gaitcal.reproduction.claims import Claim, table_claims
 from gaitcal.reproduction.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
 from gaitcal.reproduction.inertial_recovery import RANDOM_SEEDS
-from gaitcal.reproduction.inertial_tables import discussion_rows, table_four_rows, table_three_rows
-from gaitcal.reproduction.joint_tables import table_one_rows, table_two_rows, time_rows
 from gaitcal.reproduction.noise_seed import SeedResult, noiseless, noisy_draws
 from gaitcal.reproduction.people import people_rows
-from gaitcal.reproduction.rows import Claim, TableRow
+from gaitcal.reproduction.tables import (
+    TableRow,
+    discussion_rows,
+    table_four_rows,
+    table_one_rows,
+    table_three_rows,
+    table_two_rows,
+    time_rows,
+)
 from gaitcal.runtime import Progress, silent
 
 NOISE_SEEDS = 20
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReproductionSettings:
     """How much to do."""
 
@@ -41,7 +46,7 @@ class ReproductionSettings:
     """Folder of real recordings, for the people shown instead of the experimental trial."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reproduction:
     """Everything that was computed."""
 
@@ -52,7 +57,7 @@ class Reproduction:
     times: list[TableRow]
     claims: list[Claim]
     disturbances: pd.DataFrame | None
-    """Statistics of the Monte Carlo study; see `monte_carlo.statistics`."""
+    """Statistics of the Monte Carlo study; see `montecarlo.statistics`."""
 
 
 def reproduce(
@@ -78,38 +83,34 @@ def reproduce(
     ]
     if settings.data is not None:
         rows += people_rows(settings.data, progress)
-    found = _disturb(settings, draws_folder, progress) if settings.draws else None
+    disturbances = _disturb(settings, draws_folder, progress) if settings.draws else None
     return Reproduction(
-        settings,
-        clean,
-        noisy,
-        rows,
-        time_rows([clean, *noisy]),
-        [*table_claims(clean, noisy), *disturbance_claims(found)],
-        None if found is None else found.table,
+        settings=settings,
+        clean=clean,
+        noisy=noisy,
+        tables=rows,
+        times=time_rows([clean, *noisy]),
+        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances)],
+        disturbances=disturbances.table if disturbances else None,
     )
 
 
 def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Progress) -> Disturbances:
-    case, workers = nominal_case(), LocalProcesses(settings.jobs)
+    def study(name: str, words: str, bounds: MonteCarloSettings, plan: Plan) -> pd.DataFrame:
+        return monte_carlo(
+            nominal_case(),
+            folder / name if folder else None,
+            settings=bounds,
+            plan=plan,
+            workers=LocalProcesses(settings.jobs),
+            progress=lambda done, todo: progress(f"Monte Carlo, {words}: {done} of {todo} draws"),
+        ).statistics
 
-    def tell(words: str) -> Callable[[int, int], None]:
-        return lambda done, todo: progress(f"Monte Carlo, {words}: {done} of {todo} draws")
-
-    usual = monte_carlo(
-        case,
-        None if folder is None else folder / "published",
-        settings=MonteCarloSettings(settings.seed),
-        plan=Plan(draws=settings.draws),
-        workers=workers,
-        progress=tell("published bounds"),
+    published = MonteCarloSettings(seed=settings.seed)
+    wide = replace(published, inertial_percent=WIDE_PERCENT)
+    only_inertial = Plan((Varied.IP,), (100,), settings.draws)
+    return Disturbances(
+        study("published", "published bounds", published, Plan(draws=settings.draws)),
+        study("inertial50", "inertial parameters +-50 %", wide, only_inertial),
+        settings.draws,
     )
-    wide = monte_carlo(
-        case,
-        None if folder is None else folder / "inertial50",
-        settings=MonteCarloSettings(settings.seed, inertial_percent=WIDE_PERCENT),
-        plan=Plan((Varied.IP,), (100,), settings.draws),
-        workers=workers,
-        progress=tell("inertial parameters +-50 %"),
-    )
-    return Disturbances(usual.statistics, wide.statistics, settings.draws)

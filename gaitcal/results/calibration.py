@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_os
 from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
+from gaitcal.files.package_data import package_version
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
@@ -90,14 +90,6 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
         "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),
         "inputs_sha256": dict(calibration.study.inputs),
     }
-
-
-def package_version(name: str) -> str:
-    """Version of an installed package, or `unknown`."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def json_text(content: Json) -> str:

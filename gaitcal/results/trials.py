@@ -10,9 +10,10 @@ from typing import cast
 from gaitcal.export.xml_text import safe_name
 from gaitcal.files.atomic import also_at, atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.files.package_data import package_version
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
-from gaitcal.results.calibration import json_text, package_version, write_trial
+from gaitcal.results.calibration import json_text, write_trial
 from gaitcal.results.summary import Json, trial_summary
 
 SUMMARY = "summary.json"

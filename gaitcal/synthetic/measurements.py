@@ -3,7 +3,8 @@
 The ground reactions are what the motion asks for: the total external wrench is the root inverse dynamics, shared
 between the feet by quintic ramps (`grf_split` of the nominal subject), so that the true pelvis residual is zero.
 Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25 rad/s),
-phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995).
+phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995). Randomness enters by the `numpy.random.Generator`
+that the caller gives, and nowhere else.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
-from gaitcal.synthetic.motion import TrueMotion
+from gaitcal.synthetic.motion import GAIT_CYCLE, TrueMotion
 
 Array = NDArray[np.float64]
 
@@ -47,12 +48,12 @@ def marker_noise(time: Array, markers: int, rng: np.random.Generator, amplitude:
     return out
 
 
-def ground_reactions(parameters: Parameters, motion: TrueMotion, cycle: float) -> Array:
-    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual."""
+def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
+    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual in gait."""
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
     total[:, 3:] += np.cross(q[:, :3], total[:, :3])
-    right = right_share(motion.basis.time / cycle)
+    right = right_share(motion.basis.time / GAIT_CYCLE)
     return np.stack([right[:, None] * total, (1.0 - right)[:, None] * total], axis=1)
 
 

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 RATE = 200.0
 """Frames per second of all published trials."""
+GAIT_CYCLE = 1.035
+"""s, `cycle_s` of the nominal gait."""
 GAIT_FRAMES = 208
 ISOLATED_FRAMES = 1200
 NODES = 20
@@ -73,7 +75,7 @@ def gait_motion() -> TrueMotion:
     """One gait cycle of the nominal subject, right heel strike first: 208 frames at 200 Hz."""
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
     time = np.arange(GAIT_FRAMES) / RATE
-    phase = time / data["cycle_s"]
+    phase = time / GAIT_CYCLE
     q = np.empty((GAIT_FRAMES, len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
         stem = name if name in _CURVE_OF else name[:-2]

@@ -9,7 +9,7 @@ trial's landmarks make, which are those of the calibration.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,43 +17,22 @@ from numpy.typing import NDArray
 
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
-from gaitcal.model.inertial_parameters import (
-    IP_NAMES,
-    IP_TO_SI,
-    IP_UNITS,
-    MASSIVE_SEGMENTS,
-    is_physical,
-    symmetric_set,
-    table,
-)
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.inertial_parameters import is_physical, symmetric_set
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
-from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import HipCentre, lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import (
-    NODES,
-    TrueMotion,
-    gait_motion,
-    isolated_motion,
-    standing_pose,
-    static_motion,
-)
-from gaitcal.synthetic.truth import Frame, joint_parameters_in, segment_frames
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion, static_motion
+from gaitcal.synthetic.truth import in_static_frames, truth_table
 
 Array = NDArray[np.float64]
 
-CYCLE = 1.035
-"""s, the nominal gait cycle."""
 CLEARANCE = 0.02
 """m between the floor and the lowest foot marker."""
 POSITION_BOUND = 0.010
@@ -63,26 +42,12 @@ PLATE_X, PLATE_Z = (-0.7, 1.9), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
-@dataclass(frozen=True)
-class SyntheticSubject:
-    """A subject whose parameters are known."""
-
-    model: SubjectModel
-    """True parameters in the frames of the true linkage, with the static-only markers."""
-    truth: Parameters
-    """The same linkage told in the segment frames of its static trial."""
-
-
-def synthetic_subject(rng: np.random.Generator, *, perturb: bool) -> SyntheticSubject:
-    """The nominal subject, or one drawn within the published bounds around it."""
-    model = published_model(static_only=True)
-    if perturb:
-        parameters = _perturbed(model.parameters, rng)
-        subject = replace(model.subject, mass=parameters.mass)
-        model = replace(model, subject=subject, parameters=parameters)
-    subject = Subject("synthetic", model.parameters.mass, model.subject.height, model.subject.sex)
-    model = replace(model, subject=subject)
-    return SyntheticSubject(model, _in_static_frames(model))
+def true_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
+    """The nominal subject with its static-only markers, or one drawn within the published bounds around it."""
+    nominal = published_model(static_only=True)
+    parameters = _perturbed(nominal.parameters, rng) if perturb else nominal.parameters
+    subject = Subject("synthetic", parameters.mass, nominal.subject.height, nominal.subject.sex)
+    return replace(nominal, subject=subject, parameters=parameters)
 
 
 def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
@@ -94,31 +59,6 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
         inertial = nominal.inertial * (1.0 + change)
         if is_physical(inertial).all():
             return Parameters(joint, inertial, nominal.zero_angles)
-
-
-def _in_static_frames(model: SubjectModel) -> Parameters:
-    pose = standing_pose()
-    markers = synthetic_markers(model.parameters, model.markers, pose[None])
-    still = Recording("static", np.zeros(1), model.markers.labels, markers)
-    marker_set = load_marker_set("published")
-    posture = static_posture(still, marker_set, slice(0, 1))
-    legs = lower_body(posture, model.subject.height, HipCentre.BELL)
-    body = upper_body(posture, marker_set, legs, model.subject)
-    frames = {name: (f.rotation, f.origin) for name, f in (legs.frames | body.frames).items()}
-    joint = joint_parameters_in(model.parameters, pose, frames)
-    true = segment_frames(model.parameters, pose)
-    return Parameters(joint, _inertial_in(model.parameters.inertial, true, frames), model.parameters.zero_angles)
-
-
-def _inertial_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
-    """IPs in other frames; of a turned inertia the moments about the new axes."""
-    out = table(inertial).copy()
-    for row, segment in zip(out, MASSIVE_SEGMENTS, strict=True):
-        (r0, o0), (r1, o1) = true[segment], frames[segment]
-        turn = r1.T @ r0
-        row[1:4] = r1.T @ (o0 + r0 @ row[1:4] - o1)
-        row[4:7] = np.diag(turn @ np.diag(row[4:7]) @ turn.T)
-    return out.ravel()
 
 
 def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
@@ -137,25 +77,23 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
         The folder cannot be written, or holds files that are not ours.
     """
     folder = Path(out)
-    streams = np.random.SeedSequence(seed).spawn(2)
-    subject = synthetic_subject(np.random.default_rng(streams[0]), perturb=perturb)
-    noise_rng = np.random.default_rng(streams[1])
-    moving = published_model()
+    person, noise_waves = _generators(seed)
+    model, tracking = true_model(person, perturb=perturb), published_model().markers.labels
     trials = {"static": static_motion(), **{joint: isolated_motion(joint) for joint in ISOLATED_JOINTS}}
     trials["gait"] = gait_motion()
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
         for name, motion in trials.items():
-            markers = subject.model.markers if name == "static" else moving.markers
-            recording = _recording(name, _on_the_floor(subject.model, motion), subject.model, markers.labels)
+            labels = model.markers.labels if name == "static" else tracking
+            recording = _recording(name, _on_the_floor(model, motion), model, labels)
             if noise and name != "static":
-                moved = recording.markers + marker_noise(recording.time, len(markers.labels), noise_rng)
+                moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
             write_c3d(target / f"{name}.c3d", recording)
             entries.append(_entry(name))
-        study = _study_file(subject.model.subject, tuple(entries))
+        study = _study_file(model.subject, tuple(entries))
         (target / "study.toml").write_text(study.to_toml(), encoding="utf-8")
-        (target / "truth.csv").write_text(truth_table(subject.truth), encoding="utf-8")
+        (target / "truth.csv").write_text(truth_table(in_static_frames(model)), encoding="utf-8")
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
@@ -163,8 +101,13 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
 
 def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:
     """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
-    subject = synthetic_subject(np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0]), perturb=True)
-    return subject.model.parameters, _on_the_floor(subject.model, gait_motion())
+    model = true_model(_generators(seed)[0], perturb=True)
+    return model.parameters, _on_the_floor(model, gait_motion())
+
+
+def _generators(seed: int) -> list[np.random.Generator]:
+    """Where randomness enters: one generator for the person's parameters, one for the noise of the markers."""
+    return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
 def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
@@ -179,7 +122,7 @@ def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
 def _recording(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...]) -> Recording:
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
-    plates = () if name != "gait" else _plates(motion, ground_reactions(model.parameters, motion, CYCLE))
+    plates = () if name != "gait" else _plates(motion, residual_free_wrench(model.parameters, motion))
     return Recording(name, motion.basis.time, labels, chosen, plates)
 
 
@@ -214,13 +157,3 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         trial=trials,
         calibration=CalibrationSettings(mode="simultaneous", nodes=NODES, force_filter_hz="none"),
     )
-
-
-def truth_table(truth: Parameters) -> str:
-    """The content of `truth.csv`: name, unit, value."""
-    lines = ["name,unit,value"]
-    for name, p, value in zip(JP_NAMES, JOINT_PARAMETERS, truth.joint, strict=True):
-        lines.append(f"{name},{p.kind.unit},{float(value / p.kind.to_si)!r}")
-    for name, unit, value in zip(IP_NAMES, IP_UNITS, truth.inertial / IP_TO_SI, strict=True):
-        lines.append(f"{name},{unit},{float(value)!r}")
-    return "\n".join(lines) + "\n"

@@ -1,10 +1,10 @@
-"""The same linkage in other segment frames: how true joint parameters are told in the frames of a static trial.
+"""The truth that a calibration should find: a known linkage, told in the segment frames of its static trial.
 
-A calibration measures joint parameters in segment frames that it makes from the static trial's landmarks. A synthetic
-subject's true axes are lines and points of its segments; told in those frames they are the truth that a calibration
-should find. The signed angles of A = Rx(front) Ry(trans) follow from its z axis, those of B = Ry(trans) Rz(sag) from
-its x axis; a hinge is told at the point of its axis that the parameter list allows (lateral position zero on the
-proximal side), a talocrural axis at its common perpendicular with the subtalar one.
+A calibration measures its parameters in segment frames that it makes from the static trial's landmarks. A synthetic
+subject's true axes are lines and points of its segments; told in those frames they are what it should find. The signed
+angles of A = Rx(front) Ry(trans) follow from its z axis, those of B = Ry(trans) Rz(sag) from its x axis; a hinge is
+told at the point of its axis that the parameter list allows (lateral position zero on the proximal side), a talocrural
+axis at its common perpendicular with the subtalar one.
 """
 
 from __future__ import annotations
@@ -13,14 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import JOINTS, SIDES, Source
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.upper_body import upper_body
+from gaitcal.recording import Recording
+from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import standing_pose
 
 Array = NDArray[np.float64]
-Frame = tuple[Array, Array]
-"""Rotation (3, 3), columns the axes, and origin (3,), in the laboratory."""
+
+
+def in_static_frames(model: SubjectModel) -> Parameters:
+    """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration."""
+    true, pose = model.parameters, standing_pose()
+    markers = synthetic_markers(true, model.markers, pose[None])
+    still = Recording("static", np.zeros(1), model.markers.labels, markers)
+    marker_set = load_marker_set("published")
+    posture = static_posture(still, marker_set, slice(0, 1))
+    legs = lower_body(posture, model.subject.height, HipCentre.BELL)
+    frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
+    inertial = _inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
+    return Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
 
 
 def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
@@ -28,7 +48,7 @@ def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
     chain = Chain()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
-    return {name: (axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+    return {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
 
 
 def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Frame]) -> Array:
@@ -40,26 +60,25 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         out[JP_INDEX[name]] = value
 
     def put_point(prefix: str, segment: str, point: Array, directions: str = "ant sup lat") -> None:
-        rotation, origin = frames[segment]
-        local = rotation.T @ (point - origin)
+        local = frames[segment].local(point)
         for direction in directions.split():
             put(f"{prefix}.{direction}", local[("ant", "sup", "lat").index(direction)])
 
     def put_z_axis(prefix: str, segment: str, axis: Array) -> None:
-        d = frames[segment][0].T @ axis
+        d = frames[segment].rotation.T @ axis
         put(f"{prefix}.front", np.arctan2(-d[1], d[2]))
         put(f"{prefix}.trans", np.arcsin(np.clip(d[0], -1, 1)))
 
     def put_x_axis(prefix: str, segment: str, axis: Array) -> None:
-        d = frames[segment][0].T @ axis
+        d = frames[segment].rotation.T @ axis
         put(f"{prefix}.trans", np.arctan2(-d[2], d[0]))
         put(f"{prefix}.sag", np.arcsin(np.clip(d[1], -1, 1)))
 
     def put_hinge(name: str, proximal: tuple[str, str], distal: tuple[str, str], line: tuple[Array, Array]) -> None:
         axis, point = line
-        rotation, origin = frames[proximal[1]]
-        lateral = rotation[:, 2]
-        point = point - axis * ((point - origin) @ lateral) / (axis @ lateral)
+        frame = frames[proximal[1]]
+        lateral = frame.rotation[:, 2]
+        point = point - axis * ((point - frame.origin) @ lateral) / (axis @ lateral)
         put_z_axis(f"{name}.{proximal[0]}", proximal[1], axis)
         put_point(f"{name}.{proximal[0]}", proximal[1], point, "ant sup")
         put_z_axis(f"{name}.{distal[0]}", distal[1], axis)
@@ -73,10 +92,10 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         put_point(f"hip_{side}.pelvis", "pelvis", hip)
         put_point(f"hip_{side}.thigh", thigh, hip)
         put_hinge(f"knee_{side}", ("thigh", thigh), ("shank", shank), _reversed(lines[f"knee_angle_{side}"]))
-        z, at_z = lines[f"ankle_angle_{side}"]
-        x, at_x = lines[f"subtalar_angle_{side}"]
+        z, point_of_z = lines[f"ankle_angle_{side}"]
+        x, point_of_x = lines[f"subtalar_angle_{side}"]
         x = x if side == "r" else -x
-        talus_origin, foot_point = _common_perpendicular(z, at_z, x, at_x)
+        talus_origin, foot_point = _common_perpendicular(z, point_of_z, x, point_of_x)
         up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
         put_z_axis(f"talocrural_{side}.shank", shank, z)
         put_point(f"talocrural_{side}.shank", shank, talus_origin)
@@ -97,6 +116,16 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
     return out
 
 
+def _inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
+    """(84,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
+    out = table(inertial).copy()
+    for row, segment in zip(out, MASSIVE_SEGMENTS, strict=True):
+        turn = frames[segment].rotation.T @ true[segment].rotation
+        row[1:4] = frames[segment].local(true[segment].point(row[1:4]))
+        row[4:7] = np.diag(turn @ np.diag(row[4:7]) @ turn.T)
+    return out.ravel()
+
+
 def _joint_lines(parameters: Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
     chain = Chain()
@@ -114,8 +143,18 @@ def _reversed(line: tuple[Array, Array]) -> tuple[Array, Array]:
     return -line[0], line[1]
 
 
-def _common_perpendicular(a: Array, at_a: Array, b: Array, at_b: Array) -> tuple[Array, Array]:
-    """Nearest points of two lines."""
-    system = np.array([[a @ a, -a @ b], [a @ b, -b @ b]])
-    s, t = np.linalg.solve(system, [a @ (at_b - at_a), b @ (at_b - at_a)])
-    return at_a + s * a, at_b + t * b
+def _common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:
+    """Nearest points of two lines, each given by its direction and one of its points."""
+    between = point_of_b - point_of_a
+    s, t = np.linalg.solve(np.array([[a @ a, -a @ b], [a @ b, -b @ b]]), [a @ between, b @ between])
+    return point_of_a + s * a, point_of_b + t * b
+
+
+def truth_table(truth: Parameters) -> str:
+    """The content of `truth.csv`: name, unit, value."""
+    lines = ["name,unit,value"]
+    for name, p, value in zip(JP_NAMES, JOINT_PARAMETERS, truth.joint, strict=True):
+        lines.append(f"{name},{p.kind.unit},{float(value / p.kind.to_si)!r}")
+    for name, unit, value in zip(IP_NAMES, IP_UNITS, truth.inertial / IP_TO_SI, strict=True):
+        lines.append(f"{name},{unit},{float(value)!r}")
+    return "\n".join(lines) + "\n"

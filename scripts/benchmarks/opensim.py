@@ -45,10 +45,10 @@ def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Timing
     write_trc(folder / "markers.trc", recording)
     peer = opensim.Model(str(folder / "model.osim"))
     peer.initSystem()
-    own = dict(zip(model.markers.labels, model.markers.weight, strict=True))
+    weight_of = dict(zip(model.markers.labels, model.markers.weight, strict=True))
     weights = opensim.SetMarkerWeights()
     for label in recording.labels:
-        weights.cloneAndAppend(opensim.MarkerWeight(label, float(own[label])))
+        weights.cloneAndAppend(opensim.MarkerWeight(label, float(weight_of[label])))
     reference = opensim.MarkersReference(str(folder / "markers.trc"), weights)
     coordinates = opensim.SimTKArrayCoordinateReference()
 

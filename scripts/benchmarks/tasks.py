@@ -12,7 +12,7 @@ from benchmarks.opensim import inverse_dynamics, inverse_kinematics
 from benchmarks.programs import section_calibrate_study, section_montecarlo, section_startup
 from benchmarks.references import lower_bound, passes, plain_least_squares
 from benchmarks.scaling import section_scaling
-from benchmarks.trials import CYCLE, GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
+from benchmarks.trials import GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
 from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
 from gaitcal.dynamics.inverse_dynamics import Dynamics
@@ -22,7 +22,7 @@ from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.motion import motion_of, track
 from gaitcal.motion.trial_problem import NodeRule
-from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
@@ -108,7 +108,7 @@ def _isolated(joint: str) -> Callable[[], list[Timing]]:
 def section_ip() -> list[Timing]:
     """36 inertial parameters from a noisy gait trial."""
     model, motion = subject(), gait_motion()
-    wrench = ground_reactions(model.parameters, motion, CYCLE)
+    wrench = residual_free_wrench(model.parameters, motion)
     tracked = track(model, recording("gait"), rule=NODES)
     loaded = LoadedMotion(
         name="gait",
@@ -133,7 +133,7 @@ def section_inverse_dynamics() -> list[Timing]:
     """Generalised forces of 208 frames."""
     model, motion = subject(), gait_motion()
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    wrench = ground_reactions(model.parameters, motion, CYCLE)
+    wrench = residual_free_wrench(model.parameters, motion)
     bare = build_model(model.parameters)
     data = bare.createData()
 

@@ -20,7 +20,6 @@ from gaitcal.synthetic.motion import gait_motion, isolated_motion
 
 NODES = NodeRule(fixed=20)
 GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))
-CYCLE = 1.035
 
 
 @cache

@@ -19,7 +19,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import NodeRule, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array
 
@@ -40,7 +40,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     heavier = model.parameters.inertial.copy()
     heavier[[0, 7]] *= (1.1, 0.95)
-    wrench = ground_reactions(model.parameters.with_inertial(heavier), motion, 1.035)
+    wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
     constants = problem.constants(model.parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     nodes = track_nodes(problem, constants, start).nodes

@@ -24,14 +24,14 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Stage
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative
 from tests.real_studies import write_study
 
 MODEL = published_model()
 MOTION = gait_motion()
-WRENCH = ground_reactions(MODEL.parameters, MOTION, 1.035)
+WRENCH = residual_free_wrench(MODEL.parameters, MOTION)
 EVERY = np.ones(len(MOTION.basis.time), dtype=bool)
 
 

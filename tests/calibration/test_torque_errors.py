@@ -18,7 +18,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
@@ -92,7 +92,7 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     closed = problem.with_free(())
     start = starting_nodes(closed.chain, closed.constants(model.parameters), problem.data, problem.basis)
     fit = calibrate_joints([problem], model.parameters, free, [start])
-    wrench = ground_reactions(model.parameters, motion, 1.04)
+    wrench = residual_free_wrench(model.parameters, motion)
 
     moves = torque_errors.marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
 

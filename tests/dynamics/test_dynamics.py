@@ -16,7 +16,7 @@ from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parame
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.synthetic.measurements import ground_reactions
+from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
@@ -149,7 +149,7 @@ def test_moments_are_the_forces_by_name() -> None:
 def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> None:
     parameters = perturbed_parameters(RNG)
     motion = gait_motion()
-    wrench = ground_reactions(parameters, motion, 1.035)
+    wrench = residual_free_wrench(parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     assert np.abs(pelvis_residual(q, Dynamics(parameters).forces(q, v, a, wrench))).max() < FORCE
     vertical = wrench[:, :, 1].sum(axis=1) / (parameters.mass * 9.81)

@@ -13,7 +13,7 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import Frame, half_width
-from gaitcal.model.upper_body import arm
+from gaitcal.model.upper_body import measured_arm
 from gaitcal.recording import still_window
 from tests.model.people import PEOPLE
 
@@ -53,7 +53,7 @@ def test_the_plane_of_a_bent_arm_gives_its_elbow(side: str, bent_deg: float, rai
     wrist = elbow - 0.26 * (lift @ axis_rotation(2, np.deg2rad(bent_deg)))[:, 1]
     marker = elbow + outwards * half_width("elbow", height) * lift[:, 2]
     landmarks = {f"elbow_lat_{side}": marker, f"wrist_{side}": wrist}
-    found = arm(StaticPosture("made up", {}, landmarks, {}), side, Frame(body, np.zeros(3)), shoulder, height)
+    found = measured_arm(StaticPosture("made up", {}, landmarks, {}), side, Frame(body, np.zeros(3)), shoulder, height)
     np.testing.assert_allclose(found.elbow, elbow, atol=SAME)
     np.testing.assert_allclose(found.axis, lift[:, 2], atol=SAME)
     np.testing.assert_allclose(found.upper.rotation, lift, atol=SAME)

@@ -37,7 +37,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     if change.noise is not None:
         data = replace(data, measured=data.measured + change.noise)
     problem = TrialProblem(
-        name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.labels
+        name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
     )
     constants = problem.constants(parameters)
     nodes = case.nodes
@@ -53,7 +53,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within)
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
     apart = 1e3 * np.linalg.norm(problem.positions(nodes, constants) - data.measured, axis=1)
-    left = [i for i, label in enumerate(context.labels) if label.startswith("L.") and _on_leg(context, i)]
+    left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
     assert found.values[COLUMNS.index(marker_column("l", "rms"))] == pytest.approx(
         np.sqrt((apart[left] ** 2).mean()), abs=1e-4
     )

@@ -13,7 +13,7 @@ from gaitcal.figures.monte_carlo import (
     write_monte_carlo_figures,
 )
 from gaitcal.montecarlo.context import MonteCarloContext
-from gaitcal.montecarlo.settings import ReactionFrame
+from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of, statistics
 from gaitcal.montecarlo.variance import variance_contributions
 from tests.montecarlo.test_statistics import made_up
@@ -29,7 +29,7 @@ def test_boxes_are_the_percentiles() -> None:
         "JP and IP",
         "marker noise (NP)",
     ]
-    row = levels_of(table, "noise", "knee_adduction_l", "foot").iloc[1]
+    row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
     lines = [line.get_ydata() for line in axes[4, 3].lines]
     heights = {round(float(y), 9) for data in lines for y in np.ravel(data)}
     wanted = {round(float(row[name]), 9) for name in ("p10", "p25", "p50", "p75", "p90", "average")}

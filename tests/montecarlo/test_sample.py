@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, leg_parameters
-from gaitcal.montecarlo.draw import Disturbance, disturbance
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.draw import Disturbance, disturb
 from gaitcal.montecarlo.settings import MonteCarloSettings, ParameterChoice, Varied
 
-TIME = 3.0 + np.arange(50) / 200.0
+
+@cache
+def context_of(settings: MonteCarloSettings) -> MonteCarloContext:
+    return MonteCarloContext(nominal_case(), settings)
 
 
 def sample(varied: Varied, level: int, number: int, settings: MonteCarloSettings | None = None) -> Disturbance:
-    return disturbance(settings or MonteCarloSettings(), 36, 41, TIME, (varied, level), number)
+    return disturb(context_of(settings or MonteCarloSettings()), varied, level, number)
 
 
 def test_each_set_disturbs_what_it_names() -> None:
@@ -53,7 +60,7 @@ def test_bounds_are_published_and_configurable() -> None:
 def test_noise_is_the_published_sinusoid() -> None:
     waves = [sample(Varied.NOISE, 50, k).noise for k in range(20)]
     noise = np.stack([w for w in waves if w is not None])
-    assert noise.shape == (20, 41, 3, 50)
+    assert noise.shape == (20, 41, 3, 208)
     assert np.abs(noise).max() <= 0.005
     assert np.abs(noise).max() > 0.0045
 

@@ -13,9 +13,8 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.montecarlo.case import MonteCarloCase
-from gaitcal.montecarlo.chunk import Chunk, cut
 from gaitcal.montecarlo.settings import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
-from gaitcal.montecarlo.store import Store, missing_chunks
+from gaitcal.montecarlo.store import Chunk, Store, cut, missing_chunks
 from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
 from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess
 

@@ -17,11 +17,10 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.page import Scene, person_scene, trial_scene
 from gaitcal.recording.recording import ForcePlate, Recording
-from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
+from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, gait_motion
 
 FITTED = gait_parameters("r") + gait_parameters("l")
-GAIT_CYCLE = 1.035
 
 
 def subject_model(name: str = "Built-in subject") -> SubjectModel:
@@ -71,7 +70,7 @@ def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-i
     if labels is not None:
         model = replace(model, markers=replace(model.markers, labels=labels))
     true = gait_motion()
-    wrench = ground_reactions(model.parameters, true, GAIT_CYCLE)
+    wrench = residual_free_wrench(model.parameters, true)
     first = walking_trial(model, true, "walk", wrench)
     again = walking_trial(model, true, "no plates", None)
     return person_scene(model, (first, again), standard_errors())
@@ -109,7 +108,7 @@ def walking_trial(model, true: TrueMotion, name, wrench):
 def long_scene(frames: int = 10_000) -> Scene:
     """One long walk, with plates under the first steps."""
     model, true = subject_model(), long_motion(frames)
-    wrench = ground_reactions(model.parameters, true, GAIT_CYCLE)
+    wrench = residual_free_wrench(model.parameters, true)
     return person_scene(model, (walking_trial(model, true, "long", wrench),), standard_errors())
 
 

@@ -27,7 +27,14 @@ RMS = 1.5
 @pytest.fixture(scope="module")
 def study() -> MonteCarloStudy:
     draws = made_up(draws=30)
-    return MonteCarloStudy(nominal_case(), MonteCarloSettings(), Plan(draws=30), draws, statistics(draws), 30)
+    return MonteCarloStudy(
+        case=nominal_case(),
+        settings=MonteCarloSettings(),
+        plan=Plan(draws=30),
+        draws=draws,
+        statistics=statistics(draws),
+        computed=30,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ from gaitcal.page import Scene, person_scene
 from gaitcal.page.body_fit import MESHES, fitted_meshes
 from gaitcal.page.joint_marks import joint_marks
 from gaitcal.page.scene import MOST_FRAMES
-from gaitcal.synthetic.measurements import ground_reactions, synthetic_markers
+from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
-from tests.page.people import GAIT_CYCLE, long_motion, standard_errors, subject_model, walking_trial
+from tests.page.people import long_motion, standard_errors, subject_model, walking_trial
 
 SINGLE = 2e-6
 """m: single precision on a few metres, quaternions included."""
@@ -44,7 +44,7 @@ def test_quaternions_do_not_jump(scene: Scene) -> None:
 
 
 def test_arrows_stand_where_the_moment_is_vertical(scene: Scene) -> None:
-    wrench = ground_reactions(subject_model().parameters, gait_motion(), GAIT_CYCLE)
+    wrench = residual_free_wrench(subject_model().parameters, gait_motion())
     trial = scene.trials[0]
     shown = np.isfinite(trial.forces).all(axis=2)
     assert shown.any() and not shown.all()

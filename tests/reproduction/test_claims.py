@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.reproduction.claims import table_claims
+from gaitcal.reproduction.claims import Verdict, table_claims
 from gaitcal.reproduction.inertial_recovery import InertialRecovery
 from gaitcal.reproduction.joint_recovery import JointRecovery
 from gaitcal.reproduction.noise_seed import SeedResult
-from gaitcal.reproduction.rows import Verdict
 
 
 def _joint(problem: str, change: Callable[[JointRecovery], JointRecovery]) -> Callable[[SeedResult], SeedResult]:

@@ -7,9 +7,9 @@ import pytest
 
 from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import PUBLISHED_LEVELS, ReactionFrame, Varied
+from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.disturbance_claims import Disturbances, disturbance_claims
 from gaitcal.reproduction.reproduce import ReproductionSettings, _disturb
-from gaitcal.reproduction.rows import Claim, Verdict
 
 AS_PUBLISHED = dict(zip(TORQUES, (4.14, 1.06, 0.7, 0.92, 0.95, 0.50, 0.55), strict=True))
 """%BW*H: JP errors at 100 % that would make every claim hold."""

@@ -16,7 +16,7 @@ from gaitcal.reproduction.inertial_recovery import (
     recover_inertia,
     true_wrench,
 )
-from gaitcal.reproduction.joint_recovery import subject, true_motion
+from gaitcal.reproduction.joint_recovery import true_model, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
 
 RESIDUAL = 1e-9
@@ -29,7 +29,7 @@ SEEN = 31
 
 @pytest.fixture(scope="module")
 def equations() -> RootEquations:
-    return gait_equations(subject().parameters, true_motion("full leg").nodes)
+    return gait_equations(true_model().parameters, true_motion("full leg").nodes)
 
 
 def test_correct_seed_without_noise_is_exact(clean: SeedResult) -> None:
@@ -68,7 +68,7 @@ def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> Non
 
 def test_no_decay_is_the_published_procedure(draws: list[SeedResult]) -> None:
     gait = draws[0].joints["full leg"]
-    noisy, truth = gait_equations(gait.parameters, gait.nodes), subject().parameters.inertial
+    noisy, truth = gait_equations(gait.parameters, gait.nodes), true_model().parameters.inertial
     one = fit_published(noisy, truth, symmetric_set(), reseed=False)
     two = fit_published(noisy, one.inertial, symmetric_set(), reseed=False)
     by_hand = [recover_inertia(noisy, truth).seeds, draws[0].correct.seeds]
@@ -77,7 +77,7 @@ def test_no_decay_is_the_published_procedure(draws: list[SeedResult]) -> None:
 
 
 def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> None:
-    s, truth = symmetric_set().selection, subject().parameters.inertial
+    s, truth = symmetric_set().selection, true_model().parameters.inertial
     blocks = np.einsum("rsd,sdk->rsk", equations.factor.reshape(-1, 12, 10), dynamic_jacobian(truth))
     values = np.linalg.svd(blocks.reshape(-1, 84) @ s * (s.T @ truth / (s * s).sum(axis=0)), compute_uv=False)
     assert (values > 1e-10 * values[0]).sum() == SEEN
@@ -85,14 +85,14 @@ def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> N
 
 
 def test_true_model_has_no_residual() -> None:
-    motion, parameters = true_motion("full leg"), subject().parameters
+    motion, parameters = true_motion("full leg"), true_model().parameters
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     assert np.abs(pelvis_residual(q, Dynamics(parameters).forces(q, v, a, true_wrench()))).max() < RESIDUAL
 
 
 @pytest.mark.parametrize("with_held", [False, True])
 def test_random_seeds(with_held: bool) -> None:
-    truth, which = subject().parameters.inertial, symmetric_set()
+    truth, which = true_model().parameters.inertial, symmetric_set()
     seeds = np.array([random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)])
     moved = truth != 0.0
     ratio = seeds[:, moved] / truth[moved] - 1.0

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.calibration.far_start import step_together
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.reproduction import joint_recovery
-from gaitcal.reproduction.joint_recovery import LEG, free_parameters, subject, synthetic_problem, true_motion
+from gaitcal.reproduction.joint_recovery import LEG, free_parameters, synthetic_problem, true_model, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import PROBLEMS
 
@@ -49,7 +49,7 @@ def test_everything_starts_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
         return step_together(problems, parameters, free, starts, p, **options)
 
     monkeypatch.setattr(joint_recovery, "step_together", spy)
-    joint_recovery.solve("full leg", synthetic_problem("full leg", None), subject().parameters)
+    joint_recovery.solve("full leg", synthetic_problem("full leg", None), true_model().parameters)
     (starts, p) = seen[0]
     assert p.shape == (17,) and not p.any()
     assert starts[0].shape == (20, 27) and not starts[0].any()
@@ -75,6 +75,6 @@ def test_gait_keeps_what_isolated_trials_found(draws: list[SeedResult]) -> None:
 
 
 def test_the_right_leg_stays_true(draws: list[SeedResult]) -> None:
-    found, truth = draws[0].joints["full leg"].parameters.joint, subject().parameters.joint
+    found, truth = draws[0].joints["full leg"].parameters.joint, true_model().parameters.joint
     others = [i for name, i in JP_INDEX.items() if name not in LEG]
     assert np.array_equal(found[others], truth[others])

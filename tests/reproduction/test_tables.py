@@ -13,14 +13,23 @@ from gaitcal.commands import reproduce as command
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
 from gaitcal.reproduction import reproduce
-from gaitcal.reproduction.folder import write_tables
-from gaitcal.reproduction.inertial_tables import discussion_rows, table_four_rows, table_three_rows
-from gaitcal.reproduction.joint_tables import speed_factor, table_one_rows, table_two_rows, time_rows
+from gaitcal.reproduction.claims import Verdict
+from gaitcal.reproduction.folder import CLAIM_COLUMNS, TABLE_COLUMNS, table_frame, write_tables
 from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import table_four, table_two
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings
 from gaitcal.reproduction.reproduce import reproduce as run
-from gaitcal.reproduction.rows import CLAIM_COLUMNS, TABLE_COLUMNS, Verdict, spread, spread_row, table_frame
+from gaitcal.reproduction.tables import (
+    Cell,
+    discussion_rows,
+    speed_factor,
+    spread,
+    table_four_rows,
+    table_one_rows,
+    table_three_rows,
+    table_two_rows,
+    time_rows,
+)
 from tests.reproduction.conftest import FEW_SEEDS
 
 TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, jobs=1)
@@ -46,7 +55,7 @@ def test_spread_places_the_published_figure() -> None:
     found = spread([3.0, 1.0, 2.0, 10.0])
     assert (found.median, found.low, found.high, found.draws) == (2.5, 1.0, 10.0, 4)
     assert [found.place(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == ["below", "inside", "inside", "inside", "above"]
-    row = spread_row("I", "row", "hip", 0.5, found, "mm", "why")
+    row = Cell("I", "row", "hip", "mm").over_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
     assert row.ours == 2.5
     assert row.note == "median of 4 noise draws, range 1 to 10; published value below the range; why"
 
@@ -63,8 +72,8 @@ def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
     second = table_two_rows(draws)
     assert len(second) == 4 * len(table_two())
     row = next(r for r in second if r.row == "knee, shank, lateral position" and r.column == "single joint, synthetic")
-    at = draws[0].joints["knee"].names.index("knee_l.shank.lat")
-    errors = [d.joints["knee"].errors[at] for d in draws]
+    place = draws[0].joints["knee"].names.index("knee_l.shank.lat")
+    errors = [d.joints["knee"].errors[place] for d in draws]
     assert (row.published, row.ours) == (-0.84, pytest.approx(sum(errors) / 2))
 
 
