@@ -102,7 +102,7 @@ def test_expectation_from_a_marker_distance() -> None:
     far_jp, far_noise = expect(table, 9.0)
     assert (far_jp.beyond, far_noise.beyond, far_noise.level) == (False, True, 100.0)
     assert expect(table, 0.0)[0].level == 0.0
-    (below, _), first = expect(table, 1.5), levels_of(table, "jp", "knee_angle_l", "lab").iloc[0]
+    (below, _), first = expect(table, 1.5), levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.LAB).iloc[0]
     knee = below.torques[(below.torques["torque"] == "knee_angle_l") & (below.torques["grf"] == "lab")].iloc[0]
     assert below.level < first["level"]
     assert knee["average"] == pytest.approx(first["average"] * below.level / first["level"])  # a line from nothing
