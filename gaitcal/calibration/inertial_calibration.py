@@ -29,12 +29,7 @@ from scipy.optimize import least_squares
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
-from gaitcal.model.inertial_parameters import (
-    IP_NAMES,
-    InertialSet,
-    dynamic_jacobian,
-    dynamic_parameters,
-)
+from gaitcal.model.inertial_parameters import IP_NAMES, InertialSet, dynamic_jacobian, dynamic_parameters
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.checks import (
-    body_mass,
-    contacts,
-    direction,
-    exchanged,
-    lengths,
-    markers,
-    plates,
-    sampling,
-    standing,
-)
+from gaitcal.checks import body_mass, contacts, direction, exchanged, lengths, markers, plates, sampling, standing
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding, Severity
 from gaitcal.errors import InputError

@@ -22,14 +22,7 @@ from gaitcal.montecarlo.case import MODEL, case_from
 from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.montecarlo.settings import (
-    MOST_LEVEL,
-    MonteCarloSettings,
-    ParameterChoice,
-    Plan,
-    ReactionFrame,
-    Varied,
-)
+from gaitcal.montecarlo.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
 from gaitcal.montecarlo.store import Store
 from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, monte_carlo

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import in_segment_frames, joint_regressor
-from gaitcal.model.inertial_parameters import (
-    dynamic_parameters,
-    symmetric_set,
-)
+from gaitcal.model.inertial_parameters import dynamic_parameters, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel

@@ -24,13 +24,7 @@ from gaitcal.gait.words import coordinate_title, explained
 from gaitcal.page.answers import answers
 from gaitcal.page.svg import SvgPage
 from gaitcal.page.trials import phase_words, trial_facts, trial_fits
-from gaitcal.person.parameter_words import (
-    blind_spots,
-    counts_sentence,
-    fixed_joints,
-    inertial_groups,
-    joint_groups,
-)
+from gaitcal.person.parameter_words import blind_spots, counts_sentence, fixed_joints, inertial_groups, joint_groups
 from gaitcal.person.result import Calibration
 
 MISSING = "–"

@@ -13,13 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gaitcal.montecarlo.conclusions import (
-    INTERACTION_LIMIT,
-    IP_LIMIT,
-    PUBLISHED,
-    PublishedFigure,
-    top_errors,
-)
+from gaitcal.montecarlo.conclusions import INTERACTION_LIMIT, IP_LIMIT, PUBLISHED, PublishedFigure, top_errors
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import PUBLISHED_DRAWS, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import expect, levels_of, unconverged

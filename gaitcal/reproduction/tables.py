@@ -16,15 +16,7 @@ from gaitcal.calibration.inertial_equations import TorqueScale
 from gaitcal.reproduction.inertial_recovery import NOISELESS_DECAY, InertialRecovery
 from gaitcal.reproduction.joint_recovery import JointRecovery
 from gaitcal.reproduction.noise_seed import SeedResult
-from gaitcal.reproduction.published import (
-    PROBLEMS,
-    cpu_seconds,
-    table_four,
-    table_one,
-    table_three,
-    table_two,
-    text,
-)
+from gaitcal.reproduction.published import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
 JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None]], ...] = (

@@ -15,13 +15,7 @@ from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import chart_figure, panel_figure
 from gaitcal.figures.style import plain
 from gaitcal.gait.moments import moment_names
-from gaitcal.gait.words import (
-    coordinate_words,
-    explained,
-    joint_words,
-    parameter_words,
-    segment_words,
-)
+from gaitcal.gait.words import coordinate_words, explained, joint_words, parameter_words, segment_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation

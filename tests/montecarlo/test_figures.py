@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.figures.monte_carlo import (
-    boxplot_figure,
-    contribution_figure,
-    write_monte_carlo_figures,
-)
+from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure, write_monte_carlo_figures
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of, statistics

@@ -9,13 +9,7 @@ from gaitcal.calibration.inertial_calibration import fit_published
 from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.inertial_parameters import IP_INDEX, dynamic_jacobian, symmetric_set
-from gaitcal.reproduction.inertial_recovery import (
-    SEED_RANGE,
-    gait_equations,
-    random_seed,
-    recover_inertia,
-    true_wrench,
-)
+from gaitcal.reproduction.inertial_recovery import SEED_RANGE, gait_equations, random_seed, recover_inertia, true_wrench
 from gaitcal.reproduction.joint_recovery import true_model, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
 
