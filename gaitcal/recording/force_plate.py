@@ -200,7 +200,7 @@ def plate_from_moment(
     lever = centre_of_pressure(force[loaded], moment[loaded], normal)
     point[loaded] += lever
     moment[loaded] -= np.cross(lever, force[loaded])
-    return ForcePlate(name, time, force, point, moment, corners)
+    return ForcePlate(name=name, time=time, force=force, point=point, moment=moment, corners=corners)
 
 
 def pushes_down(force: Array, up: Array) -> bool:

@@ -111,7 +111,7 @@ def build_plate(
         point = np.where(idle[:, None], 0.0, point)
         moment = np.where(idle[:, None] & np.isnan(moment), 0.0, moment)
         notes += (f"Plate {name}: {int(idle.sum())} samples without force have no point; the origin was put there.",)
-    plate = ForcePlate(name, time, force, point, moment)
+    plate = ForcePlate(name=name, time=time, force=force, point=point, moment=moment)
     if pushes_down(force, UP):
         plate = turned_round(plate)
         notes += (f"Plate {name}: its force pointed down; force and moment were turned round to act on the body.",)

@@ -48,7 +48,14 @@ class MeasuredPlate:
     def as_plate(self) -> ForcePlate:
         """With its full moment about the middle of its surface."""
         point = np.tile(self.frame.centre, (len(self.time), 1))
-        return ForcePlate(self.name, self.time, self.force, point, self.moment, self.frame.corners)
+        return ForcePlate(
+            name=self.name,
+            time=self.time,
+            force=self.force,
+            point=point,
+            moment=self.moment,
+            corners=self.frame.corners,
+        )
 
 
 def measured_plates(

@@ -68,7 +68,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
-    recording = Recording(str(path), time, labels, markers, standing, notes)
+    recording = Recording(source=str(path), time=time, labels=labels, markers=markers, plates=standing, notes=notes)
     turn = UP_TO_Y[vertical.axis, vertical.sign]
     if turn.is_identity:
         return recording
