@@ -89,7 +89,7 @@ def noisy_problem(
     model = published_model()
     markers = synthetic_markers(model.parameters, model.markers, q)
     markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
-    recording = Recording("made up", time, model.markers.labels, markers)
+    recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
     return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
 
 

@@ -54,7 +54,7 @@ def long_recording(frames: int, rate: float) -> Recording:
     out = np.tile(markers, (cycles, 1, 1))[:frames]
     out[..., 0] += np.repeat(way, len(q))[:frames, None]
     out += np.random.default_rng(0).normal(0, 0.001, out.shape)
-    return Recording("made up", np.arange(frames) / rate, model.markers.labels, out)
+    return Recording(source="made up", time=np.arange(frames) / rate, labels=model.markers.labels, markers=out)
 
 
 def peak_gib() -> float:

@@ -166,7 +166,7 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     yield Kind("checked study .toml", study, ".toml", check_file, 600)
     standing = published_model(static_only=True)
     markers = synthetic_markers(standing.parameters, standing.markers, static_motion(30).q)
-    still = Recording("made up", np.arange(30) / 100.0, standing.markers.labels, markers)
+    still = Recording(source="made up", time=np.arange(30) / 100.0, labels=standing.markers.labels, markers=markers)
     write_markers_csv(folder / "static.csv", still)
     yield Kind("checks, static .csv", (folder / "static.csv").read_bytes(), ".csv", check_damaged_static, 100_000)
     sets = sorted((models_path() / "markersets").glob("*.toml"))
@@ -231,7 +231,9 @@ def small_recording() -> Recording:
         plate_from_moment(str(k + 1), time_, wrench[:, k, :3], wrench[:, k, 3:], origin, up, corners) for k in range(2)
     )
     markers = synthetic_markers(model.parameters, model.markers, motion.q[:FRAMES])
-    return Recording("made up", time_, model.markers.labels[:8], markers[:, :8], plates)
+    return Recording(
+        source="made up", time=time_, labels=model.markers.labels[:8], markers=markers[:, :8], plates=plates
+    )
 
 
 def fuzz(kind: Kind, folder: Path, files: int, seed: int) -> Count:

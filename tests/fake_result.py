@@ -72,7 +72,7 @@ def fake_calibration(
     fitted = parameters.with_joint(FREE, parameters.joint[[JP_INDEX[n] for n in FREE]] + 0.004) if joint else parameters
     subject = Subject(names.subject, 70.0, 1.75, "female")
     markers = MarkerPlacement((names.marker,), ("thigh_r",), np.zeros((1, 3)), np.ones(1))
-    model = SubjectModel(subject, parameters, parameters, markers)
+    model = SubjectModel(subject=subject, parameters=parameters, nominal=parameters, markers=markers)
     trials, study_trials = [], [_study_trial("static", Role.STATIC, None, names)]
     if gait:
         trials.append(_gait(names, rng, plates, valid, errors, cycles))
@@ -161,8 +161,21 @@ def _uncertainty(known: bool) -> Uncertainty:
 def _recording(names: Names) -> Recording:
     time = np.arange(FRAMES) / RATE
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
-    plate = ForcePlate("1", time, np.zeros((FRAMES, 3)), np.zeros((FRAMES, 3)), np.zeros((FRAMES, 3)), corners)
-    return Recording(f"/home/somebody/{names.file}", time, (names.marker,), np.zeros((FRAMES, 1, 3)), (plate,))
+    plate = ForcePlate(
+        name="1",
+        time=time,
+        force=np.zeros((FRAMES, 3)),
+        point=np.zeros((FRAMES, 3)),
+        moment=np.zeros((FRAMES, 3)),
+        corners=corners,
+    )
+    return Recording(
+        source=f"/home/somebody/{names.file}",
+        time=time,
+        labels=(names.marker,),
+        markers=np.zeros((FRAMES, 1, 3)),
+        plates=(plate,),
+    )
 
 
 def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> StudyTrial:

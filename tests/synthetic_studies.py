@@ -47,7 +47,7 @@ def made_recording(motion: TrueMotion, parameters: Parameters | None = None, *, 
     model = published_model(static_only=static)
     own = model.parameters if parameters is None else parameters
     markers = synthetic_markers(own, model.markers, motion.q)
-    return Recording("made up", motion.basis.time, model.markers.labels, markers)
+    return Recording(source="made up", time=motion.basis.time, labels=model.markers.labels, markers=markers)
 
 
 def made_plates(motion: TrueMotion, parameters: Parameters | None = None) -> tuple[ForcePlate, ForcePlate]:

@@ -49,7 +49,7 @@ def look(seen: list[set[int]]) -> None:
 def test_tracking_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[set[int]] = []
     monkeypatch.setattr(motion, "trial_problem", lambda *_, **__: look(seen))
-    recording = gc.Recording("nobody", np.arange(3.0), (), np.empty((3, 0, 3)))
+    recording = gc.Recording(source="nobody", time=np.arange(3.0), labels=(), markers=np.empty((3, 0, 3)))
     with threadpool_limits(limits=2, user_api="blas"), pytest.raises(_SeenError):
         gc.track(gc.published_model(), recording)
     assert seen == [{1}]

@@ -25,19 +25,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from gaitcal.model.build import constant_motion
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import (
-    COORDINATES,
-    JOINTS,
-    ZERO_ANGLES,
-    Element,
-    Joint,
-    Source,
-    is_translation,
-    root_elements,
-)
+from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -91,9 +82,9 @@ def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
     first, last = moving[0], moving[-1] + 1
     in_parent, to_child = pin.SE3.Identity(), pin.SE3.Identity()
     for e in joint.elements[:first]:
-        in_parent = in_parent * _constant(e, parameters)
+        in_parent = in_parent * constant_motion(e, parameters)
     for e in joint.elements[last:]:
-        to_child = to_child * _constant(e, parameters)
+        to_child = to_child * constant_motion(e, parameters)
     return JointFrames(
         name=joint.name,
         parent=joint.parent,
@@ -102,19 +93,6 @@ def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
         motions=joint.elements[first:last],
         to_child=to_child,
     )
-
-
-def _constant(element: Element, parameters: Parameters) -> pin.SE3:
-    if element.source is Source.JOINT_PARAMETER:
-        value = parameters.joint[JP_INDEX[element.name]]
-    else:
-        value = parameters.zero_angles[ZERO_ANGLES.index(element.name)]
-    amount = element.sign * float(value)
-    if element.rotates:
-        return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
-    translation = np.zeros(3)
-    translation[element.axis] = amount
-    return pin.SE3(np.eye(3), translation)
 
 
 def axis_vector(element: Element) -> Array:

@@ -106,7 +106,9 @@ def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
     amount = parameters.amount(element)
     if element.rotates:
         return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
-    return pin.SE3(np.eye(3), amount * np.eye(3)[element.axis])
+    translation = np.zeros(3)
+    translation[element.axis] = amount
+    return pin.SE3(np.eye(3), translation)
 
 
 def set_inertias(linkage: LinkageModel, inertial: Array) -> None:

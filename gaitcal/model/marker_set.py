@@ -90,7 +90,7 @@ class _File(Table):
     aliases: dict[str, _Labels] = Field(default={}, description="a table, marker = list of other spellings")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MarkerSet:
     """What the markers of a laboratory's protocol mean."""
 

@@ -218,18 +218,20 @@ def load_model(path: Path | str) -> SubjectModel:
             raise InputError(f"marker '{label}' is there {labels.count(label)} times", source=source, field="marker")
     s = file.subject
     return SubjectModel(
-        Subject(s.name, _si(s.mass_kg, "kg"), _si(s.height_m, "m"), s.sex),
-        Parameters(joint[0], inertial[0], zero[0]),
-        Parameters(joint[1], inertial[1], zero[1]),
-        MarkerPlacement(
+        subject=Subject(s.name, _si(s.mass_kg, "kg"), _si(s.height_m, "m"), s.sex),
+        parameters=Parameters(joint[0], inertial[0], zero[0]),
+        nominal=Parameters(joint[1], inertial[1], zero[1]),
+        markers=MarkerPlacement(
             labels,
             tuple(m.segment for m in file.marker),
             np.array([_position(m.position_mm) for m in file.marker]).reshape(-1, 3),
             np.array([_si(m.weight, "kg") for m in file.marker]),
         ),
-        tuple(file.frozen),
-        {name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()},
-        tuple(file.notes),
+        frozen=tuple(file.frozen),
+        landmarks={
+            name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()
+        },
+        notes=tuple(file.notes),
     )
 
 

@@ -100,13 +100,13 @@ def nominal_model(
         names = ", ".join(raised)
         notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {names}")
     return SubjectModel(
-        subject,
-        parameters,
-        parameters,
-        markers,
-        body.frozen,
-        _landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
-        (
+        subject=subject,
+        parameters=parameters,
+        nominal=parameters,
+        markers=markers,
+        frozen=body.frozen,
+        landmarks=_landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
+        notes=(
             *(f"static trial: {note}" for note in static.notes),
             f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s",
             *legs.notes,
@@ -235,10 +235,10 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
                     centre[p.axis] = parameters.joint[JP_INDEX[p.name]]
             landmarks[CENTRE_OF[joint.name]] = (joint.parent, centre)
     return SubjectModel(
-        PUBLISHED,
-        parameters,
-        parameters,
-        markers,
+        subject=PUBLISHED,
+        parameters=parameters,
+        nominal=parameters,
+        markers=markers,
         landmarks=dict(sorted(landmarks.items())),
         notes=("the published nominal subject; markers and inertia as in models/nominal_subject.json",),
     )

@@ -50,7 +50,7 @@ class MarkerPlacement:
     """(nm,) >= 0; a marker with weight 0 is reported but does not pull."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SubjectModel:
     """A person's linkage model: nominal (from the static trial) or calibrated."""
 

@@ -75,7 +75,7 @@ def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
     )
     q = spline_basis(case.time, len(case.nodes)).evaluate(case.nodes)
     markers = synthetic_markers(case.parameters, case.markers, q)
-    recording = Recording(case.name, case.time, case.markers.labels, markers)
+    recording = Recording(source=case.name, time=case.time, labels=case.markers.labels, markers=markers)
     return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.nodes)))
 
 

@@ -5,12 +5,11 @@ A file in any of the formats becomes a `Recording`: metres, seconds, newtons, ne
 
 from gaitcal.recording.axes import make_y_up, net_progression, turn_to_progression
 from gaitcal.recording.c3d.writer import write_c3d
-from gaitcal.recording.convert import convert
 from gaitcal.recording.csv import write_forces_csv, write_markers_csv
 from gaitcal.recording.filters import filter_plate, low_pass, resample_wrench
 from gaitcal.recording.force_tables import Forces
+from gaitcal.recording.formats import convert, read_forces, read_recording
 from gaitcal.recording.mot import StorageTable, read_table, write_forces_mot
-from gaitcal.recording.read import read_forces, read_recording
 from gaitcal.recording.recording import ForcePlate, MarkerGaps, Recording, marker_gaps, seen_mask
 from gaitcal.recording.still import StillWindow, still_window
 from gaitcal.recording.trc import write_trc

@@ -106,6 +106,7 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
 
 
 def _force_axis(plates: tuple[ForcePlate, ...]) -> int | None:
+    """The axis along which nearly all of the plates' force acts under load; None where there is none."""
     total = np.zeros(3)
     length = 0.0
     for plate in plates:
@@ -117,21 +118,23 @@ def _force_axis(plates: tuple[ForcePlate, ...]) -> int | None:
 
 
 def _normal_axis(plates: tuple[ForcePlate, ...]) -> int | None:
-    found = set()
+    """The axis along which the normals of all plates lie; None where they disagree or lie aslant."""
+    axes = set()
     for plate in plates:
         if plate.corners is None:
             continue
         normal = np.abs(np.cross(plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]))
-        found.add(int(np.argmax(normal)) if normal.max() > DOMINANT * np.linalg.norm(normal) else -1)
-    return found.pop() if len(found) == 1 and found != {-1} else None
+        axes.add(int(np.argmax(normal)) if normal.max() > DOMINANT * np.linalg.norm(normal) else -1)
+    return axes.pop() if len(axes) == 1 and axes != {-1} else None
 
 
 def _spread_axis(markers: Array) -> int | None:
-    full = seen_mask(markers)
-    frames = np.flatnonzero(full.sum(axis=1) >= 3)
+    """The axis along which the markers (nf, nm, 3) of a frame differ most, median over some 200 frames."""
+    seen = seen_mask(markers)
+    frames = np.flatnonzero(seen.sum(axis=1) >= 3)
     if not len(frames):
         return None
-    spread = [np.std(markers[i][full[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
+    spread = [np.std(markers[i][seen[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
     middle = np.median(spread, axis=0)
     return int(np.argmax(middle)) if middle.max() > 0 else None
 
@@ -155,12 +158,15 @@ def turn_recording(recording: Recording, turn: Turn) -> Recording:
 
 def make_y_up(recording: Recording, otherwise: Vertical) -> Recording:
     """The recording with its vertical, found from the data, as y; `otherwise` where the data do not tell."""
-    found = find_vertical(recording.markers, recording.plates)
-    vertical = found or otherwise
-    turn = UP_TO_Y[vertical.axis, vertical.sign]
-    if turn.is_identity and found:
+    vertical = find_vertical(recording.markers, recording.plates)
+    if vertical is not None and UP_TO_Y[vertical.axis, vertical.sign].is_identity:
         return recording
-    turned = turn_recording(recording, turn)
+    return turn_up(recording, vertical or otherwise)
+
+
+def turn_up(recording: Recording, vertical: Vertical) -> Recording:
+    """The recording with `vertical` as y, and a note that tells which axis of the file that was."""
+    turned = turn_recording(recording, UP_TO_Y[vertical.axis, vertical.sign])
     return turned.with_notes(f"Vertical axis of the file is {vertical}, after {vertical.evidence}; y is up here.")
 
 
@@ -197,8 +203,8 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
     if choice == 0:
         return recording.with_notes(*notes) if notes else recording
     turned = turn_recording(recording, ABOUT_Y[choice])
-    told = f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x."
-    return turned.with_notes(told, *notes)
+    turn_note = f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x."
+    return turned.with_notes(turn_note, *notes)
 
 
 def _off_x(way: Array) -> tuple[str, ...]:

@@ -56,7 +56,13 @@ def read_markers_csv(path: Path) -> Recording:
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
     order = [columns[axis] for columns in places.values() for axis in range(3)]
     markers, gap_notes = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
-    return Recording(str(path), _time(path, table), labels, markers, (), repetition_notes + gap_notes)
+    return Recording(
+        source=str(path),
+        time=_time(path, table),
+        labels=labels,
+        markers=markers,
+        notes=repetition_notes + gap_notes,
+    )
 
 
 def read_forces_csv(path: Path) -> Forces:

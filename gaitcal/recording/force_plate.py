@@ -45,6 +45,8 @@ OFFSET_TOLD_N = 0.1
 """An offset smaller than this is left alone."""
 SIDE_M = (0.1, 6.0)
 """Sides of a plate, m; instrumented treadmills are the long ones."""
+TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
+"""Note on a plate that `turned_round` has changed."""
 OUTSIDE_M = 0.05
 """How far a centre of pressure may lie outside the corners before they are doubted."""
 
@@ -200,7 +202,7 @@ def plate_from_moment(
     lever = centre_of_pressure(force[loaded], moment[loaded], normal)
     point[loaded] += lever
     moment[loaded] -= np.cross(lever, force[loaded])
-    return ForcePlate(name, time, force, point, moment, corners)
+    return ForcePlate(name=name, time=time, force=force, point=point, moment=moment, corners=corners)
 
 
 def pushes_down(force: Array, up: Array) -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.recording.force_plate import UP, pushes_down, turned_round
+from gaitcal.recording.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
 from gaitcal.recording.recording import Array, ForcePlate
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
@@ -44,8 +44,8 @@ class PlateColumns:
 
     def take(self, quantity: str, values: Array) -> Array | None:
         """(ns, 3) or None where the table has no such quantity."""
-        found = self.columns[quantity]
-        return values[:, [found[axis] for axis in range(3)]] if len(found) == 3 else None
+        columns = self.columns[quantity]
+        return values[:, [columns[axis] for axis in range(3)]] if len(columns) == 3 else None
 
 
 def find_plates(names: Sequence[str]) -> list[PlateColumns]:
@@ -111,10 +111,10 @@ def build_plate(
         point = np.where(idle[:, None], 0.0, point)
         moment = np.where(idle[:, None] & np.isnan(moment), 0.0, moment)
         notes += (f"Plate {name}: {int(idle.sum())} samples without force have no point; the origin was put there.",)
-    plate = ForcePlate(name, time, force, point, moment)
+    plate = ForcePlate(name=name, time=time, force=force, point=point, moment=moment)
     if pushes_down(force, UP):
         plate = turned_round(plate)
-        notes += (f"Plate {name}: its force pointed down; force and moment were turned round to act on the body.",)
+        notes += (f"Plate {name}: {TURNED_ROUND}",)
     return plate, notes
 
 

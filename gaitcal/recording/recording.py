@@ -20,7 +20,7 @@ from gaitcal.recording.labels import clean
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ForcePlate:
     """Ground reaction measured by one force plate, as it acts **on the body**.
 
@@ -46,7 +46,7 @@ class ForcePlate:
         return np.hstack([self.force, self.moment + np.cross(self.point, self.force)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Recording:
     """Markers and plate wrenches of one trial."""
 

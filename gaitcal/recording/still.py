@@ -54,19 +54,19 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
     speeds, coverage = _windows(recording, places, length)
     still = speeds <= STILL_M_S
     if not still.any():
-        found = f"the stillest {length / recording.rate:.2g} s move at {np.nanmin(speeds):.3g} m/s RMS"
+        reason = f"the stillest {length / recording.rate:.2g} s move at {np.nanmin(speeds):.3g} m/s RMS"
         if np.isnan(speeds).all():
-            found = "no marker is seen twice within a window"
+            reason = "no marker is seen twice within a window"
         raise InputError(
-            f"no still window: {found}; at most {STILL_M_S:g} m/s is allowed",
+            f"no still window: {reason}; at most {STILL_M_S:g} m/s is allowed",
             source=recording.source,
             field="static trial",
         )
-    best = still & (coverage == coverage[still].max())
-    first = int(np.argmin(np.where(best, speeds, np.inf)))
-    window = slice(first, first + length)
+    most_seen = still & (coverage == coverage[still].max())
+    start = int(np.argmin(np.where(most_seen, speeds, np.inf)))
+    window = slice(start, start + length)
     times = recording.time[window]
-    return StillWindow(window, float(speeds[first]), float(times[0]), float(times[-1]))
+    return StillWindow(window, float(speeds[start]), float(times[0]), float(times[-1]))
 
 
 def _windows(recording: Recording, places: list[int], length: int) -> tuple[np.ndarray, np.ndarray]:

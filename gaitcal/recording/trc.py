@@ -59,7 +59,7 @@ def parse_trc(path: Path) -> Recording:
     prefix, prefix_notes = common_prefix([names[i] for i in keep])
     labels, repetition_notes = unique(names[i].removeprefix(prefix) for i in keep)
     notes += unit_notes + gap_notes + prefix_notes + repetition_notes
-    return Recording(str(path), time, labels, markers, (), notes)
+    return Recording(source=str(path), time=time, labels=labels, markers=markers, notes=notes)
 
 
 def write_trc(path: Path, recording: Recording) -> None:

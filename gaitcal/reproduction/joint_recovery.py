@@ -130,7 +130,7 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialP
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
         markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
-    recording = Recording(problem, motion.basis.time, model.markers.labels, markers)
+    recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
     return trial_problem(problem, model, recording, NodeRule(fixed=NODES))
 
 

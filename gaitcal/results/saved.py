@@ -71,7 +71,7 @@ def _marker_set(folder: Path, manifest: Mapping[str, object], model: SubjectMode
     tracking: dict[str, tuple[str, ...]] = {}
     for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
         tracking[segment] = (*tracking.get(segment, ()), label)
-    return MarkerSet(name, "of the model", {}, tracking, weights=weights)
+    return MarkerSet(name=name, description="of the model", landmarks={}, tracking=tracking, weights=weights)
 
 
 def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:

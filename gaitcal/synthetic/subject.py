@@ -123,7 +123,7 @@ def _recording(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
     plates = () if name != "gait" else _plates(motion, residual_free_wrench(model.parameters, motion))
-    return Recording(name, motion.basis.time, labels, chosen, plates)
+    return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
 def _plates(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
@@ -132,7 +132,16 @@ def _plates(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
         point, torque = point_and_torque(wrench[:, k])
         x0, x1 = PLATE_X
         corners = np.array([[x0, 0.0, low], [x1, 0.0, low], [x1, 0.0, high], [x0, 0.0, high]])
-        plates.append(ForcePlate(str(k + 1), motion.basis.time, wrench[:, k, :3], point, torque, corners))
+        plates.append(
+            ForcePlate(
+                name=str(k + 1),
+                time=motion.basis.time,
+                force=wrench[:, k, :3],
+                point=point,
+                moment=torque,
+                corners=corners,
+            )
+        )
     return tuple(plates)
 
 

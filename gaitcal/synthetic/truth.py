@@ -34,7 +34,7 @@ def in_static_frames(model: SubjectModel) -> Parameters:
     """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration."""
     true, pose = model.parameters, standing_pose()
     markers = synthetic_markers(true, model.markers, pose[None])
-    still = Recording("static", np.zeros(1), model.markers.labels, markers)
+    still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)
     marker_set = load_marker_set("published")
     posture = static_posture(still, marker_set, slice(0, 1))
     legs = lower_body(posture, model.subject.height, HipCentre.BELL)

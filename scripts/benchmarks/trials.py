@@ -40,7 +40,7 @@ def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording
         markers = np.resize(back_and_forth, (frames, *markers.shape[1:]))
         time = np.arange(frames) / 200.0
     noise = marker_noise(time, markers.shape[1], np.random.default_rng(seed))
-    return Recording(trial, time, model.markers.labels, markers + noise)
+    return Recording(source=trial, time=time, labels=model.markers.labels, markers=markers + noise)
 
 
 def first_frames(whole: Recording, frames: int) -> Recording:

@@ -36,7 +36,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     rng = np.random.default_rng(71)
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     noisy = markers + marker_noise(motion.basis.time, markers.shape[1], rng, 0.003)
-    recording = Recording("gait", motion.basis.time, model.markers.labels, noisy)
+    recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     heavier = model.parameters.inertial.copy()
     heavier[[0, 7]] *= (1.1, 0.95)

@@ -83,7 +83,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     rng = np.random.default_rng(3)
     markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
     noisy = markers + marker_noise(MOTION.basis.time, markers.shape[1], rng)
-    recording = Recording("gait", MOTION.basis.time, MODEL.markers.labels, noisy)
+    recording = Recording(source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy)
     problem = trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
     free = (*gait_parameters("r"), *gait_parameters("l"))
     nominal = MODEL.parameters
@@ -116,7 +116,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
 
 def test_third_step_stays_where_nothing_is_left_to_explain() -> None:
     markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
-    recording = Recording("gait", MOTION.basis.time, MODEL.markers.labels, markers + 1e-4)
+    recording = Recording(source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=markers + 1e-4)
     problem = trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
     trial = CombinedTrial(problem, MOTION.nodes, WRENCH, EVERY)
     free = gait_parameters("r")

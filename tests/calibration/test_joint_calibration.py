@@ -60,7 +60,7 @@ def test_from_absolute_zero_gait_is_found() -> None:
     """Every node and the 17 parameters of a leg at zero, the published subject's walk."""
     model, motion, free = published_model(), gait_motion(), gait_parameters("l")
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
-    recording = Recording("gait", motion.basis.time, model.markers.labels, markers)
+    recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=markers)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     zero = model.parameters.with_joint(free, np.zeros(17))
     near = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
@@ -227,7 +227,7 @@ def test_a_refused_step_leads_nowhere() -> None:
     model, motion = published_model(), gait_motion()
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     noisy = markers + marker_noise(motion.basis.time, markers.shape[1], np.random.default_rng(1))
-    recording = Recording("gait", motion.basis.time, model.markers.labels, noisy)
+    recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     few = (*gait_parameters("r"), *gait_parameters("l"))
     many = tuple(

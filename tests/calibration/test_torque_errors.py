@@ -86,7 +86,7 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     time = motion.basis.time
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     noise = marker_noise(time, markers.shape[1], np.random.default_rng(3), 0.005)
-    recording = Recording("made up", time, model.markers.labels, markers + noise)
+    recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers + noise)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=NODES))
     free = gait_parameters("r")
     closed = problem.with_free(())

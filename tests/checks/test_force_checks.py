@@ -111,7 +111,7 @@ def test_mass_against_standing_force(sound: Study) -> None:
     weight = 69.4 * 9.81
     force = np.tile([0.0, weight / 2, 0.0], (len(static.time), 1))
     zero = np.zeros_like(force)
-    both = tuple(ForcePlate(name, static.time, force, zero, zero) for name in "12")
+    both = tuple(ForcePlate(name=name, time=static.time, force=force, point=zero, moment=zero) for name in "12")
     study = with_trial(sound, "static", lambda r: replace(r, plates=both))
     assert "69.4 kg" in findings(study, "body mass", INFO)[0].found
     heavier = replace(study, subject=replace(study.subject, mass=80.0))

@@ -36,7 +36,7 @@ def square(x: float, name: str = "1", load: float = 700.0, pressed: float = 0.25
     force = np.zeros((len(TIME), 3))
     force[STANCE, 1] = load
     point = np.tile([x + pressed, 0.0, 0.0], (len(TIME), 1))
-    return ForcePlate(name, TIME, force, point, np.zeros_like(force), corners)
+    return ForcePlate(name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners)
 
 
 def right_foot(toe: float) -> FootPoints:

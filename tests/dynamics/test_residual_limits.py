@@ -24,7 +24,7 @@ def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     wrench[:, :, 1] = np.array([900.0, 300.0, 250.0])[:, None]
     feet = np.ones((3, 2), dtype=bool)
     corners = np.array([[0.0, floor, 0.0], [1.0, floor, 0.0], [1.0, floor, 1.0], [0.0, floor, 1.0]])
-    plate = ForcePlate("1", np.zeros(1), NOTHING, NOTHING, NOTHING, corners)
+    plate = ForcePlate(name="1", time=np.zeros(1), force=NOTHING, point=NOTHING, moment=NOTHING, corners=corners)
     reactions = GroundReactions(wrench=wrench, valid=VALID, loaded=feet, resting=feet, notes=())
     return residual_limits(published_subject(), q, reactions, [plate])
 

@@ -52,4 +52,4 @@ def mujoco() -> Any:
 def published() -> SubjectModel:
     parameters = published_subject()
     subject = Subject("published", 69.4, 1.70, "male")
-    return SubjectModel(subject, parameters, parameters, published_markers())
+    return SubjectModel(subject=subject, parameters=parameters, nominal=parameters, markers=published_markers())

@@ -52,7 +52,7 @@ def test_inverse_kinematics_tool(osim: Any, published: SubjectModel, tmp_path: P
     noise = np.random.default_rng(3).normal(scale=NOISE, size=(len(time), len(labels), 3))
     measured = np.array([our_markers(model, q) for q in truth]) + noise
     write_osim(model, tmp_path / "model.osim")
-    write_trc(tmp_path / "walk.trc", Recording("walk", time, labels, measured))
+    write_trc(tmp_path / "walk.trc", Recording(source="walk", time=time, labels=labels, markers=measured))
     theirs = run_inverse_kinematics(osim, tmp_path / "model.osim", tmp_path / "walk.trc", model.markers, time)
     ours = [optimum(model, *frame) for frame in zip(measured, truth, strict=True)]
     apart = np.array([our_markers(model, q) - our_markers(model, p) for q, p in zip(theirs, ours, strict=True)])

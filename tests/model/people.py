@@ -50,7 +50,7 @@ def standing(model: SubjectModel, q: np.ndarray | None = None, frames: int = 60)
     at = [chain.segments.index(segment) for segment in m.segments]
     points = np.einsum("mj,mji->mi", m.local, axes[at, :, :, 0]) + origins[at, :, 0]
     markers = np.broadcast_to(points, (frames, *points.shape)).copy()
-    return Recording("made up", np.arange(frames) / 100.0, m.labels, markers)
+    return Recording(source="made up", time=np.arange(frames) / 100.0, labels=m.labels, markers=markers)
 
 
 def published_static() -> Recording:

@@ -91,12 +91,12 @@ def test_own_set(tmp_path: Path) -> None:
 
 def test_aliases_are_other_spellings(tmp_path: Path) -> None:
     made = load_marker_set(write(tmp_path, OWN))
-    recording = Recording("f", np.arange(2.0), ("RTHIGH", "LTHI"), np.zeros((2, 2, 3)))
+    recording = Recording(source="f", time=np.arange(2.0), labels=("RTHIGH", "LTHI"), markers=np.zeros((2, 2, 3)))
     renamed = made.renamed(recording)
     assert renamed.labels == ("RTHI", "LTHI")
     assert renamed.notes == ("markers renamed: RTHIGH -> RTHI",)
     assert made.renamed(renamed) is renamed
-    both = Recording("f", np.arange(2.0), ("RTHIGH", "RTHI"), np.zeros((2, 2, 3)))
+    both = Recording(source="f", time=np.arange(2.0), labels=("RTHIGH", "RTHI"), markers=np.zeros((2, 2, 3)))
     assert made.renamed(both) is both
 
 

@@ -34,7 +34,9 @@ def subject_model(name: str = "Built-in subject") -> SubjectModel:
         ]
     )
     fitted = replace(nominal, joint=nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
-    return SubjectModel(Subject(name, 69.4, 1.70, "male"), fitted, nominal, marker_placement())
+    return SubjectModel(
+        subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, nominal=nominal, markers=marker_placement()
+    )
 
 
 def marker_placement() -> MarkerPlacement:
@@ -91,7 +93,7 @@ def walking_trial(model, true: TrueMotion, name, wrench):
         valid[150:] = False
         loaded = wrench[:, :, 1] > 20.0
         reactions = GroundReactions(wrench=wrench, valid=valid, loaded=loaded, resting=loaded, notes=())
-    recording = Recording("walk.c3d", time, model.markers.labels, measured, plates)
+    recording = Recording(source="walk.c3d", time=time, labels=model.markers.labels, markers=measured, plates=plates)
     errors = MarkerErrors(
         model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)
     )
@@ -115,7 +117,7 @@ def long_scene(frames: int = 10_000) -> Scene:
 def plate(name: str, time, x: float, z: float) -> ForcePlate:
     corners = np.array([[x - 0.3, 0, z - 0.2], [x + 0.3, 0, z - 0.2], [x + 0.3, 0, z + 0.2], [x - 0.3, 0, z + 0.2]])
     none = np.zeros((len(time), 3))
-    return ForcePlate(name, time, none, none, none, corners)
+    return ForcePlate(name=name, time=time, force=none, point=none, moment=none, corners=corners)
 
 
 def long_motion(frames: int) -> TrueMotion:

@@ -25,7 +25,7 @@ def body(frames: int = 50, rate: float = 100.0, speed: float = 1.2, seed: int = 
     time = np.arange(frames) / rate
     way = np.zeros((frames, 3))
     way[:, 0] = speed * time
-    return Recording("made up", time, LABELS, cloud[None] + way[:, None])
+    return Recording(source="made up", time=time, labels=LABELS, markers=cloud[None] + way[:, None])
 
 
 def plate(time: np.ndarray, name: str = "1", load: np.ndarray | None = None) -> ForcePlate:
@@ -47,7 +47,9 @@ def loaded_body(frames: int = 100, rate: float = 100.0, ratio: int = 10) -> Reco
     recording = body(frames, rate)
     dense = np.arange(frames * ratio) / (rate * ratio)
     plates = (plate(dense), plate(dense, "2", load=np.where(dense > 0.5, 400.0, 0.0)))
-    return Recording("made up", recording.time, recording.labels, recording.markers, plates)
+    return Recording(
+        source="made up", time=recording.time, labels=recording.labels, markers=recording.markers, plates=plates
+    )
 
 
 def write_raw_c3d(

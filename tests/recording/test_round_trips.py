@@ -48,7 +48,9 @@ def recordings(draw: st.DrawFn) -> Recording:
     )
     markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))
     gaps = draw(arrays(np.bool_, (len(time), len(labels)))) | (markers == 0).all(axis=2)
-    return Recording("drawn", time, tuple(labels), np.where(gaps[:, :, None], np.nan, markers))
+    return Recording(
+        source="drawn", time=time, labels=tuple(labels), markers=np.where(gaps[:, :, None], np.nan, markers)
+    )
 
 
 @st.composite
@@ -63,7 +65,7 @@ def plates(draw: st.DrawFn) -> tuple[ForcePlate, ...]:
     for name in names:
         force = values()
         force[:, 1] = np.abs(force[:, 1])  # a force that points down would be turned round
-        found.append(ForcePlate(name, time, force, values(), values()))
+        found.append(ForcePlate(name=name, time=time, force=force, point=values(), moment=values()))
     return tuple(found)
 
 

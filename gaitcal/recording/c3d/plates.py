@@ -13,6 +13,7 @@ from gaitcal.recording.force_plate import (
     BODY_N,
     OFFSET_TOLD_N,
     OUTSIDE_M,
+    TURNED_ROUND,
     PlateFrame,
     about_surface,
     offset,
@@ -48,7 +49,14 @@ class MeasuredPlate:
     def as_plate(self) -> ForcePlate:
         """With its full moment about the middle of its surface."""
         point = np.tile(self.frame.centre, (len(self.time), 1))
-        return ForcePlate(self.name, self.time, self.force, point, self.moment, self.frame.corners)
+        return ForcePlate(
+            name=self.name,
+            time=self.time,
+            force=self.force,
+            point=point,
+            moment=self.moment,
+            corners=self.frame.corners,
+        )
 
 
 def measured_plates(
@@ -93,9 +101,7 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
             notes.append(f"Plate {plate.name}: its corners are numbered against the standard (its z axis points up).")
         if pushes_down(force, up):
             force, moment = -force, -moment
-            notes.append(
-                f"Plate {plate.name}: its force pointed down; force and moment were turned round to act on the body."
-            )
+            notes.append(f"Plate {plate.name}: {TURNED_ROUND}")
         ready.append(plate_from_moment(plate.name, plate.time, force, moment, frame.centre, normal, frame.corners))
     return tuple(ready), tuple(notes)
 

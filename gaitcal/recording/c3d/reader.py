@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.recording.axes import UP_TO_Y, Vertical, find_vertical, turn_recording
+from gaitcal.recording.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.recording.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.recording.c3d.parser import ParserDiedError, parse_c3d
 from gaitcal.recording.c3d.plates import measured_plates, stand_up
 from gaitcal.recording.labels import clean, common_prefix, computed_points, is_unlabelled, unique
 from gaitcal.recording.recording import Array, Recording, zeros_to_missing
 
-METRES = {"mm": 1e-3, "millimeters": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "m": 1.0, "meters": 1.0, "metres": 1.0}
+PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""
-PER_METRE = {1e-3: 1000.0, 1e-2: 100.0, 1.0: 1.0}
 ABSURD_M = 1e6
 """No place lies so far off; only a damaged float does."""
 COMPUTED_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
@@ -46,7 +45,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     rate = _rate(path, parameters, float(raw["rate"]))
     points: Array = raw["points"]
     analogs: Array = raw["analogs"]
-    metres, notes = _unit(parameters)
+    per_metre, notes = _unit(parameters)
     if is_askew(header, points, analogs):
         points, analogs = read_samples(path, header, parameters)
         notes += ("ANALOG parameters are missing or do not fit the data, which were laid out after the header.",)
@@ -56,24 +55,20 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     first = _first_frame(parameters, int(raw["first_frame"]))
     keep, labels, label_notes = _markers(path, parameters, points.shape[1])
     notes += label_notes
-    markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / PER_METRE[metres]
+    markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
     if absurd.any():
         notes += (f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",)
         markers[absurd] = np.nan
     markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
-    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, metres)
+    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre)
     vertical = find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
-    recording = Recording(str(path), time, labels, markers, standing, notes)
-    turn = UP_TO_Y[vertical.axis, vertical.sign]
-    if turn.is_identity:
-        return recording
-    turned = turn_recording(recording, turn)
-    return turned.with_notes(f"Vertical axis of the file is {vertical}, after {vertical.evidence}; y is up here.")
+    recording = Recording(source=str(path), time=time, labels=labels, markers=markers, plates=standing, notes=notes)
+    return recording if UP_TO_Y[vertical.axis, vertical.sign].is_identity else turn_up(recording, vertical)
 
 
 def _rate(path: Path, parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
@@ -97,11 +92,10 @@ def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> in
 def _unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:
     units = parameters.get("POINT", {}).get("UNITS", [])
     name = clean(str(units[0])) if len(units) else ""
-    metres = METRES.get(name.lower())
-    if metres is not None:
-        return metres, ()
-    found = f"'{name[:20]}'" if name else "no unit"
-    return 1e-3, (f"POINT:UNITS holds {found}; millimetres were taken.",)
+    if name.lower() in PER_METRE:
+        return PER_METRE[name.lower()], ()
+    given = f"'{name[:20]}'" if name else "no unit"
+    return 1e3, (f"POINT:UNITS holds {given}; millimetres were taken.",)
 
 
 def _texts(group: Mapping[str, Any], name: str) -> list[str]:
