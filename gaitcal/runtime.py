@@ -1,16 +1,14 @@
-"""Freed memory that is kept for the next array.
+"""What a fit asks of the process it runs in, and the type of a callable that is told how long work goes on.
 
-A fit passes over a few megabytes of arrays again and again. As long as a process has freed none larger, glibc gives
-those back to the system and gets them again, page by page, for the next pass: tracking a walk then takes half as long
-again, and a draw in a dask worker (started with MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What glibc does
-by itself in a process that has once freed a large array is asked for here, once in each process, before it fits.
+Freed memory is kept for the next array. A fit passes over a few megabytes of arrays again and again. As long as a
+process has freed none larger, glibc gives those back to the system and gets them again, page by page, for the next
+pass: tracking a walk then takes half as long again, and a draw in a dask worker (started with
+MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What glibc does by itself in a process that has once freed a
+large array is asked for here, once in each process, before it fits.
 
-BLAS with one thread: the matrices here are small, and threads would only wait for each other.
-
-With two threads tracking a walk takes more than twice its time, and the last bits depend on how many there are. The
-command line asks for one thread before NumPy is loaded; in anybody's own program NumPy may have been loaded before.
-
-How long work tells what it is doing: any callable that takes a line of text.
+BLAS uses one thread. The matrices here are small, and threads would only wait for each other: with two, tracking a walk
+takes more than twice its time, and the last bits depend on how many there are. The command line asks for one thread
+before NumPy is loaded; in anybody's own program NumPy may have been loaded before.
 """
 
 from __future__ import annotations
@@ -76,6 +74,7 @@ def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 Progress: TypeAlias = Callable[[str], None]
+"""Takes a line of text that tells what is being done."""
 
 
 def silent(text: str) -> None:

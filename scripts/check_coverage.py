@@ -101,8 +101,7 @@ def starting(problem: TrialProblem, parameters: Parameters) -> Array:
 
 
 def _torques(parameters: Parameters, motion: list[Array], wrench: Array) -> Array:
-    forces = Dynamics(parameters).forces(*motion, wrench)
-    return np.hstack([forces.tau, forces.knee_adduction])
+    return Dynamics(parameters).forces(*motion, wrench)
 
 
 def _standardised(free: tuple[str, ...], values: Array, truth: Parameters, errors: dict[str, float]) -> Array:

@@ -21,7 +21,7 @@ from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import NodeRule, trial_problem
 from gaitcal.person.prepare import prepare_trial
 from gaitcal.recording import Recording
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Role, Study, nominal_of
 
 RATES = (8, 10, 12, 15, 20, 25, 30, 40)
 RUNS = (1, 5)
@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> None:
         study = Study.load(file)
         model = nominal_of(study)
         for trial in study.trials:
-            if trial.role == "static":
+            if trial.role is Role.STATIC:
                 continue
             whole = prepare_trial(trial, model, study.settings).recording
             recording = replace(whole, time=whole.time[:FRAMES], markers=whole.markers[:FRAMES])

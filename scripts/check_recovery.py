@@ -26,7 +26,7 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_table
-from gaitcal.study.study import Study
+from gaitcal.study.study import Role, Study
 from gaitcal.synthetic.measurements import ground_reactions
 from gaitcal.synthetic.subject import CYCLE, synthesize, true_gait
 
@@ -56,7 +56,7 @@ def person(seed: int, settings: str) -> Person:
         if settings != "synthesized":
             study = replace(study, settings=study.settings.model_copy(update=DEFAULTS))
         if settings == "gait-only":
-            study = replace(study, trials=tuple(t for t in study.trials if t.role != "joint"))
+            study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
         calibration = calibrate(study)
     table = parameter_table(calibration).set_index("name")
     table = table[table["status"] == "fitted"]
@@ -74,7 +74,7 @@ def torque_errors(calibration: Calibration, seed: int) -> np.ndarray:
     loads = calibration.trial("gait").loads
     if loads is None or loads.errors is None:
         raise RuntimeError("the gait trial has no torques with standard errors")
-    gap = np.hstack([loads.final.tau - true.tau, loads.final.knee_adduction - true.knee_adduction])
+    gap = np.hstack([loads.final.tau, loads.final.knee_adduction]) - true
     error = np.hstack([loads.errors.tau, loads.errors.knee_adduction])
     out: np.ndarray = (gap / error)[loads.reactions.valid][:, 6:]
     return out

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.person.calibrate import calibrate
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Study, StudyTrial
+from gaitcal.study.study import Role, Study, StudyTrial
 from gaitcal.synthetic.measurements import marker_noise
 from gaitcal.synthetic.subject import synthesize
 
@@ -121,14 +121,14 @@ def made_study(folder: Path, seed: int, noise_m: float, trials: tuple[str, ...] 
     rng = np.random.default_rng(seed)
 
     def noisy(trial: StudyTrial) -> StudyTrial:
-        if trial.role == "static":
+        if trial.role is Role.STATIC:
             return trial
         r = trial.recording
         return replace(
             trial, recording=replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, noise_m))
         )
 
-    kept = [t for t in study.trials if trials is None or t.role == "static" or t.name in trials]
+    kept = [t for t in study.trials if trials is None or t.role is Role.STATIC or t.name in trials]
     settings = study.settings.model_copy(update={"ip": "none"})
     return replace(study, trials=tuple(noisy(t) for t in kept), settings=settings)
 
@@ -145,7 +145,7 @@ def changes(study: Study, seed: int, losses: tuple[str, ...], spoils: dict[str, 
     clean = {loss: joint_parameters(study, loss) for loss in dict.fromkeys((*losses, "none"))}
     for name, spoil in spoils.items():
         rng = np.random.default_rng(seed + 1)
-        trials = tuple(replace(t, recording=spoil(t, rng)) if t.role != "static" else t for t in study.trials)
+        trials = tuple(replace(t, recording=spoil(t, rng)) if t.role is not Role.STATIC else t for t in study.trials)
         for loss in losses:
             found, free = joint_parameters(replace(study, trials=trials), loss)
             for against in dict.fromkeys((loss, "none")):

@@ -12,7 +12,7 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, coordinates_of, joint_segments
@@ -20,11 +20,10 @@ from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.person.uncertainty import Uncertainty
+from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, StudyTrial
+from gaitcal.study.study import Role, Study, StudyTrial
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
@@ -74,20 +73,20 @@ def fake_calibration(
     subject = Subject(names.subject, 70.0, 1.75, "female")
     markers = MarkerPlacement((names.marker,), ("thigh_r",), np.zeros((1, 3)), np.ones(1))
     model = SubjectModel(subject, parameters, parameters, markers)
-    trials, study_trials = [], [_study_trial("static", "static", None, names)]
+    trials, study_trials = [], [_study_trial("static", Role.STATIC, None, names)]
     if gait:
         trials.append(_gait(names, rng, plates, valid, errors, cycles))
-        study_trials.append(_study_trial(names.trial, "gait", None, names))
+        study_trials.append(_study_trial(names.trial, Role.GAIT, None, names))
     if isolated:
         trials.append(_isolated(names, rng))
-        study_trials.append(_study_trial("knee", "joint", "knee_r", names))
+        study_trials.append(_study_trial("knee", Role.JOINT, "knee_r", names))
     study = Study(
-        subject,
-        cast(Any, SimpleNamespace(name="plug-in-gait")),
-        tuple(study_trials),
-        CalibrationSettings(),
-        {},
-        {names.file: "ab" * 32},
+        subject=subject,
+        marker_set=cast(Any, SimpleNamespace(name="plug-in-gait")),
+        trials=tuple(study_trials),
+        settings=CalibrationSettings(),
+        weights={},
+        inputs={names.file: "ab" * 32},
     )
     inertial = gait and plates and valid
     phases = (
@@ -111,17 +110,17 @@ def fake_calibration(
         ),
     )
     return Calibration(
-        study,
-        model,
-        model.with_parameters(fitted.with_inertial(parameters.inertial * 1.02) if inertial else fitted),
-        tuple(trials),
-        phases if joint else (),
-        _joint(fitted) if joint else None,
-        _inertial(parameters.inertial) if inertial else None,
-        _uncertainty(joint and errors),
-        UNSEEN if joint else (),
-        (names.note,),
-        (names.warning,),
+        study=study,
+        nominal=model,
+        model=model.with_parameters(fitted.with_inertial(parameters.inertial * 1.02) if inertial else fitted),
+        trials=tuple(trials),
+        phases=phases if joint else (),
+        joint=_joint(fitted) if joint else None,
+        inertial=_inertial(parameters.inertial) if inertial else None,
+        uncertainty=_uncertainty(joint and errors),
+        unidentifiable=UNSEEN if joint else (),
+        notes=(names.note,),
+        warnings=(names.warning,),
     )
 
 
@@ -166,8 +165,8 @@ def _recording(names: Names) -> Recording:
     return Recording(f"/home/somebody/{names.file}", time, (names.marker,), np.zeros((FRAMES, 1, 3)), (plate,))
 
 
-def _study_trial(name: str, role: str, joint: str | None, names: Names) -> StudyTrial:
-    return StudyTrial(name, role, joint, _recording(names), {})
+def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> StudyTrial:
+    return StudyTrial(name=name, role=role, joint=joint, recording=_recording(names))
 
 
 def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErrors:
@@ -200,7 +199,7 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
     floor, body = _errors(names, 0.003, segments * 4), _motion(names, COORDINATES, 0.004, segments * 4)
     return TrialResult(
         name="knee",
-        role="joint",
+        role=Role.JOINT,
         joint="knee_r",
         recording=_recording(names),
         nominal=before,
@@ -219,7 +218,7 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
     loads = _loads(rng, valid, errors, cycles) if plates else None
     return TrialResult(
         name=names.trial,
-        role="gait",
+        role=Role.GAIT,
         joint=None,
         recording=_recording(names),
         nominal=before,
@@ -241,12 +240,23 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     wrench[:, :, 1] = 700.0 * loaded
     usable = np.full(FRAMES, valid)
     usable[150:170] = False
-    reactions = GroundReactions(wrench, usable, loaded, loaded, ("plate 1: right foot",))
+    reactions = GroundReactions(
+        wrench=wrench, valid=usable, loaded=loaded, resting=loaded, notes=("plate 1: right foot",)
+    )
 
-    def forces(scale: float) -> GeneralisedForces:
+    def moments(scale: float) -> Moments:
         tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, 27))
         residual = scale * np.stack([10.0 * np.cos(9.0 * time)] * 3, axis=1)
-        return GeneralisedForces(tau, 0.5 * tau[:, :2], residual, 0.2 * residual)
+        return Moments(
+            coordinates=COORDINATES,
+            time=time,
+            tau=tau,
+            knee_adduction=0.5 * tau[:, :2],
+            residual_force=residual,
+            residual_moment=0.2 * residual,
+            bwh=70.0 * 9.81 * 1.75,
+        )
 
+    stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
     spread = TorqueErrors(np.full((FRAMES, 27), 2.0), np.full((FRAMES, 2), 1.0)) if errors else None
-    return LoadedTrial(reactions, forces(1.0), forces(0.9), forces(0.7), None, spread)
+    return LoadedTrial(reactions, stages, spread)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gaitcal.calibration.far_start import SharedTrials
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.dynamics.root_residual import RootResidual, root_residual
+from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.model.inertial_parameters import InertialSet, dynamic_jacobian
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters

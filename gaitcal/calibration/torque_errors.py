@@ -18,14 +18,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
 from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, placed_dynamic_parameters
+from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER
@@ -83,22 +82,10 @@ def _marker_part(problem: TrialProblem, part: slice, moves: MarkerMoves, slopes:
 
 def _inertial_variance(parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
     """(nf, 29) variance from the inertial parameters."""
-    dynamics = Dynamics(parameters)
-    model, data = dynamics.linkage.model, dynamics.linkage.model.createData()
-    rows = np.array([dynamics.linkage.index(name) for name in (*COORDINATES, *REACTIONS)])
-    into = np.zeros((10 * (model.njoints - 1), 84))
-    slopes = dynamic_jacobian(parameters.inertial)
-    for k, segment in enumerate(MASSIVE_SEGMENTS):
-        at = 10 * (dynamics.linkage.segment_joint[segment] - 1)
-        place = dynamics.linkage.segment_placement[segment]
-        moved = placed_dynamic_parameters(place.rotation, place.translation)
-        into[at : at + 10, 7 * k : 7 * k + 7] = moved @ slopes[k]
-    moved_by = into @ spread
-    out = np.empty((len(q), len(rows)))
-    q, v, a = (dynamics.expand(values) for values in (q, v, a))
-    for f in range(len(q)):
-        regressor = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])
-        out[f] = ((regressor[rows] @ moved_by) ** 2).sum(axis=1)
+    slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
+    by_source = slopes @ spread.reshape(len(slopes), 7, sources)  # (12, 10, n) change of the dynamic parameters
+    regressor = Dynamics(parameters).regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
+    out: Array = ((regressor @ by_source.reshape(-1, sources)) ** 2).sum(axis=2)
     return out
 
 

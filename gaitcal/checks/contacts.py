@@ -8,25 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.checks.evidence import FEET, SIDES, TrialEvidence
-from gaitcal.checks.finding import Finding, error, info, warning
-from gaitcal.dynamics.ground_contact import LOADED, RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
+from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.finding import Finding
+from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
 from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
+from gaitcal.model.linkage import SIDES
 from gaitcal.recording import resample_wrench
-from gaitcal.recording.force_plate import BODY_N
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
+from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)
 """Height of a resting heel or toe marker above the centre of pressure."""
 LATE_S = 0.08
 """Difference between the clocks of markers and forces that is told."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
 
@@ -87,94 +89,101 @@ class Feet:
         return float(np.average(distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
 
 
+def feet_of(trial: TrialEvidence) -> Feet | None:
+    """The feet of a gait trial; None in another, or where no foot is seen."""
+    if not trial.is_gait or len(trial.recording.time) < 3:
+        return None
+    feet = Feet(trial)
+    return feet if feet.seen.any() else None
+
+
 def steps(trial: TrialEvidence, feet: Feet) -> list[Step]:
     """All loadings of all plates that are longer than a knock."""
-    found = []
+    loadings = []
     for plate in trial.recording.plates:
         wrench = np.nan_to_num(resample_wrench(plate, feet.time))
-        for run in runs(wrench[:, 1] > LOADED, 2):
-            if feet.time[run.stop - 1] - feet.time[run.start] < SHORTEST or wrench[run, 1].max() < BODY_N:
+        for run in runs(wrench[:, 1] > LOADED_N, 2):
+            if duration(feet.time, run) < SHORTEST or wrench[run, 1].max() < BODY_N:
                 continue
-            w = wrench[run]
             height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0
-            force, moment = w[:, :3], w[:, 3:]
-            x = (moment[:, 2] + height * force[:, 0]) / force[:, 1]
-            z = (-moment[:, 0] + height * force[:, 2]) / force[:, 1]
-            point = np.column_stack([x, np.full(len(x), height), z])
-            away = [feet.distance(k, point, run, force[:, 1]) for k in range(2)]
+            point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
+            away = [feet.distance(k, point, run, load) for k in range(2)]
             foot = int(np.argmin(away))
-            found.append(Step(plate, run, foot, away[foot], away[1 - foot], point, force[:, 1]))
-    return found
+            loadings.append(
+                Step(
+                    plate=plate,
+                    frames=run,
+                    foot=foot,
+                    distance=away[foot],
+                    other=away[1 - foot],
+                    point=point,
+                    load=load,
+                )
+            )
+    return loadings
 
 
 def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
-    if trial.trial.role != "gait" or not trial.recording.plates or len(trial.recording.time) < 3:
+    feet = feet_of(trial)
+    if feet is None or not trial.recording.plates:
         return
-    feet = Feet(trial)
-    if not feet.seen.any():
-        return
-    found = steps(trial, feet)
-    if not found:
+    loadings = steps(trial, feet)
+    if not loadings:
         most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
         cure = "no torques will come of this trial; are these the forces of this trial?"
-        yield warning("plates", trial.name, f"no plate is stepped on: at most {most:.0f} N", cure, trial.source)
-    for step in found:
+        yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
+    for step in loadings:
         yield from _which_foot(trial, step)
         if np.isfinite(step.distance) and step.distance < UNDER_FOOT:
             yield from _height(trial, feet, step)
             yield from overhang(trial, feet, step)
-    yield from _clocks(trial, feet, [s for s in found if s.distance < UNDER_FOOT])
+    yield from _clocks(trial, feet, [s for s in loadings if s.distance < UNDER_FOOT])
 
 
 def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
-    span = spans(trial.recording.time, [step.frames])
-    name = f"plate {step.plate.name}, {span}"
-    told = trial.trial.plates.get(step.plate.name)
-    if told == "none":
+    """Whether the foot that the study names stands on the plate; if it names none, whether any does, and which."""
+    name = f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}"
+    side = trial.trial.plates.get(step.plate.name)
+    if side == "none":
         return
-    if told is not None:
-        named = SIDES.index(told)
+    if side is not None:
+        named = SIDES.index(side)
         away = step.distance if step.foot == named else step.other
         if away > UNDER_FOOT and step.foot != named and step.distance < UNDER_FOOT:
-            yield error(
+            yield trial.error(
                 "plate to foot",
-                trial.name,
                 f"{name}: the study gives it to the {FEET[named]} foot, {1e3 * away:.0f} mm off the centre of pressure "
                 f"(the {FEET[step.foot]} foot: {1e3 * step.distance:.0f} mm)",
                 f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
-                trial.source,
             )
             return
     if step.distance > UNDER_FOOT:
-        yield warning(
+        yield trial.warning(
             "plate to foot",
-            trial.name,
             f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} and "
             f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * UNDER_FOOT:.0f} mm",
             "check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
-            trial.source,
         )
     else:
         found = f"{name}: {FEET[step.foot]} foot, whose line heel-toe passes the centre of pressure at "
         found += f"{1e3 * step.distance:.0f} mm"
-        yield info("plate to foot", trial.name, found)
+        yield trial.info("plate to foot", found)
 
 
 def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+    """Whether the centre of pressure lies at the height of the resting foot's soles."""
     down = feet.resting(step.foot)[step.frames]
     if not down.any():
         return
     lowest = np.fmin(feet.heel[step.frames, step.foot, 1], feet.toe[step.frames, step.foot, 1])[down]
     above = float(np.nanmedian(lowest)) - float(np.median(step.point[:, 1]))
     if not FLOOR_M[0] <= above <= FLOOR_M[1]:
-        yield warning(
+        yield trial.warning(
             "plates",
-            trial.name,
             f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of heel and toe marker; "
             f"allowed: {1e3 * FLOOR_M[0]:.0f} to {1e3 * FLOOR_M[1]:.0f} mm",
             "check the height of the plate's corners, or the origin of the markers",
-            trial.source,
         )
 
 
@@ -182,7 +191,7 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
     """A step whose foot rests partly beside its plate."""
     if step.plate.corners is None:
         return
-    told = []
+    outside = []
     ends = (
         ("heel", feet.heel[:, step.foot], feet.heel_velocity[:, step.foot]),
         ("toes", feet.tip(step.foot, trial.subject.height), feet.toe_velocity[:, step.foot]),
@@ -193,23 +202,21 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
             continue
         out = -float(np.median(inside(step.plate.corners, path[step.frames][still])))
         if out > OVERHANG_M:
-            told.append(f"{name} {1e3 * out:.0f} mm")
-    if told:
-        yield warning(
+            outside.append(f"{name} {1e3 * out:.0f} mm")
+    if outside:
+        yield trial.warning(
             "plate to foot",
-            trial.name,
             f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "
-            f"partly beside it ({', '.join(told)} outside)",
+            f"partly beside it ({', '.join(outside)} outside)",
             "the plate misses a part of the force: record the step again, or write plates = "
             f'{{ {step.plate.name} = "none" }}',
-            trial.source,
         )
 
 
-def _clocks(trial: TrialEvidence, feet: Feet, found: list[Step]) -> Iterator[Finding]:
+def _clocks(trial: TrialEvidence, feet: Feet, loadings: list[Step]) -> Iterator[Finding]:
     """Touch-down and lift-off by force against those by motion."""
     late: list[float] = []
-    for step in found:
+    for step in loadings:
         down = feet.resting(step.foot)
         best = max(runs(down), key=lambda r: _overlap(r, step.frames), default=None)
         if best is None or not _overlap(best, step.frames):
@@ -222,17 +229,16 @@ def _clocks(trial: TrialEvidence, feet: Feet, found: list[Step]) -> Iterator[Fin
         return
     shift = float(np.mean(late))
     if abs(shift) > LATE_S and all(value * shift > 0 for value in late):
-        yield warning(
+        yield trial.warning(
             "time",
-            trial.name,
             f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} by force than by "
             "motion",
             "the clocks of markers and forces differ: correct the time column of one of the files",
-            trial.source,
         )
 
 
 def _overlap(one: slice, other: slice) -> int:
+    """Frames that two stretches share."""
     return max(0, int(min(one.stop, other.stop)) - int(max(one.start, other.start)))
 
 
@@ -241,8 +247,8 @@ def covered(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     for plate in trial.recording.plates:
         common = min(time[-1], plate.time[-1]) - max(time[0], plate.time[0])
-        if trial.trial.role == "gait" and common <= 0:
+        if trial.is_gait and common <= 0:
             found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
             found += f"markers from {time[0]:g} to {time[-1]:g} s"
-            yield error("time", trial.name, found, "give the forces of this very trial", trial.source)
+            yield trial.error("time", found, "give the forces of this very trial")
             return

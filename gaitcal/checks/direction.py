@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, error, info, listed, warning
+from gaitcal.checks.finding import Finding, Severity, listed
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.intervals import runs, spans
 
@@ -25,39 +25,35 @@ WRONG_SIDE_M = 0.02
 def upright(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body stands upright in the y-up axes that were made of the file's."""
     pelvis = trial.pelvis
-    if pelvis is None or trial.trial.role == "joint":
+    if pelvis is None or trial.is_isolated:
         return
     tilt = np.rad2deg(np.arccos(np.clip(pelvis.rotation[pelvis.determined][:, 1, 1], -1, 1)))
     if (middle := float(np.median(tilt))) > TILT_DEG:
-        yield error(
+        yield trial.error(
             "axes",
-            trial.name,
             f"the pelvis is tilted by {middle:.0f} deg against the vertical found; allowed: {TILT_DEG:.0f} deg",
             "write the file with one of its axes vertical; check right, left, front and back of the pelvis",
-            trial.source,
         )
 
 
 def heading(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, and is not carried along sideways."""
     pelvis = trial.pelvis
-    if pelvis is None or trial.trial.role != "gait":
+    if pelvis is None or not trial.is_gait:
         return
     way = net_progression(trial.recording)[[0, 2]]
     length = float(np.linalg.norm(way))
     if length < PROGRESSION_M:
-        yield info("heading", trial.name, f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces")
+        yield trial.info("heading", f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces")
         return
     facing = pelvis.rotation[pelvis.determined][:, [0, 2], 0].mean(axis=0)
     cosine = float(facing @ way) / max(float(np.linalg.norm(facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
-        yield warning(
+        yield trial.warning(
             "heading",
-            trial.name,
             f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves",
             "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or sides)",
-            trial.source,
         )
 
 
@@ -70,7 +66,7 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
     wrong: list[str] = []
     when: list[slice] = []
     for name, other in pairs(trial):
-        apart = trial.recording.markers[:, trial.place[name]] - trial.recording.markers[:, trial.place[other]]
+        apart = trial.path(name) - trial.path(other)
         lateral = np.einsum("fi,fi->f", apart, right)
         known = np.isfinite(lateral) & pelvis.determined
         if known.sum() < 3:
@@ -80,13 +76,12 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             wrong.append(f"'{name}' and '{other}' by {-1e3 * float(np.median(lateral[bad])):.0f} mm")
             when = runs(bad)
     if wrong:
-        tell = warning if trial.trial.role == "joint" else error
-        yield tell(
+        severity = Severity.WARNING if trial.is_isolated else Severity.ERROR
+        yield trial.finding(
+            severity,
             "sides",
-            trial.name,
             f"right markers lie to the left of their left ones: {listed(wrong)} ({spans(trial.recording.time, when)})",
             "exchange the labels of right and left in the file, or with [markers.rename]",
-            trial.source,
         )
 
 

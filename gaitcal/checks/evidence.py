@@ -1,4 +1,4 @@
-"""What all checks look at: the study's trials, and the nominal model of the static trial where there is one."""
+"""What all checks look at: one trial, what it is measured against, and how it says what was found."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.checks.finding import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study import Role, StudyTrial
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-FEET = ("right", "left")
-SIDES = ("r", "l")
+LIGHT = 0.1
+"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialEvidence:
     """One trial, and what it is measured against."""
 
@@ -48,10 +49,36 @@ class TrialEvidence:
         """The file of the markers."""
         return self.recording.source
 
+    def finding(self, severity: Severity, topic: str, found: str, cure: str) -> Finding:
+        """Something found in this trial and its file of markers."""
+        return Finding(severity=severity, topic=topic, where=self.name, found=found, cure=cure, source=self.source)
+
+    def error(self, topic: str, found: str, cure: str) -> Finding:
+        """A finding that stops a calibration."""
+        return self.finding(Severity.ERROR, topic, found, cure)
+
+    def warning(self, topic: str, found: str, cure: str) -> Finding:
+        """A finding to look at."""
+        return self.finding(Severity.WARNING, topic, found, cure)
+
+    def info(self, topic: str, found: str, cure: str = "") -> Finding:
+        """A finding that is good to know; it puts no blame on the file."""
+        return Finding(severity=Severity.INFO, topic=topic, where=self.name, found=found, cure=cure)
+
     @property
     def is_static(self) -> bool:
         """Whether this is the trial in which the person stands."""
-        return self.trial.role == "static"
+        return self.trial.role is Role.STATIC
+
+    @property
+    def is_gait(self) -> bool:
+        """Whether the person walks."""
+        return self.trial.role is Role.GAIT
+
+    @property
+    def is_isolated(self) -> bool:
+        """Whether one joint moves in isolation."""
+        return self.trial.role is Role.JOINT
 
     @cached_property
     def place(self) -> dict[str, int]:
@@ -71,9 +98,22 @@ class TrialEvidence:
             groups += list(self.marker_set.static_only.items())
         return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0)
 
+    @cached_property
+    def present(self) -> tuple[str, ...]:
+        """Those of the expected markers that the file names."""
+        return tuple(label for label in self.expected if label in self.place)
+
     def weight(self, label: str) -> float:
         """Weight of a marker in this study."""
         return self.marker_set.weight(label)
+
+    def path(self, label: str) -> Array:
+        """(nf, 3) m, where a marker of the file was; NaN in gaps."""
+        return self.recording.markers[:, self.place[label]]
+
+    def ever_seen(self, label: str) -> bool:
+        """Whether a marker of the file has a position in any frame."""
+        return bool(self.seen[:, self.place[label]].any())
 
     def landmark(self, name: str) -> Array | None:
         """(nf, 3) m path of a landmark; NaN in gaps; None where the trial lacks one of its markers."""
@@ -91,12 +131,12 @@ class TrialEvidence:
         out: dict[str, tuple[tuple[str, ...], Array]] = {}
         markers = self.model.markers
         for segment in dict.fromkeys(markers.segments):
-            own = [
+            rows = [
                 i
                 for i, (label, s) in enumerate(zip(markers.labels, markers.segments, strict=True))
                 if s == segment and label in self.place
             ]
-            out[segment] = (tuple(markers.labels[i] for i in own), markers.local[own])
+            out[segment] = (tuple(markers.labels[i] for i in rows), markers.local[rows])
         return out
 
     @cached_property
@@ -105,25 +145,8 @@ class TrialEvidence:
         labels, local = self.templates.get("pelvis", ((), np.empty((0, 3))))
         if len(labels) < 3:
             return None
-        at = [self.place[label] for label in labels]
-        measured = self.recording.markers[:, at].transpose(1, 2, 0)
-        seen = self.seen[:, at].T
+        columns = [self.place[label] for label in labels]
+        measured = self.recording.markers[:, columns].transpose(1, 2, 0)
+        seen = self.seen[:, columns].T
         fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
         return fit if fit.determined.any() else None
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """A whole study."""
-
-    trials: tuple[TrialEvidence, ...]
-
-    @property
-    def static(self) -> TrialEvidence | None:
-        """The static trial; None where it could not be read."""
-        return next((trial for trial in self.trials if trial.is_static), None)
-
-    @property
-    def moving(self) -> tuple[TrialEvidence, ...]:
-        """All other trials."""
-        return tuple(trial for trial in self.trials if not trial.is_static)

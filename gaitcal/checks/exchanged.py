@@ -15,8 +15,8 @@ from itertools import combinations, zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, error, listed, warning
+from gaitcal.checks.evidence import LIGHT, TrialEvidence
+from gaitcal.checks.finding import Finding, listed
 from gaitcal.recording.intervals import runs, spans
 
 Array = NDArray[np.float64]
@@ -33,8 +33,6 @@ BRIDGED_S = 0.1
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
 """m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
-LIGHT = 0.1
-"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
 SHORTEST = 3
 """Frames of a stretch in which lengths say that labels are exchanged."""
 
@@ -55,39 +53,38 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     for found in exchanges(trial):
         stretches = runs(found.frames)
-        both = trial.seen[:, trial.place[found.label]]
-        share = float(found.frames.sum() / max(int(both.sum()), 1))
+        share = float(found.frames.sum() / max(int(trial.seen[:, trial.place[found.label]].sum()), 1))
         when = spans(trial.recording.time, stretches)
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
-        told = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
+        words = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
         weighed = max(trial.weight(found.label), trial.weight(found.other))
         if share > 0.5 and weighed > LIGHT:
-            yield error("exchanged", trial.name, told, "exchange the two labels in the file", trial.source)
+            yield trial.error("exchanged", words, "exchange the two labels in the file")
         else:
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
             if weighed <= LIGHT:
                 cure = "little harm, as both have little weight or none; label that part again to use them"
-            yield warning("exchanged", trial.name, told, cure, trial.source)
+            yield trial.warning("exchanged", words, cure)
 
 
 def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
     """Pairs of labels that are exchanged somewhere."""
-    told: set[frozenset[str]] = set()
-    for found in by_lengths(trial):
-        told.add(frozenset((found.label, found.other)))
-        yield found
-    for found in by_jumps(trial):
-        if frozenset((found.label, found.other)) not in told:
-            yield found
+    pairs: set[frozenset[str]] = set()
+    for exchange in by_lengths(trial):
+        pairs.add(frozenset((exchange.label, exchange.other)))
+        yield exchange
+    for exchange in by_jumps(trial):
+        if frozenset((exchange.label, exchange.other)) not in pairs:
+            yield exchange
 
 
 def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
     """Exchanges that the lengths within segments show."""
     segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
-    own = {label: _cost(trial, segment_of, label, label, ()) for label in segment_of}
-    doubted = {label: cost for label, cost in own.items() if (np.nan_to_num(cost) > STRANGE_M).sum() >= SHORTEST}
+    costs = {label: _cost(trial, segment_of, label, label, ()) for label in segment_of}
+    doubted = {label: cost for label, cost in costs.items() if (np.nan_to_num(cost) > STRANGE_M).sum() >= SHORTEST}
     for a, b in combinations(doubted, 2):
-        strange = (np.nan_to_num(own[a]) > STRANGE_M) & (np.nan_to_num(own[b]) > STRANGE_M)
+        strange = (np.nan_to_num(costs[a]) > STRANGE_M) & (np.nan_to_num(costs[b]) > STRANGE_M)
         if strange.sum() < SHORTEST:
             continue
         present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
@@ -97,7 +94,7 @@ def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
             yield Exchange(a, b, marked, True)
     for a in doubted:
         for b in segment_of:
-            unseen = ~trial.seen[:, trial.place[b]] & (np.nan_to_num(own[a]) > STRANGE_M)
+            unseen = ~trial.seen[:, trial.place[b]] & (np.nan_to_num(costs[a]) > STRANGE_M)
             if b == a or unseen.sum() < SHORTEST:
                 continue
             other = _cost(trial, segment_of, b, a, (a,))
@@ -109,6 +106,7 @@ def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
 
 
 def _long_enough(marked: BoolArray) -> BoolArray:
+    """(nf,) the marked frames without stretches shorter than SHORTEST."""
     out = np.zeros_like(marked)
     for run in runs(marked, SHORTEST):
         out[run] = True
@@ -116,6 +114,7 @@ def _long_enough(marked: BoolArray) -> BoolArray:
 
 
 def _others(trial: TrialEvidence, segment_of: dict[str, str], label: str, without: tuple[str, ...]) -> int:
+    """Markers of the same segment that a cost of this label counts."""
     labels, _ = trial.templates[segment_of[label]]
     return sum(other != label and other not in without for other in labels)
 
@@ -206,20 +205,16 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
     limit = jump_limit(trial)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
-    told, largest = [], 0.0
-    for label in trial.expected:
-        if label not in trial.place:
-            continue
-        at = trial.place[label]
-        out = np.where(peak[:, at], np.nan_to_num(away[:, at]), 0.0)
+    labels, largest = [], 0.0
+    for label in trial.present:
+        column = trial.place[label]
+        out = np.where(peak[:, column], np.nan_to_num(away[:, column]), 0.0)
         if (out > limit).any():
-            told.append(f"{label} ({int((out > limit).sum())} frames)")
+            labels.append(f"{label} ({int((out > limit).sum())} frames)")
             largest = max(largest, float(out.max()))
-    if told:
-        yield warning(
+    if labels:
+        yield trial.warning(
             "jumps",
-            trial.name,
-            f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(told)}",
+            f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}",
             'label the trial again there, or set robust = "cauchy" under [calibration]',
-            trial.source,
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from gaitcal.errors import InputError
+
 
 class Severity(Enum):
     """How bad a finding is."""
@@ -17,7 +19,7 @@ class Severity(Enum):
     """Good to know."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finding:
     """One thing that a check found."""
 
@@ -40,20 +42,11 @@ class Finding:
         parts = [part for part in (self.source, place, self.topic) if part]
         return f"{': '.join(parts)}: {self.found}" + (f"; {self.cure}" if self.cure else "")
 
-
-def error(topic: str, where: str, found: str, cure: str, source: str = "") -> Finding:
-    """A finding that stops a calibration."""
-    return Finding(Severity.ERROR, topic, where, found, cure, source)
-
-
-def warning(topic: str, where: str, found: str, cure: str, source: str = "") -> Finding:
-    """A finding to look at."""
-    return Finding(Severity.WARNING, topic, where, found, cure, source)
-
-
-def info(topic: str, where: str, found: str, cure: str = "", source: str = "") -> Finding:
-    """A finding that is good to know."""
-    return Finding(Severity.INFO, topic, where, found, cure, source)
+    @classmethod
+    def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> Finding:
+        """An InputError as a finding; its text already tells what is allowed."""
+        text = str(fault).removeprefix(f"{source}: ")
+        return cls(severity=Severity.ERROR, topic=topic, where=where, found=text, cure="", source=source)
 
 
 def listed(names: list[str], most: int = 6) -> str:

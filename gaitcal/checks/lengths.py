@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, error, warning
+from gaitcal.checks.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -37,17 +37,17 @@ def size(trial: TrialEvidence) -> Iterator[Finding]:
     else:
         cure = "check the unit of length that the file declares"
     allowed = f"{SIZE[0] * height:.2g} to {SIZE[1] * height:.2g} m"
-    yield error("units", trial.name, f"the markers span {found:.4g} m; allowed: {allowed}", cure, trial.source)
+    yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure)
 
 
 def cloud_size(trial: TrialEvidence) -> float | None:
     """m, diagonal of the box around the markers of the set, median over frames; None where too few are seen."""
-    own = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
-    frames = np.flatnonzero(trial.seen[:, own].sum(axis=1) >= 3)
+    columns = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
+    frames = np.flatnonzero(trial.seen[:, columns].sum(axis=1) >= 3)
     if not len(frames):
         return None
     some = frames[:: max(1, len(frames) // 200)]
-    x = trial.recording.markers[some][:, own]
+    x = trial.recording.markers[some][:, columns]
     box = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
     return float(np.median(np.linalg.norm(box, axis=1)))
 
@@ -60,15 +60,15 @@ def scale(trial: TrialEvidence) -> Iterator[Finding]:
     if not len(ratios):
         return
     ratio = float(np.median(ratios))
-    told = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
+    words = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
     if not SCALE[0] <= ratio <= SCALE[1]:
         cure = "check the unit of length of both files, and that both show the same person"
         if 500 < ratio < 2000:
             cure = "the numbers are mm where the static trial has m: declare mm, or divide by 1000"
-        yield error("units", trial.name, told, cure, trial.source)
+        yield trial.error("units", words, cure)
     elif abs(ratio - 1) > SCALE_DOUBTED and len(ratios) >= 6:
         cure = "were the cameras calibrated anew, or markers put on again, between the two?"
-        yield warning("units", trial.name, told, cure, trial.source)
+        yield trial.warning("units", words, cure)
 
 
 def _ratios(trial: TrialEvidence) -> Iterator[float]:
@@ -79,7 +79,7 @@ def _ratios(trial: TrialEvidence) -> Iterator[float]:
                 length = float(np.linalg.norm(local[i] - local[j]))
                 if length < 0.03 or not trial.weight(a) or not trial.weight(labels[j]):
                     continue
-                apart = trial.recording.markers[:, trial.place[a]] - trial.recording.markers[:, trial.place[labels[j]]]
+                apart = trial.path(a) - trial.path(labels[j])
                 distance = np.linalg.norm(apart, axis=1)
                 distance = distance[np.isfinite(distance)]
                 if len(distance):
@@ -94,13 +94,11 @@ def body_height(trial: TrialEvidence) -> Iterator[Finding]:
     if HIP_HEIGHT[0] * height <= found <= HIP_HEIGHT[1] * height:
         return
     expected = f"{HIP_HEIGHT[0] * height:.2f} to {HIP_HEIGHT[1] * height:.2f} m"
-    yield warning(
+    yield trial.warning(
         "height",
-        trial.name,
         f"the ASIS stand {found:.3f} m above the ankles; a height of {height:.2f} m lets expect {expected}",
         f"check subject.height_m (these legs fit {found / HIP_HEIGHT[1]:.2f} to {found / HIP_HEIGHT[0]:.2f} m) and the "
         "landmarks of pelvis and ankles",
-        trial.source,
     )
 
 

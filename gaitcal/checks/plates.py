@@ -1,20 +1,28 @@
-"""Force plates: what the reader found, sign, offset, saturation, corners, and body weight."""
+"""Force plates: what the reader found, sign, offset, saturation, corners, and what their forces do on every walk.
+
+A leg brakes when it touches down and drives when it leaves, and both legs push the body towards its middle. Where whole
+steps say the opposite, a column of forces has the wrong sign. Where the centres of pressure of both feet lie off their
+feet to the same side of the room, the plates lie elsewhere.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.checks.contacts import Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, info, warning
+from gaitcal.checks.finding import Finding
+from gaitcal.dynamics.ground_contact import UNDER_FOOT
 from gaitcal.dynamics.plate_outline import OUTSIDE_SHARE, share_outside
-from gaitcal.model.build import GRAVITY
-from gaitcal.recording import still_window
+from gaitcal.recording import resample_wrench
+from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
 
 Array = NDArray[np.float64]
@@ -26,12 +34,19 @@ CLIPPED = 5
 CLIPPED_N = 200.0
 ASLANT = 0.5
 """Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2."""
-MASS = 0.05
-"""Difference of body mass and static force that is told."""
-STANCE_SHARE = (0.55, 1.25)
-"""Mean vertical force over a stance phase of walking, in body weights: about 0.8."""
-PEAK = 3.0
 STANCE_S = 0.3
+"""Shorter loadings are no step."""
+DRIVING = -0.1
+"""Drift of the force along the walk from braking to driving, sum(F t) / sum(|F|) with t from -1 to 1 over the step:
+0.36 to 0.63 in whole steps of real and synthetic walks; below this it is reversed."""
+OUTWARD = 0.01
+"""Mean sideways force, in body weights, above which legs push outwards: real and synthetic ones push inwards, 0.03 to
+0.06."""
+BESIDE_M = 0.025
+"""How far the centres of pressure of both feet must lie to one side; on real walks they lie 13 to 22 mm beside the line
+from heel to toe, to either side."""
+LOADED_SHARE = 0.5
+"""Of body weight: a foot that carries as much lies flat."""
 
 _ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
 
@@ -41,13 +56,13 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
             continue
-        if _ALARMING.search(note) and trial.trial.role == "gait":
+        if _ALARMING.search(note) and trial.is_gait:
             cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
             if "never empty" in note:
                 cure = "record some seconds with nobody on the plate, or remove its offset before export"
-            yield warning("plates", trial.name, note.rstrip("."), cure, trial.source)
+            yield trial.warning("plates", note.rstrip("."), cure)
         else:
-            yield info("plates", trial.name, note.rstrip("."))
+            yield trial.info("plates", note.rstrip("."))
 
 
 def signals(trial: TrialEvidence) -> Iterator[Finding]:
@@ -61,22 +76,23 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
         if (pulled := int((up < -BODY_N).sum())) > 0:
             found = f"{name}: pulls the body down with up to {-up.min():.0f} N in {pulled} samples; it can only push"
             cure = "check the sign and the offset of its channels"
-            yield warning("plates", trial.name, found, cure, trial.source)
+            yield trial.warning("plates", found, cure)
         empty = np.abs(up) < UNLOADED_N
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
         if empty.mean() > 0.1 and abs(rest := float(np.median(up[empty]))) > OFFSET_N:
             found = f"{name}: reads {rest:.0f} N where nobody stands on it"
-            yield warning("plates", trial.name, found, "remove the offset of the empty plate", trial.source)
+            yield trial.warning("plates", found, "remove the offset of the empty plate")
         yield from _clipped(trial, plate)
         loaded = up > BODY_N
         if loaded.sum() > 10:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
             if ratio > ASLANT:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
-                yield warning("plates", trial.name, found, "are its axes those of the file, y up?", trial.source)
+                yield trial.warning("plates", found, "are its axes those of the file, y up?")
 
 
 def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
+    """Components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
         values = plate.force[:, axis]
         size = np.abs(np.nan_to_num(values))
@@ -85,13 +101,11 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
         held = runs(size >= top * (1 - 1e-9), CLIPPED)
         # Smooth data may rest at its peak for a sample or two, never for five.
         if held:
-            yield warning(
+            yield trial.warning(
                 "plates",
-                trial.name,
                 f"plate {plate.name}: F{name} stays at {top:.0f} N for {sum(s.stop - s.start for s in held)} samples "
                 f"({spans(plate.time, held)}): saturated",
                 "choose a larger range of the amplifier; leave these frames out with time = [start, end]",
-                trial.source,
             )
 
 
@@ -102,58 +116,103 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
             continue
         share, farthest = share_outside(plate, plate.corners, BODY_N)
         if share > OUTSIDE_SHARE:
-            yield warning(
+            yield trial.warning(
                 "plates",
-                trial.name,
                 f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
                 f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
                 "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
-                trial.source,
             )
 
 
-def body_mass(trial: TrialEvidence) -> Iterator[Finding]:
-    """Body mass against the force under the standing, or the mean force under the walking person."""
-    if trial.is_static:
-        yield from _standing(trial)
-    elif trial.trial.role == "gait":
-        yield from _walking(trial)
-
-
-def _standing(trial: TrialEvidence) -> Iterator[Finding]:
-    if trial.model is None or not trial.recording.plates:
+def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether legs brake before they drive, and push inwards."""
+    walk = _walk(trial)
+    if walk is None:
         return
-    window = still_window(trial.recording, trial.marker_set.labels)
-    total = 0.0
-    for plate in trial.recording.plates:
-        within = (plate.time >= window.start) & (plate.time <= window.stop) & np.isfinite(plate.force[:, 1])
-        total += float(np.median(plate.force[within, 1])) if within.any() else 0.0
-    mass, found = trial.subject.mass, total / GRAVITY
-    told = f"the plates carry {total:.0f} N = {found:.1f} kg while standing; subject.mass_kg is {mass:g}"
-    if found < 0.5 * mass:
-        yield info("body mass", trial.name, f"{told}: a foot stood beside the plates")
-    elif abs(found / mass - 1) > MASS:
-        cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
-        yield warning("body mass", trial.name, told, cure, trial.source)
-    else:
-        yield info("body mass", trial.name, told)
+    drift, outward = [], []
+    for step in walk.steps:
+        force = np.nan_to_num(resample_wrench(step.plate, walk.feet.time))[step.frames][:, [0, 2]]
+        along = force @ walk.forward
+        if step.frames.start > 0 and step.frames.stop < len(walk.feet.time):
+            drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
+        outward.append(float((force @ walk.right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
+    wrong = []
+    if drift and max(drift) < DRIVING:
+        wrong.append(f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)")
+    if min(outward) > OUTWARD:
+        wrong.append(
+            f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
+        )
+    if wrong:
+        cure = "check the sign of the horizontal columns of the forces"
+        if len(wrong) > 1:
+            cure += "; where a note says that a plate was turned round: of the vertical column alone"
+        yield trial.warning(
+            "plates", f"horizontal forces of {len(walk.steps)} steps seem reversed: {'; '.join(wrong)}", cure
+        )
 
 
-def _walking(trial: TrialEvidence) -> Iterator[Finding]:
-    weight = trial.subject.weight
-    for plate in trial.recording.plates:
-        up = np.nan_to_num(plate.force[:, 1])
-        for run in runs(up > BODY_N, 2):
-            if plate.time[run.stop - 1] - plate.time[run.start] < STANCE_S or run.start == 0 or run.stop == len(up):
-                continue  # a knock, or a step that the recording cuts off
-            share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
-            if STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK:
-                continue
-            yield warning(
-                "body mass",
-                trial.name,
-                f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak {peak:.2f} body weights of "
-                f"{trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1",
-                "check mass_kg, the gain of the plate, and whether the whole foot was on it",
-                trial.source,
-            )
+def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
+    walk = _walk(trial)
+    if walk is None:
+        return
+    feet, shifts = walk.feet, dict[int, list[float]]({0: [], 1: []})
+    for step in walk.steps:
+        flat = feet.seen[step.frames, step.foot] & (step.load > LOADED_SHARE * trial.subject.weight)
+        if flat.sum() < 3:
+            continue
+        heel, toe = (path[step.frames, step.foot][flat][:, [0, 2]] for path in (feet.heel, feet.toe))
+        # x and z seen from above: z is to the right of x, so (-z, x) lies across the line, to its right
+        line = (toe - heel) / np.linalg.norm(toe - heel, axis=1, keepdims=True)
+        across = np.stack([-line[:, 1], line[:, 0]], axis=1)
+        away = np.sum((step.point[flat][:, [0, 2]] - heel) * across, axis=1)
+        shifts[step.foot].append(float(np.mean(away * np.sign(across @ walk.right))))
+    if not shifts[0] or not shifts[1]:
+        return
+    every = np.array([*shifts[0], *shifts[1]])
+    if np.abs(every).min() > BESIDE_M and len(set(np.sign(every))) == 1:
+        means = [1e3 * float(np.mean(shifts[foot])) for foot in (0, 1)]
+        yield trial.warning(
+            "plate to foot",
+            f"the centres of pressure lie to the {'right' if every[0] > 0 else 'left'} of the line heel-toe of both "
+            f"feet: {abs(means[0]):.0f} mm (right foot) and {abs(means[1]):.0f} mm (left foot)",
+            "check the positions of the plates in the room (corners), and the origin of the markers",
+        )
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """A gait trial with steps that are long enough and under a foot."""
+
+    feet: Feet
+    steps: tuple[Step, ...]
+    forward: Array
+    """(2,) unit vector in x and z."""
+
+    @property
+    def right(self) -> Array:
+        """(2,) unit vector in x and z."""
+        return np.array([-self.forward[1], self.forward[0]])
+
+
+def _walk(trial: TrialEvidence) -> _Walk | None:
+    """None where there are no such steps."""
+    feet = feet_of(trial)
+    if feet is None or trial.pelvis is None:
+        return None
+    long = tuple(
+        step
+        for step in steps(trial, feet)
+        if step.distance < UNDER_FOOT and duration(feet.time, step.frames) >= STANCE_S
+    )
+    return _Walk(feet, long, _forward(trial)) if long else None
+
+
+def _forward(trial: TrialEvidence) -> Array:
+    """(2,) unit vector in x and z: the way the body goes, or where the pelvis faces on a treadmill."""
+    way = net_progression(trial.recording)[[0, 2]]
+    if np.linalg.norm(way) < PROGRESSION_M and trial.pelvis is not None:
+        way = trial.pelvis.rotation[trial.pelvis.determined][:, [0, 2], 0].mean(axis=0)
+    out: Array = way / max(float(np.linalg.norm(way)), 1e-12)
+    return out

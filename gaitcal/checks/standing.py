@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, Severity, error, info, warning
+from gaitcal.checks.finding import Finding
 from gaitcal.errors import InputError
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import still_window
@@ -23,13 +23,7 @@ def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, 
     try:
         return nominal_of(study), ()
     except InputError as fault:
-        return None, (fault_of(fault, study.static.name, study.static.recording.source, "static trial"),)
-
-
-def fault_of(fault: InputError, where: str, source: str, topic: str) -> Finding:
-    """An InputError as a finding; its text already tells what is allowed."""
-    text = str(fault).removeprefix(f"{source}: ")
-    return Finding(Severity.ERROR, topic, where, text, "", source)
+        return None, (Finding.of_fault(fault, study.static.name, study.static.recording.source, "static trial"),)
 
 
 def length(trial: TrialEvidence) -> Iterator[Finding]:
@@ -37,13 +31,11 @@ def length(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
-    yield error(
+    yield trial.error(
         "static trial",
-        trial.name,
         f"found {len(time)} frames over {time[-1] - time[0]:.3g} s; at least {FEWEST_FRAMES} frames over "
         f"{SHORTEST_S:g} s are needed to tell standing still from moving",
         "record the person standing still for some seconds",
-        trial.source,
     )
 
 
@@ -55,14 +47,12 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
         window = still_window(trial.recording, trial.marker_set.labels)
     except InputError:
         return  # told as what keeps the nominal model from being made
-    told = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
+    words = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
     if window.speed > RESTLESS * STILL_M_S:
-        yield warning(
+        yield trial.warning(
             "still window",
-            trial.name,
-            f"{told}; at most {1e3 * STILL_M_S:.0f} mm/s is allowed",
+            f"{words}; at most {1e3 * STILL_M_S:.0f} mm/s is allowed",
             "let the person stand still for some seconds; segment frames come from this posture",
-            trial.source,
         )
     else:
-        yield info("still window", trial.name, told)
+        yield trial.info("still window", words)

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from gaitcal.checks import (
+    body_mass,
     contacts,
     direction,
     exchanged,
-    force_direction,
-    labels,
     lengths,
+    markers,
     plates,
     sampling,
     standing,
-    visibility,
 )
-from gaitcal.checks.evidence import Evidence, TrialEvidence
+from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding, Severity
 from gaitcal.errors import InputError
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, StudyTrial, read_trial
-from gaitcal.study.study_file import load_study_file
+from gaitcal.study.study_file import StudyFile, load_study_file
 
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
@@ -35,20 +35,20 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (lengths.size, lengths.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
-    labels.missing,
-    labels.too_few,
-    labels.never_seen,
-    labels.unknown,
-    labels.doubled,
-    labels.bare_segments,
+    markers.missing,
+    markers.too_few,
+    markers.never_seen,
+    markers.unknown,
+    markers.doubled,
+    markers.bare_segments,
     direction.upright,
     direction.heading,
     direction.sides,
     exchanged.exchanged,
     exchanged.spikes,
-    visibility.gaps,
-    visibility.frozen,
-    visibility.flat,
+    markers.gaps,
+    markers.frozen,
+    markers.flat,
     standing.length,
     standing.stillness,
     lengths.body_height,
@@ -59,12 +59,13 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.told_on_reading,
     plates.signals,
     plates.corners,
-    plates.body_mass,
+    body_mass.standing,
+    body_mass.stepping,
     contacts.covered,
     contacts.contacts,
-    force_direction.horizontal,
-    force_direction.beside_feet,
-    force_direction.carried_mass,
+    plates.horizontal,
+    plates.beside_feet,
+    body_mass.carried_mass,
 )
 
 
@@ -74,55 +75,89 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     try:
         file = load_study_file(path)
         marker_set = load_marker_set(file.markers.set)
+        trials, unreadable = _read(file, marker_set)
+        if unreadable:
+            return unreadable
+        study = Study.assemble(file, marker_set, trials, path)
     except InputError as fault:
-        return (standing.fault_of(fault, "study", str(path), "study file"),)
+        return (Finding.of_fault(fault, "study", str(path), "study file"),)
+    return check_study(study)
+
+
+def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...], tuple[Finding, ...]]:
+    """The trials that can be read, and why the others cannot."""
     trials: list[StudyTrial] = []
     unreadable: list[Finding] = []
     for trial in file.trials:
         try:
             trials.append(read_trial(trial, file.markers.rename, marker_set))
         except InputError as fault:
-            unreadable.append(standing.fault_of(fault, trial.name, str(trial.file), "reading"))
-    if unreadable:
-        return tuple(unreadable)
-    try:
-        study = Study.assemble(file, marker_set, tuple(trials), path)
-    except InputError as fault:
-        return (standing.fault_of(fault, "study", str(path), "study file"),)
-    return check_study(study)
+            unreadable.append(Finding.of_fault(fault, trial.name, str(trial.file), "reading"))
+    return tuple(trials), tuple(unreadable)
 
 
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     marker_set = study.marker_set.with_weights(study.weights)
-    plain = [TrialEvidence(t, marker_set, study.subject, study.settings, None) for t in study.trials]
-    spoilt = {t.name: list(lengths.size(t)) for t in plain}
+
+    def evidence(trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
+        return TrialEvidence(
+            trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
+        )
+
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not spoilt[study.static.name]:
+    if not any(lengths.size(evidence(study.static, None))):
         model, faults = standing.nominal_model_of(study)
-    trials = tuple(TrialEvidence(t.trial, marker_set, study.subject, study.settings, model) for t in plain)
+    trials = tuple(evidence(trial, model) for trial in study.trials)
     findings: list[Finding] = []
     for trial in trials:
-        own = [*(faults if trial.is_static else ()), *_trial(trial)]
-        findings += sorted(own, key=lambda finding: list(Severity).index(finding.severity))
-    findings += sampling.rates_differ(Evidence(trials))
-    findings += sampling.same_recording(Evidence(trials))
-    return tuple(findings)
+        findings += _worst_first([*(faults if trial.is_static else ()), *_check_trial(trial)])
+    return (*findings, *rates_differ(trials), *same_recording(trials))
 
 
-@np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
+@np.errstate(all="ignore")
 def check_further(
     trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    found = _trial(TrialEvidence(trial, marker_set, model.subject, settings, model))
-    return tuple(sorted(found, key=lambda finding: list(Severity).index(finding.severity)))
+    evidence = TrialEvidence(trial=trial, marker_set=marker_set, subject=model.subject, settings=settings, model=model)
+    return tuple(_worst_first(_check_trial(evidence)))
 
 
-def _trial(trial: TrialEvidence) -> list[Finding]:
+def _check_trial(trial: TrialEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
     return units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+
+
+def _worst_first(findings: list[Finding]) -> list[Finding]:
+    return sorted(findings, key=lambda finding: list(Severity).index(finding.severity))
+
+
+def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+    """Trials whose frame rate is not that of the others."""
+    rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
+    common = float(np.median(list(rates.values()))) if rates else 0.0
+    odd = [f"{name} {rate:.4g} Hz" for name, rate in rates.items() if abs(rate - common) > 0.01 * common]
+    if odd and len(odd) < 0.5 * len(rates):
+        found = f"most trials have {common:.4g} Hz, but {', '.join(odd)}"
+        cure = "as it should be, if recorded or exported so"
+        yield Finding(severity=Severity.INFO, topic="sampling", where="study", found=found, cure=cure)
+
+
+def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+    """Trials whose markers are the same in every frame, whatever their files are called: one would count twice.
+
+    Parts of one long file, chosen by `time`, are trials of their own.
+    """
+    for one, other in combinations(trials, 2):
+        a, b = one.recording, other.recording
+        if a.labels == b.labels and np.array_equal(a.markers, b.markers, equal_nan=True):
+            yield other.error(
+                "trials",
+                f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})",
+                "name the file of this trial, leave the trial out, or give each its part with time = [start, end]",
+            )

@@ -10,7 +10,6 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.dynamics.inverse_dynamics import residual_rms
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.runtime import Progress, silent
@@ -104,16 +103,9 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
 
 
 def _residuals(name: str, loads: LoadedTrial) -> str:
-    stages = {
-        "nominal": loads.nominal,
-        "JP": loads.jp,
-        "JP, then IP": loads.jp_ip,
-        "JP and IP together": loads.joint_step,
-    }
     parts = []
-    for stage, forces in stages.items():
-        if forces is not None:
-            force, torque = residual_rms(forces, loads.reactions.valid)
-            parts.append(f"{stage} {force:.1f} N, {torque:.1f} N\u00b7m")
+    for stage, moments in loads.moments.items():
+        force, torque = moments.residual_rms(loads.reactions.valid)
+        parts.append(f"{stage.short} {force:.1f} N, {torque:.1f} N·m")
     frames = int(loads.reactions.valid.sum())
     return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)

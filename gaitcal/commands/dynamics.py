@@ -20,9 +20,9 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.further_trials import analyse
 from gaitcal.person.result import TrialResult
-from gaitcal.results.calibration import SavedResult, load_result
+from gaitcal.person.trial_result import analyse
+from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.study.study import StudyTrial, read_trial
 from gaitcal.study.study_file import Side, Trial
@@ -58,7 +58,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         done = []
         for trial in read:
             step(f"{trial.name}: tracking and inverse dynamics")
-            done.append(analyse(saved.model, trial, saved.settings, saved.spread))
+            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
         warnings = [*as_warnings(findings), *(_not_converged(t.name) for t in done if not t.calibrated.converged)]
         stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
     print_trials(talk, done)

@@ -32,8 +32,7 @@ from gaitcal.montecarlo.settings import (
 )
 from gaitcal.montecarlo.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
 from gaitcal.montecarlo.store import Store
-from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
-from gaitcal.montecarlo.study import Progress as DrawProgress
+from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, monte_carlo
 from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
 from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
 from gaitcal.page.monte_carlo import add_monte_carlo

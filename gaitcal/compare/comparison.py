@@ -23,8 +23,7 @@ from gaitcal.compare.osim_reader import read_osim
 from gaitcal.compare.peer_model import PeerModel
 from gaitcal.errors import InputError
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import SIDES
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 

@@ -1,9 +1,10 @@
 """Which foot a force plate carries, and in which frames every foot on the ground is on a plate.
 
 A plate's loaded stretches are given to the foot under whose sole the centre of pressure lies, stretch by stretch,
-unless the study says which foot it is. Whether a foot is down at all is told by its motion alone: its heel or its toe
-rests. Where a foot is down and no plate carries it, or where it rests partly beside its plate, the ground reaction is
-not known and the frame is not valid. The size of the forces plays no part in this: residuals stay a check.
+unless the study says which foot it is; a foot on two plates gets the sum of both. Whether a foot is down at all is told
+by its motion alone: its heel or its toe rests. Where a foot is down and no plate carries it, or where it rests partly
+beside its plate, the ground reaction is not known and the frame is not valid. The size of the forces plays no part in
+this: residuals stay a check.
 """
 
 from __future__ import annotations
@@ -13,18 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
 from gaitcal.recording import filter_plate, resample_wrench
+from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
+from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-LOADED = 20.0
-"""N of vertical force above which a plate counts as stepped on."""
+SIDE_WORDS = ("right", "left")
 RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
 EDGE = 0.08
@@ -38,7 +39,7 @@ SHORTEST = 0.05
 """s: a shorter loading is a knock, not a step."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FootPoints:
     """Heel and toe of both feet, from the tracked model: order right, left."""
 
@@ -54,7 +55,7 @@ class FootPoints:
     """(nf, 2) m/s, against the ground."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GroundReactions:
     """Ground reactions on the feet at the marker frames."""
 
@@ -107,78 +108,90 @@ def ground_reactions_on_feet(
     notes: list[str] = []
     warnings: list[str] = []
     covered = np.ones(len(time), dtype=bool)
-    carriers: list[tuple[int, slice, ForcePlate]] = []
+    steps: list[_Step] = []
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
         smooth = resample_wrench(plate if cutoff is None else filter_plate(plate, cutoff), time)
         covered &= np.isfinite(smooth).all(axis=1)
         smooth = np.nan_to_num(smooth)
-        told = (assigned or {}).get(plate.name)
-        for stretch in _stretches(raw[:, 1] > LOADED, time):
-            foot = {"r": 0, "l": 1}.get(told) if told else _foot_under(raw, stretch, feet)
-            if told == "none":
-                continue
-            span = f"{time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
+        pressed = raw[:, 1] > LOADED_N
+        side = (assigned or {}).get(plate.name)
+        if side == "none":
+            continue
+        for stretch in (run for run in runs(pressed) if time[run.stop - 1] - time[run.start] >= SHORTEST):
+            span = f"plate {plate.name}, {time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
+            foot = {"r": 0, "l": 1}.get(side) if side else _foot_under(raw, stretch, feet)
             if foot is None:
-                warnings.append(f"plate {plate.name}, {span}: the centre of pressure is under neither foot; left out")
+                warnings.append(f"{span}: the centre of pressure is under neither foot; left out")
                 continue
-            wide = _widen(stretch, raw[:, 1] > LOADED, time, cutoff)
+            wide = _widen(stretch, pressed, time, cutoff)
             wrench[wide, foot] += smooth[wide]
             loaded[stretch, foot] = True
-            carriers.append((foot, stretch, plate))
-            how = "as the study says" if told else "by its centre of pressure"
-            notes.append(f"plate {plate.name}, {span}: {('right', 'left')[foot]} foot, {how}")
+            steps.append(_Step(foot, stretch, plate, span))
+            how = "as the study says" if side else "by its centre of pressure"
+            notes.append(f"{span}: {SIDE_WORDS[foot]} foot, {how}")
     resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
     unmeasured = near(resting & ~near(loaded, time), time)
     valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
     valid &= (time >= time[0] + ends) & (time <= time[-1] - ends)
-    partly, beside = _beside_plates(carriers, time, feet)
-    return GroundReactions(wrench, valid & ~partly, loaded, resting, tuple(notes), (*warnings, *beside))
+    partly, beside = _beside_plates(steps, time, feet)
+    return GroundReactions(
+        wrench=wrench,
+        valid=valid & ~partly,
+        loaded=loaded,
+        resting=resting,
+        notes=tuple(notes),
+        warnings=(*warnings, *beside),
+    )
 
 
-def _beside_plates(
-    carriers: Sequence[tuple[int, slice, ForcePlate]], time: Array, feet: FootPoints
-) -> tuple[BoolArray, list[str]]:
+@dataclass(frozen=True)
+class _Step:
+    """One loading of one plate."""
+
+    foot: int
+    """0 right, 1 left."""
+    frames: slice
+    plate: ForcePlate
+    words: str
+    """Plate and time, for messages."""
+
+    def meets(self, other: _Step) -> bool:
+        """Whether both carry one foot in some of the same frames."""
+        overlap = self.frames.start < other.frames.stop and other.frames.start < self.frames.stop
+        return self.foot == other.foot and bool(overlap)
+
+
+def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[str]]:
     """Frames in which an end of a loaded foot rests beside the plates that carry it, and what to say of them."""
-    partly, notes = np.zeros(len(time), dtype=bool), []
-    for foot, stretch, plate in carriers:
-        on = [other for k, where, other in carriers if k == foot and _meet(where, stretch)]
-        span = f"plate {plate.name}, {time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
-        if not all(outline_known(other, LOADED) for other in on):
-            if plate.corners is not None:
-                notes.append(f"{span}: the centre of pressure leaves the plate's corners; corners not used")
+    partly, warnings = np.zeros(len(time), dtype=bool), []
+    for step in steps:
+        frames, foot = step.frames, step.foot
+        carriers = [other.plate for other in steps if other.meets(step)]
+        if not all(outline_known(plate, LOADED_N) for plate in carriers):
+            if step.plate.corners is not None:
+                warnings.append(f"{step.words}: the centre of pressure leaves the plate's corners; corners not used")
             continue
-        for name, at, speed in (("heel", feet.heel, feet.heel_speed), ("toes", feet.tip, feet.toe_speed)):
-            away = outside(on, at[stretch, foot])
-            beside = (speed[stretch, foot] < RESTING) & (away > OVERHANG_M)
+        for name, path, speed in (("heel", feet.heel, feet.heel_speed), ("toes", feet.tip, feet.toe_speed)):
+            away = outside(carriers, path[frames, foot])
+            beside = (speed[frames, foot] < RESTING) & (away > OVERHANG_M)
             if beside.any():
-                partly[stretch] |= beside
-                first, last = time[stretch][beside][[0, -1]]
-                end, most = f"{name} of the {('right', 'left')[foot]} foot", 1e3 * away[beside].max()
-                notes.append(
-                    f"{span}: the {end} rest up to {most:.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
+                partly[frames] |= beside
+                first, last = time[frames][beside][[0, -1]]
+                warnings.append(
+                    f"{step.words}: the {name} of the {SIDE_WORDS[foot]} foot rest up to "
+                    f"{1e3 * away[beside].max():.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
                 )
-    return partly, notes
+    return partly, warnings
 
 
-def _meet(one: slice, other: slice) -> bool:
-    return bool(one.start < other.stop and other.start < one.stop)
-
-
-def _stretches(active: BoolArray, time: Array) -> list[slice]:
-    """Runs of loaded frames, knocks left out."""
-    marked, count = label(active)
-    runs = [np.flatnonzero(marked == k) for k in range(1, count + 1)]
-    return [slice(int(r[0]), int(r[-1]) + 1) for r in runs if time[r[-1]] - time[r[0]] >= SHORTEST]
-
-
-def _widen(stretch: slice, active: BoolArray, time: Array, cutoff: float | None) -> slice:
+def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None) -> slice:
     """A stretch with the tails that the filter makes, up to half way to the plate's next loading."""
     if cutoff is None:
         return stretch
     tail = 1.0 / cutoff
-    before = np.flatnonzero(active[: stretch.start])
-    after = np.flatnonzero(active[stretch.stop :])
+    before = np.flatnonzero(pressed[: stretch.start])
+    after = np.flatnonzero(pressed[stretch.stop :])
     low = 0 if not len(before) else (int(before[-1]) + stretch.start) // 2 + 1
     high = len(time) if not len(after) else (stretch.stop + int(after[0]) + stretch.stop) // 2
     start = int(np.searchsorted(time, time[stretch.start] - tail))
@@ -188,14 +201,9 @@ def _widen(stretch: slice, active: BoolArray, time: Array, cutoff: float | None)
 
 def _foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
     """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load."""
-    w = wrench[stretch]
-    cop = np.stack([w[:, 5] / w[:, 1], -w[:, 3] / w[:, 1]], axis=1)
-    distances = [
-        np.average(
-            distance_to_line(cop, feet.heel[stretch, k][:, [0, 2]], feet.toe[stretch, k][:, [0, 2]]), weights=w[:, 1]
-        )
-        for k in range(len(FEET))
-    ]
+    load, centre = wrench[stretch, 1], centre_on_ground(wrench[stretch])[:, [0, 2]]
+    heel, toe = feet.heel[stretch][:, :, [0, 2]], feet.toe[stretch][:, :, [0, 2]]
+    distances = [np.average(distance_to_line(centre, heel[:, k], toe[:, k]), weights=load) for k in range(len(FEET))]
     best = int(np.argmin(distances))
     return best if distances[best] < UNDER_FOOT else None
 
@@ -212,10 +220,10 @@ def near(marked: BoolArray, time: Array) -> BoolArray:
     """(nf,) or (nf, feet) frames within `EDGE` of a marked one, at `time` (nf,) s."""
     if marked.ndim > 1:
         return np.stack([near(column, time) for column in marked.T], axis=1)
-    at = time[marked]
-    if not len(at):
+    times = time[marked]
+    if not len(times):
         return marked.copy()
-    place = np.clip(np.searchsorted(at, time), min(1, len(at) - 1), len(at) - 1)
-    gap = np.minimum(np.abs(time - at[place]), np.abs(time - at[np.maximum(place - 1, 0)]))
+    after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
+    gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
     out: BoolArray = marked | (gap <= EDGE)
     return out

@@ -1,6 +1,7 @@
 """Ground reactions of a trial: filtered as the settings say, assigned to the feet of the tracked motion.
 
-Where a leg segment shows no marker: its motion there is a guess of the splines, and no torque follows from it.
+Where a leg segment shows no marker its motion is a guess of the splines: no torque follows from it, and these frames
+are not valid.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ from gaitcal.motion.trial_problem import cutoff
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording
 
+BoolArray = NDArray[np.bool_]
+
+PELVIS_UP = COORDINATES.index("pelvis_ty")
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
 
@@ -48,7 +52,7 @@ def ground_reactions(
 ) -> GroundReactions:
     """Ground reactions on the feet of a tracked motion, from the force plates of its recording.
 
-    `gaitcal.inverse_dynamics(model, motion, found.wrench)` takes them; its torques count where `found.valid`.
+    `gaitcal.inverse_dynamics(model, motion, reactions.wrench)` takes them; its torques count where `reactions.valid`.
 
     Parameters
     ----------
@@ -83,32 +87,38 @@ def reactions_of_motion(
     plates: Mapping[str, str],
     hz: float | None,
 ) -> GroundReactions:
-    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and doubts about them."""
+    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and what speaks against."""
     feet = foot_points(model, motion, parameters)
-    knots = motion.basis.knots
-    ends = SPLINE_ENDS * float(np.ptp(knots)) / (motion.basis.nodes - DEGREE)
-    found = ground_reactions_on_feet(recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=dict(plates))
-    found = replace(found, notes=(*found.notes, f"the first and last {ends:.2f} s are not valid: ends of the splines"))
-    how = "forces not filtered" if hz is None else f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order)"
-    for lost in unseen_frames(motion).values():
-        found = replace(found, valid=found.valid & ~lost)
-    warnings = (*found.warnings, *unseen_warnings(motion), *_contradictions(found, parameters, motion))
-    return replace(found, notes=(*found.notes, how), warnings=warnings)
+    ends = SPLINE_ENDS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
+    measured = ground_reactions_on_feet(recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=plates)
+    unseen = unseen_frames(motion)
+    valid = measured.valid.copy()
+    for lost in unseen.values():
+        valid &= ~lost
+    filtered = "forces not filtered" if hz is None else f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order)"
+    ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
+    contradictions = _contradictions(measured.wrench, valid, parameters, motion)
+    return replace(
+        measured,
+        valid=valid,
+        notes=(*measured.notes, ends_left_out, filtered),
+        warnings=(*measured.warnings, *unseen_warnings(unseen, motion), *contradictions),
+    )
 
 
-def _contradictions(found: GroundReactions, parameters: Parameters, motion: Motion) -> list[str]:
+def _contradictions(wrench: NDArray[np.float64], valid: BoolArray, parameters: Parameters, motion: Motion) -> list[str]:
     """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
 
     To leave them out would make every residual look small by construction.
     """
-    none = np.zeros_like(found.wrench)
-    needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none).residual_force[:, 1]
-    gap = np.abs(found.wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
-    bad = found.valid & (gap > CONTRADICTION)
-    if not bad.any():
+    none = np.zeros_like(wrench)
+    needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none)[:, PELVIS_UP]
+    gap = np.abs(wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
+    apart = valid & (gap > CONTRADICTION)
+    if not apart.any():
         return []
-    where = spans(motion.time, runs(bad), most=len(bad))
-    most = 100 * float(gap[bad].max())
+    where = spans(motion.time, runs(apart), most=len(apart))
+    most = 100 * float(gap[apart].max())
     return [
         f"{where}: the plates' vertical force differs by up to {most:.0f} % of body weight from what the motion asks "
         "for; is a foot partly off its plate, a contact not measured, or the mass wrong?"
@@ -124,18 +134,20 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     for end in ("heel", "toe"):
         both = []
         for foot in FEET:
-            at = chain.segments.index(foot)
+            segment = chain.segments.index(foot)
             local = model.landmarks[f"{end}_{foot[-1]}"][1]
-            both.append(np.einsum("j,jif->fi", local, axes[at]) + origins[at].T)
+            both.append(np.einsum("j,jif->fi", local, axes[segment]) + origins[segment].T)
         points[end] = np.stack(both, axis=1)
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
     ground = ground_velocity(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
-    tip = foot_tip(points["heel"], points["toe"], model.subject.height)
-    return FootPoints(points["heel"], points["toe"], tip, speed["heel"], speed["toe"])
-
-
-BoolArray = NDArray[np.bool_]
+    return FootPoints(
+        heel=points["heel"],
+        toe=points["toe"],
+        tip=foot_tip(points["heel"], points["toe"], model.subject.height),
+        heel_speed=speed["heel"],
+        toe_speed=speed["toe"],
+    )
 
 
 def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
@@ -144,25 +156,24 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     names = np.array(errors.segments, dtype=str)
     out: dict[str, BoolArray] = {}
     for segment in LEG_SEGMENTS:
-        own = (names == segment) & (errors.weight > 0)
-        seen = np.isfinite(errors.distance[:, own]).any(axis=1)
+        weighted = (names == segment) & (errors.weight > 0)
+        seen = np.isfinite(errors.distance[:, weighted]).any(axis=1)
         if not seen.all():
             out[segment] = np.asarray(~seen)
     return out
 
 
-def unseen_warnings(motion: Motion) -> tuple[str, ...]:
-    """What to say of them: one line for the segments that are lost in the same frames."""
-    together: dict[bytes, list[str]] = {}
-    frames = unseen_frames(motion)
+def unseen_warnings(frames: Mapping[str, BoolArray], motion: Motion) -> list[str]:
+    """What to say of `unseen_frames`: one line for the segments that are lost in the same frames."""
+    lost_alike: dict[bytes, list[str]] = {}
     for segment, lost in frames.items():
-        together.setdefault(lost.tobytes(), []).append(segment)
-    told = []
-    for segments in together.values():
-        lost, which = frames[segments[0]], ", ".join(segments)
+        lost_alike.setdefault(lost.tobytes(), []).append(segment)
+    warnings = []
+    for segments in lost_alike.values():
+        lost, names = frames[segments[0]], ", ".join(segments)
         if lost.all():
-            told.append(f"no marker of {which} with weight in this trial; no torque is valid")
+            warnings.append(f"no marker of {names} with weight in this trial; no torque is valid")
         else:
             span = spans(motion.time, runs(lost))
-            told.append(f"{span}: no marker of {which} is seen; {int(lost.sum())} frames are not valid")
-    return tuple(told)
+            warnings.append(f"{span}: no marker of {names} is seen; {int(lost.sum())} frames are not valid")
+    return warnings

@@ -1,26 +1,26 @@
 """Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
 
-All are tables as OpenSim's Storage reads them (`.mot`, `.sto`): a header, `endheader`, column names, rows; tab
-separated. Storage stops reading at the first NaN, without a word; so a row that holds one is left out, and the header
-says so. Ground reactions are written as the force at the centre of pressure and the moment about it
-(`dynamics/centre_of_pressure.py`), with an XML file that says which columns act on which foot.
+Ground reactions are written as the force at the centre of pressure and the moment about it
+(`recording/force_plate.py`), with an XML file that says which columns act on which foot.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
 from gaitcal.export.osim import DOCUMENT_VERSION
 from gaitcal.export.xml_text import child, safe_name, write_xml
 from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
+from gaitcal.recording import StorageTable
+from gaitcal.recording.force_plate import point_and_torque
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Ar
     """
     names, values = _in_file_order(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    _write_storage(path, "Coordinates", names, time, values * scale, comments=MOTION_COMMENTS, in_degrees=True)
+    _write(path, "Coordinates", MOTION_COMMENTS, StorageTable(np.asarray(time), names, values * scale, True))
 
 
 def write_sto_moments(
@@ -62,8 +62,8 @@ def write_sto_moments(
     """
     names, values = _in_file_order(path, coordinates, tau)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
-    title = "Inverse Dynamics Generalized Forces"
-    _write_storage(path, title, columns, time, values, comments=(*MOMENT_COMMENTS, *comments))
+    table = StorageTable(np.asarray(time), columns, values, False)
+    _write(path, "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments), table)
 
 
 def write_external_loads(
@@ -80,21 +80,22 @@ def write_external_loads(
         Shapes do not agree or a number is not finite.
     """
     name = safe_name(stem)
-    path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
+    table, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path)
+        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=table)
     if not np.isfinite(wrenches).all():
-        raise InputError("a ground reaction is not finite; leave out frames without one", source=path)
+        raise InputError("a ground reaction is not finite; leave out frames without one", source=table)
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
         force, point, torque = _identifiers(foot)
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *point_and_torque(wrench)]
-    comment = "Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m."
-    _write_storage(path, "Ground reactions", tuple(names), time, np.hstack(columns), comments=(comment,))
-    _write_loads(loads, path.name)
-    return path, loads
+    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
+    values = np.hstack(columns)
+    _write(table, "Ground reactions", comments, StorageTable(np.asarray(time), tuple(names), values, False))
+    _write_loads(loads, table.name)
+    return table, loads
 
 
 def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
@@ -130,41 +131,22 @@ def _write_loads(path: Path, table: str) -> None:
     write_xml(document, path)
 
 
-def _write_storage(
-    path: Path | str,
-    title: str,
-    names: tuple[str, ...],
-    time: Array,
-    values: Array,
-    *,
-    comments: tuple[str, ...],
-    in_degrees: bool = False,
-) -> None:
-    """A table of `values` (nf, len(names)) over `time` (nf,), s; every number comes back to the same bits.
+def _write(path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable) -> None:
+    """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one, without a word.
 
     A title or comment that would end the header or be taken for an entry of it is made harmless.
     """
-    nf, columns = len(time), len(names)
-    if values.shape != (nf, columns):
-        raise InputError(f"found values of shape {values.shape}, expected {(nf, columns)}", source=path)
-    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+    nf, columns = len(table.time), len(table.names)
+    if table.values.shape != (nf, columns):
+        raise InputError(f"found values of shape {table.values.shape}, expected {(nf, columns)}", source=path)
+    if not (np.isfinite(table.time).all() and (np.diff(table.time) > 0).all()):
         raise InputError("must be finite and increase from row to row", source=path, field="time")
-    known = np.isfinite(values).all(axis=1)
+    known = np.isfinite(table.values).all(axis=1)
     missing = nf - int(known.sum())
-    left_out = (f"{missing} of {nf} rows are left out: they hold no value.",) if missing else ()
-    header = [
-        _one_line(title),
-        "version=1",
-        f"nRows={nf - missing}",
-        f"nColumns={columns + 1}",
-        f"inDegrees={'yes' if in_degrees else 'no'}",
-        *(_one_line(comment) for comment in (*comments, *left_out)),
-        "endheader",
-        "\t".join(("time", *names)),
-    ]
-    kept = np.column_stack([time, values])[known]
-    rows = ["\t".join(map(repr, row)) for row in kept.tolist()]
-    atomic_text(path, "\n".join([*header, *rows]) + "\n")
+    if missing:
+        comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
+    kept = replace(table, time=table.time[known], values=table.values[known])
+    atomic_text(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
 
 
 def _one_line(text: str) -> str:

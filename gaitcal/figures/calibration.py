@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import angle_chart, moment_chart
 from gaitcal.figures.fit import fit_chart
@@ -14,7 +15,6 @@ from gaitcal.figures.parameters import moment_change_chart, parameters_chart
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, cycle_sentence, layout
 from gaitcal.person.parameter_words import joint_groups
-from gaitcal.person.residual_limits import Limits, Stage, residual_limits, stages
 from gaitcal.person.result import Calibration, TrialResult
 
 
@@ -32,8 +32,8 @@ class GaitView:
     residuals: Chart | None = None
     change: Chart | None = None
     numbers: tuple[MomentNumbers, ...] = ()
-    stages: tuple[Stage, ...] = ()
-    limits: Limits | None = None
+    stages: tuple[ResidualMagnitudes, ...] = ()
+    limits: ResidualLimits | None = None
 
     @property
     def valid_frames(self) -> int:
@@ -85,7 +85,8 @@ def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitV
     if loads is None or not loads.reactions.valid.any():
         return view
     numbers = moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors)
-    steps, limits = stages(loads), residual_limits(model.parameters, trial, loads)
+    steps = loads.residuals
+    limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
     return replace(
         view,
         moments=moment_chart(calibration, trial, loads, drawn, name),

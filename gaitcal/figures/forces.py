@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import (
     FAINT,
@@ -24,7 +25,6 @@ from gaitcal.figures.style import (
     write,
 )
 from gaitcal.gait.strides import thinned
-from gaitcal.person.residual_limits import Limits, Stage
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.recording.intervals import runs
 
@@ -84,7 +84,7 @@ MOST = 0.98
 
 
 def residuals_chart(
-    trial: TrialResult, loads: LoadedTrial, steps: tuple[Stage, ...], limit: Limits, stem: str
+    trial: TrialResult, loads: LoadedTrial, steps: tuple[ResidualMagnitudes, ...], limit: ResidualLimits, stem: str
 ) -> Chart:
     """Magnitude of residual force and moment; the first step grey, the last one in colour."""
     colours = [NOMINAL, *([STEP] * (len(steps) - 2)), WHOLE][: len(steps)]

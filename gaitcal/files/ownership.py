@@ -75,18 +75,18 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
             shown = path.resolve().relative_to(target.resolve()).as_posix()
             raise InputError(f"holds '{shown}', an input of this run; name another folder", source=target)
     kept = tuple(sorted(entry.name for entry in target.iterdir() if _is_kept(entry, kind)))
-    found = list(_files(target, kept))
-    if not found and not kept:
+    files = list(_files(target, kept))
+    if not files and not kept:
         return ()
     manifest = read_object(target / MANIFEST)
-    own = _kind_of(manifest)
-    if own is None:
-        raise InputError(_foreign(found[0] if found else kept[0]), source=target)
-    if own is not kind:
-        told = f"holds another kind of result ({own.value}, this would be {kind.value})"
-        raise InputError(f"{told}; name a new or an empty folder", source=target)
+    old_kind = _kind_of(manifest)
+    if old_kind is None:
+        raise InputError(_foreign((*files, *kept)[0]), source=target)
+    if old_kind is not kind:
+        message = f"holds another kind of result ({old_kind.value}, this would be {kind.value})"
+        raise InputError(f"{message}; name a new or an empty folder", source=target)
     listed = manifest.get("files")
-    for name in found:
+    for name in files:
         if not (name in listed if isinstance(listed, list) else _known(name, kind)) and name != MANIFEST:
             raise InputError(_foreign(name), source=target)
     return kept
@@ -98,12 +98,12 @@ def _foreign(name: str) -> str:
 
 def sign(content: Path, kind: ResultKind, kept: Iterable[str]) -> None:
     """Put the kind, the list of files, and what was kept of an earlier result into the manifest in `content`."""
-    made = read_object(content / MANIFEST)
-    own = [name for name in sorted(_files(content, ())) if name != MANIFEST]
-    told: dict[str, object] = {"gaitcal": "", **made, "kind": kind.value, "files": own}
+    files = [name for name in sorted(_files(content, ())) if name != MANIFEST]
+    written = read_object(content / MANIFEST)
+    manifest: dict[str, object] = {"gaitcal": "", **written, "kind": kind.value, "files": files}
     if names := [name for name in kept if not name.startswith(OLD)]:
-        told["kept_from_earlier_result"] = names
-    text = json.dumps(told, indent=1, ensure_ascii=False) + "\n"
+        manifest["kept_from_earlier_result"] = names
+    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
     (content / MANIFEST).write_text(text, encoding="utf-8")
 
 
@@ -120,9 +120,9 @@ def _kind_of(manifest: dict[str, object]) -> ResultKind | None:
     """The kind that a manifest tells; of manifests that tell none, the one that wrote such keys."""
     if "gaitcal" not in manifest:
         return None
-    told = manifest.get("kind")
-    if told is not None:
-        return next((kind for kind in ResultKind if kind.value == told), None)
+    named = manifest.get("kind")
+    if named is not None:
+        return next((kind for kind in ResultKind if kind.value == named), None)
     if manifest["gaitcal"] == "synthetic subject":
         return ResultKind.SYNTHETIC
     if "inputs_sha256" in manifest:
@@ -131,6 +131,7 @@ def _kind_of(manifest: dict[str, object]) -> ResultKind | None:
 
 
 def _is_kept(entry: Path, kind: ResultKind) -> bool:
+    """Whether another run keeps it: what a later command added, and what waits for an interrupted exchange."""
     return entry.is_dir() and (entry.name in KEPT[kind] or entry.name.startswith(OLD))
 
 
@@ -147,6 +148,7 @@ def _files(folder: Path, besides: Iterable[str], prefix: str = "") -> Iterator[s
 
 
 def _known(name: str, kind: ResultKind) -> bool:
+    """Whether results of this kind had a file of this name before manifests listed them."""
     path = PurePosixPath(name)
     patterns = map(PurePosixPath, _KNOWN[kind])
     return any(len(path.parts) == len(p.parts) and path.match(str(p)) for p in patterns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,8 @@ def _beside(path: Path) -> str:
     return "; the folder holds " + ", ".join(f"'{name}'" for name in names[:4]) + (", ..." if len(names) > 4 else "")
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read the TOML file at `path` (UTF-8, a byte order mark is allowed).
+def read_toml(path: Path, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+    """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by `parse_float`.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         line = raw.count(b"\n", 0, error.start) + 1
         raise InputError(f"line {line} is not UTF-8 text; save the file as UTF-8", source=path) from None
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(text, parse_float=parse_float)
     except RecursionError:
         raise InputError("not valid TOML: brackets nested too deeply", source=path) from None
     except ValueError as error:  # TOMLDecodeError, and numbers too long to be read

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Any, get_args
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.toml import read_toml
 
-# pydantic's names of error types -> what to write instead
+# pydantic's name of an error -> what is allowed instead; the names in braces are entries of the error's context
 _ALLOWED = {
     "string_type": "text in quotes",
     "path_type": "a file name in quotes",
@@ -19,9 +22,17 @@ _ALLOWED = {
     "int_from_float": "a whole number",
     "bool_type": "true or false",
     "finite_number": "a finite number",
-    "dict_type": "a table, { name = value, ... }",
+    "dict_type": "a table, {{ name = value, ... }}",
     "list_type": "a list, [a, b]",
     "tuple_type": "a list, [a, b]",
+    "greater_than": "a number greater than {gt:g}",
+    "greater_than_equal": "a number at least {ge:g}",
+    "less_than": "a number less than {lt:g}",
+    "less_than_equal": "a number at most {le:g}",
+    "is_instance_of": "an instance of {class}",
+    "string_too_short": "String should have at least {min_length} character{s}",
+    "too_short": "{field_type} should have at least {min_length} item{s} after validation, not {actual_length}",
+    "too_long": "{field_type} should have at most {max_length} item{s} after validation, not {actual_length}",
 }
 
 
@@ -40,51 +51,67 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
-def frequency(*words: str) -> BeforeValidator:
-    """A cut-off frequency in Hz, or one of `words`."""
-
-    def check(value: object) -> float | str:
-        if isinstance(value, str) and value in words:
-            return value
-        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6:
-            return float(value)
-        raise ValueError(
-            f"found {shown(value)}; allowed: a frequency in Hz, or " + " or ".join(f"'{w}'" for w in words)
-        )
-
-    return BeforeValidator(check)
+_T = TypeVar("_T", bound=Table)
 
 
-def input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
+def read_validated(table: type[_T], path: Path, parse_float: Callable[[str], Any] = float) -> _T:
+    """The TOML file at `path` as a table; InputError, in one line, where it is none."""
+    content = read_toml(path, parse_float)
+    try:
+        return table.model_validate(content)
+    except ValidationError as error:
+        raise _input_error(error, table, path) from None
+
+
+def require_known(
+    names: Iterable[str], allowed: Iterable[str], kind: str, *, source: Path, field: str, listed: bool = False
+) -> None:
+    """InputError for the first name that is not allowed, with the nearest that is, or else (`listed`) with all."""
+    known = list(allowed)
+    for name in names:
+        if name not in known:
+            hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
+            raise InputError(f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field)
+
+
+def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
     """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing because of it."""
     details = error.errors(include_url=False)
     first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
     location, kind, found = first["loc"], first["type"], first["input"]
     context: dict[str, Any] = first.get("ctx", {})
     if kind == "extra_forbidden":
-        allowed = _keys_at(model, location[:-1])
+        allowed = _keys(_table_and_field(model, location[:-1])[0])
         close = nearest(str(location[-1]), allowed)
         message = f"unknown key {shown(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
-        return InputError(message, source=source, field=_field(location[:-1]))
+        return InputError(message, source=source, field=_field_name(location[:-1]))
+    table, field = _table_and_field(model, location)
     if kind == "missing":
-        message = f"missing{_description(model, location)}"
+        message = f"missing: {field.description}" if field and field.description else "missing"
     elif kind == "value_error":
         message = str(context["error"])
-    elif kind == "literal_error":
-        allowed = re.findall(r"'([^']*)'", context["expected"])
-        close = nearest(found, allowed) if isinstance(found, str) else ""
-        message = f"found {shown(found)}; allowed: {context['expected']}{close}"
+    elif kind == "literal_error" and field is not None:
+        choices = _choices(field.annotation)
+        close = nearest(found, choices) if isinstance(found, str) else ""
+        *others, last = map(repr, choices)
+        message = f"found {shown(found)}; allowed: {', '.join(others)} or {last}{close}"
     elif kind in {"model_type", "model_attributes_type"}:
-        message = f"found {shown(found)}; allowed: a table with {', '.join(_keys_at(model, location))}"
+        message = f"found {shown(found)}; allowed: a table with {', '.join(_keys(table))}"
     else:
-        limits = (("gt", "greater than"), ("ge", "at least"), ("lt", "less than"), ("le", "at most"))
-        limit = next((f"a number {words} {context[key]:g}" for key, words in limits if key in context), None)
-        allowed_text = _ALLOWED.get(kind) or limit or first["msg"].removeprefix("Input should be ")
-        message = f"found {shown(found)}; allowed: {allowed_text}"
-    return InputError(message, source=source, field=_field(location))
+        message = f"found {shown(found)}; allowed: {_allowed(kind, context, field)}"
+    return InputError(message, source=source, field=_field_name(location))
 
 
-def _field(location: Sequence[str | int]) -> str | None:
+def _allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
+    """What is allowed instead, by the kind of error; of a kind that is not in the list, what the field is about."""
+    if kind not in _ALLOWED:
+        return field.description or "another value" if field else "another value"
+    length = context.get("min_length", context.get("max_length"))
+    return _ALLOWED[kind].format_map({**context, "s": "" if length == 1 else "s"})
+
+
+def _field_name(location: Sequence[str | int]) -> str | None:
+    """A place in the file as people write it: `trial[2].file`; None for the file as a whole."""
     text = ""
     for part in location:
         if isinstance(part, int):
@@ -95,27 +122,33 @@ def _field(location: Sequence[str | int]) -> str | None:
     return text or None
 
 
-def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
+def _table_and_field(model: type[BaseModel], location: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
+    """The table that `location` leads to or ends in, and the last field on the way there, if any.
+
+    Numbers in lists and the free keys of a dict are no fields: there the field is the one that holds the list or dict.
+    """
+    last = None
     for part in location:
         for name, field in model.model_fields.items():
             if part in (name, field.alias):
-                model = _model_in(field.annotation) or model
-    return model
+                model, last = _model_in(field.annotation) or model, field
+                break
+    return model, last
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model that an annotation like `tuple[Trial, ...]` is about; None where it is about none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((found for argument in get_args(annotation) if (found := _model_in(argument))), None)
 
 
-def _keys_at(model: type[BaseModel], location: Sequence[str | int]) -> list[str]:
-    return [field.alias or name for name, field in _model_at(model, location).model_fields.items()]
+def _choices(annotation: Any) -> list[str]:
+    """All words that the literals in an annotation like `dict[str, Literal["r", "l"]] | None` allow."""
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [word for argument in get_args(annotation) for word in _choices(argument)]
 
 
-def _description(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    parent = _model_at(model, location[:-1])
-    for name, field in parent.model_fields.items():
-        if location[-1] in (name, field.alias) and field.description:
-            return f": {field.description}"
-    return ""
+def _keys(table: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in table.model_fields.items()]

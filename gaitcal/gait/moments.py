@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
@@ -28,7 +28,7 @@ def moment_names(model: SubjectModel) -> list[str]:
     return names
 
 
-def moment_of(forces: GeneralisedForces | TorqueErrors, name: str) -> Array:
+def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:
     """(nf,) N·m, one moment of generalised forces or of their standard errors."""
     if name in REACTIONS:
         reaction: Array = forces.knee_adduction[:, REACTIONS.index(name)]
@@ -81,8 +81,8 @@ class MomentNumbers:
 def moment_numbers(
     model: SubjectModel,
     layout: Layout,
-    final: GeneralisedForces,
-    nominal: GeneralisedForces,
+    final: Moments,
+    nominal: Moments,
     errors: TorqueErrors | None = None,
 ) -> tuple[MomentNumbers, ...]:
     """Of all joint moments, right and left side by side; empty where no frame is valid.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from gaitcal.model.inertial_parameters import IP_INDEX
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.study.study import Role
 
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
 SIDE_WORDS = {"r": "right", "l": "left", "": ""}
@@ -146,9 +147,9 @@ def explained(text: str) -> str:
     return _NAME.sub(explain, text)
 
 
-def role_words(role: str, joint: str | None) -> str:
+def role_words(role: Role, joint: str | None) -> str:
     """What a trial is for: `right hip alone`, `walking`."""
-    if role == "static":
+    if role is Role.STATIC:
         return "standing still"
     return f"{joint_words(joint)} alone" if joint else "walking"
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 
 Array = NDArray[np.float64]
@@ -94,14 +94,17 @@ def default_limbs(subject: Subject) -> dict[str, float]:
 
 
 def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
+    """A segment of de Leva's with this person's share of mass, and of the length (m) given or his."""
     row = _row(name, subject.sex)
     total = sum(_row(n, subject.sex)["mass_pct"] for n in _WHOLE)
-    own = default_length(name, subject) if length is None else length
-    gyration = {axis: own * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
-    return _Part(subject.mass * row["mass_pct"] / total, own, own * row["cm_pct_from_first_endpoint"] / 100, gyration)
+    length = default_length(name, subject) if length is None else length
+    gyration = {axis: length * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
+    centre = length * row["cm_pct_from_first_endpoint"] / 100
+    return _Part(subject.mass * row["mass_pct"] / total, length, centre, gyration)
 
 
 def _moments(part: _Part, axes: Mapping[str, int] = _DIAGONAL) -> Array:
+    """(3,) kg m^2 about the mass centre, from the radii of gyration about the axes that de Leva names."""
     out = np.empty(3)
     for name, axis in axes.items():
         out[axis] = part.mass * part.gyration[name] ** 2
@@ -128,6 +131,7 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
 
 
 def _one(part: _Part, centre: Array) -> Array:
+    """(7,) the parameters of a segment that is one of de Leva's, with its mass centre (3,) m."""
     return np.concatenate([[part.mass], centre, _moments(part)])
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
+from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -66,6 +65,8 @@ def build_linkage(parameters: Parameters, free: tuple[str, ...] = (), *, reactio
 
 
 class _Builder:
+    """A Pinocchio model that grows chain by chain, each from the place of its parent."""
+
     def __init__(self, parameters: Parameters, free: tuple[str, ...]) -> None:
         self.parameters = parameters
         self.free = set(free)
@@ -81,7 +82,7 @@ class _Builder:
         place = pin.SE3.Identity() if parent is None else self.place[parent].copy()
         for e in elements:
             if e.source is not Source.COORDINATE and e.name not in self.free:
-                place = place * self._motion(e)
+                place = place * constant_motion(e, self.parameters)
                 continue
             turned = pin.SE3(np.eye(3) if e.sign > 0 else _HALF_TURN[e.axis], np.zeros(3))
             kind = (_REVOLUTE if e.rotates else _PRISMATIC)[e.axis]()
@@ -91,16 +92,6 @@ class _Builder:
             place = turned.inverse()
         self.joint[child], self.place[child] = joint, place
 
-    def _motion(self, e: Element) -> pin.SE3:
-        values = self.parameters.joint if e.source is Source.JOINT_PARAMETER else self.parameters.zero_angles
-        index = JP_INDEX[e.name] if e.source is Source.JOINT_PARAMETER else ZERO_ANGLES.index(e.name)
-        amount = e.sign * float(values[index])
-        if e.rotates:
-            return pin.SE3(axis_rotation(e.axis, amount), np.zeros(3))
-        translation = np.zeros(3)
-        translation[e.axis] = amount
-        return pin.SE3(np.eye(3), translation)
-
     def finish(self) -> LinkageModel:
         for segment, joint in self.joint.items():
             frame = pin.Frame(segment, joint, self.place[segment], pin.FrameType.BODY)
@@ -108,6 +99,14 @@ class _Builder:
         linkage = LinkageModel(self.model, tuple(self.names), self.joint, self.place)
         set_inertias(linkage, self.parameters.inertial)
         return linkage
+
+
+def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
+    """The motion of an element that is no coordinate."""
+    amount = parameters.amount(element)
+    if element.rotates:
+        return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
+    return pin.SE3(np.eye(3), amount * np.eye(3)[element.axis])
 
 
 def set_inertias(linkage: LinkageModel, inertial: Array) -> None:

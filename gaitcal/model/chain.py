@@ -35,7 +35,7 @@ class _Step:
     """Index of the coordinate, joint parameter or zero angle."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChainConstants:
     """What the joint parameters fix. Rotations as 3 x 3, lengths in m."""
 
@@ -100,16 +100,21 @@ class Chain:
         self._walks: dict[str, tuple[int, list[_Step]]] = {}
         """Per segment: the frame it hangs on, and the constant steps from there."""
         self._before: list[list[_Step]] = []
+        """Per coordinate: the constant steps between it and the coordinate before."""
         passed: dict[str, tuple[int, list[_Step]]] = {}
+        """Per free joint parameter: the frame it is constant in, and the steps from there up to itself."""
         ancestors: dict[str, tuple[set[int], set[str]]] = {}
+        """Per segment: the coordinates and the free joint parameters that move it."""
 
-        def walk(steps: tuple[Element, ...], start: str | None, child: str) -> None:
+        def walk(sequence: tuple[Element, ...], start: str | None, child: str) -> None:
+            # `pending` gathers constant steps until a coordinate makes a new frame of them. Lists are built anew, not
+            # extended: the walks of all children begin with that of their parent.
             if start is None:
                 frame, pending, above = -1, [], (set[int](), set[str]())
             else:
                 frame, before = self._walks[start]
                 pending, above = list(before), (set(ancestors[start][0]), set(ancestors[start][1]))
-            for e in steps:
+            for e in sequence:
                 if e.source is Source.COORDINATE:
                     coordinates.append(e.name)
                     elements.append(e)
@@ -167,12 +172,12 @@ class Chain:
             axes[k] = steps[-1].element.sign * rotation[:, steps[-1].element.axis]
             points[k] = translation
         return ChainConstants(
-            np.array([r for r, _ in offsets]),
-            np.array([t for _, t in offsets]),
-            np.array([r for r, _ in places]),
-            np.array([t for _, t in places]),
-            axes,
-            points,
+            offset_rotation=np.array([rotation for rotation, _ in offsets]),
+            offset_translation=np.array([translation for _, translation in offsets]),
+            segment_rotation=np.array([rotation for rotation, _ in places]),
+            segment_translation=np.array([translation for _, translation in places]),
+            parameter_axis=axes,
+            parameter_point=points,
         )
 
 
@@ -183,11 +188,12 @@ def chain_of(root: str, segments: tuple[str, ...], free: tuple[str, ...] = ()) -
 
 
 def _distinct_rows(support: Array) -> tuple[Array, IntArray]:
-    rows, of = np.unique(support, axis=0, return_inverse=True)
-    return rows, of.ravel()
+    rows, row_of = np.unique(support, axis=0, return_inverse=True)
+    return rows, row_of.ravel()
 
 
 def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) of constant steps one after the other."""
     # in plain floats: these chains of single 3 x 3 products are what NumPy is slowest at
     axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     x = [0.0, 0.0, 0.0]

@@ -30,7 +30,7 @@ IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
 IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
 """(84,) factors from kg, mm, kg mm^2 to SI."""
 
-_FREE_CENTRES = {
+_FREE_CENTRES: dict[str, tuple[str, ...]] = {
     "pelvis": ("com.ant", "com.sup"),
     "thigh": ("com.sup",),
     "shank": ("com.sup",),
@@ -43,7 +43,7 @@ _FREE_CENTRES = {
 
 @dataclass(frozen=True)
 class InertialSet:
-    """Free variables of an IP calibration: IP = constant where not free, else `scale[i] * x[column[i]]`."""
+    """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no variable enters."""
 
     names: tuple[str, ...]
     """Of the free variables: `pelvis.mass`, `thigh.com.sup`, ... (symmetric) or the IP names (all)."""
@@ -55,11 +55,11 @@ def symmetric_set() -> InertialSet:
     """The 36 symmetric IPs: 7 masses, 8 mass-centre coordinates, 21 moments."""
     names: list[str] = []
     columns: list[Array] = []
-    bodies = ("pelvis", "thigh", "shank", "foot", "head_trunk", "upper_arm", "forearm_hand")
-    quantities = [("mass",)] + [("com",)] + [("moi.ant", "moi.sup", "moi.lat")]
-    for group in quantities:
-        for body in bodies:
-            for quantity in _FREE_CENTRES[body] if group == ("com",) else group:
+    masses = dict.fromkeys(_FREE_CENTRES, ("mass",))
+    moments = dict.fromkeys(_FREE_CENTRES, ("moi.ant", "moi.sup", "moi.lat"))
+    for group in (masses, _FREE_CENTRES, moments):
+        for body, quantities in group.items():
+            for quantity in quantities:
                 column = np.zeros(len(IP_NAMES))
                 for segment in MASSIVE_SEGMENTS:
                     if segment == body or segment[:-2] == body:
@@ -132,9 +132,11 @@ def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
 
 
 _SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
+"""Where the ten dynamic parameters hold each entry of the inertia about the origin."""
 
 
 def _to_pseudo(p: Array) -> Array:
+    """(4, 4) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
     inertia = p[_SYMMETRIC]
     out = np.zeros((4, 4))
     out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
@@ -144,6 +146,7 @@ def _to_pseudo(p: Array) -> Array:
 
 
 def _from_pseudo(j: Array) -> Array:
+    """(10,) dynamic parameters of a pseudo-inertia (4, 4): I = tr(S) - S, S the sum of x x^T."""
     second = j[:3, :3]
     inertia = np.trace(second) * np.eye(3) - second
     out = np.empty(10)

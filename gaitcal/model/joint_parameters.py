@@ -1,5 +1,6 @@
-"""The 98 joint parameters (JPs): where each joint axis lies in the two segments it connects.
+"""The catalogue of the 98 joint parameters (JPs): where each joint axis lies in the two segments it connects.
 
+Which joint has which is told once, by the tables of `linkage.py`; this is their list in the order of files and arrays.
 Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow
 (6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z),
 orientations `front trans sag` (about x, y, z) of the segment's frame: x anterior, y superior, z to the right
@@ -8,15 +9,16 @@ on both sides. A left value is the mirror image z -> -z of the right one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitcal.model.linkage import JOINTS, Source, moved_joints
 
-SIDES = ("r", "l")
+Array = NDArray[np.float64]
 
 
 class Kind(Enum):
@@ -36,30 +38,7 @@ class Kind(Enum):
         return 1e-3 if self is Kind.POSITION else float(np.pi / 180.0)
 
 
-_AXIS = {"ant": 0, "sup": 1, "lat": 2, "front": 0, "trans": 1, "sag": 2}
-
-_SIDED = {
-    "hip": "pelvis: ant sup lat; thigh: ant sup lat",
-    "knee": "thigh: front trans ant sup; shank: front trans ant sup lat",
-    "talocrural": "shank: front trans ant sup lat",
-    "subtalar": "talus: trans sup; foot: trans sag ant sup lat",
-    "shoulder": "trunk: front trans ant sup lat; upperarm: trans sag ant sup lat",
-    "elbow": "upperarm: front trans ant sup; forearm: front trans ant sup lat",
-}
-_BACK = "pelvis: ant sup lat; trunk: ant sup lat"
-_SEGMENT = {
-    "pelvis": "pelvis",
-    "trunk": "head_trunk",
-    "thigh": "thigh_{}",
-    "shank": "shank_{}",
-    "talus": "talus_{}",
-    "foot": "foot_{}",
-    "upperarm": "upper_arm_{}",
-    "forearm": "forearm_hand_{}",
-}
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointParameter:
     """One entry of the catalogue."""
 
@@ -80,29 +59,18 @@ class JointParameter:
         return lateral if self.kind is Kind.POSITION else not lateral
 
 
-def _catalogue() -> tuple[JointParameter, ...]:
-    entries: list[JointParameter] = []
-
-    def add(joint: str, side: str, lists: str) -> None:
-        for group in lists.split(";"):
-            place, directions = group.split(":")
-            place = place.strip()
-            for direction in directions.split():
-                kind = Kind.POSITION if direction in ("ant", "sup", "lat") else Kind.ORIENTATION
-                name = f"{joint}.{place}.{direction}"
-                entries.append(JointParameter(name, joint, _SEGMENT[place].format(side), kind, _AXIS[direction]))
-
-    for side in SIDES:
-        for joint in ("hip", "knee", "talocrural", "subtalar"):
-            add(f"{joint}_{side}", side, _SIDED[joint])
-    add("back", "", _BACK)
-    for side in SIDES:
-        for joint in ("shoulder", "elbow"):
-            add(f"{joint}_{side}", side, _SIDED[joint])
-    return tuple(entries)
+def _catalogue() -> Iterator[JointParameter]:
+    """Joint by joint; the parent's before the child's, of each orientations before positions, by axis."""
+    for joint in JOINTS:
+        moves = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE)
+        for segment, elements in ((joint.parent, joint.elements[:moves]), (joint.child, joint.elements[moves:])):
+            for e in sorted(elements, key=lambda e: (not e.rotates, e.axis)):
+                if e.source is Source.JOINT_PARAMETER:
+                    kind = Kind.ORIENTATION if e.rotates else Kind.POSITION
+                    yield JointParameter(name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis)
 
 
-JOINT_PARAMETERS: tuple[JointParameter, ...] = _catalogue()
+JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
 """All 98, in the order of every (98,) array of joint parameters."""
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
@@ -111,10 +79,9 @@ JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
 """(98,) factors from mm and deg to m and rad."""
 
 
-def isolated_parameters(joint: str) -> tuple[str, ...]:
+def isolated_parameters(isolated: str) -> tuple[str, ...]:
     """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or 12."""
-    name, side = joint.split("_")
-    joints = {f"talocrural_{side}", f"subtalar_{side}"} if name == "ankle" else {joint}
+    joints = [joint.name for joint in moved_joints(isolated)]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 

@@ -41,6 +41,8 @@ def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
     plain, still = constants.plain_offsets
     for k, (parent, e) in enumerate(zip(chain.parents, chain.elements, strict=True)):
         frame, origin = (identity, ground) if parent < 0 else (axes[parent], origins[parent])
+        # X_k = X_parent C_k M_k. Axis vectors are rows here, so that C_k acts as R^T on (3, 3 nf); most C_k only shift,
+        # and some do nothing, which saves a pass over all frames each.
         if still[k]:
             origins[k] = origin
         else:
@@ -52,6 +54,7 @@ def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
             axes[k] = frame
             origins[k] += frame[e.axis] * (e.sign * columns[k])
             continue
+        # a right-handed turn about one axis mixes the two others: a' = c a + s b, b' = c b - s a
         a, b = (e.axis + 1) % 3, (e.axis + 2) % 3
         c, s = cos[k], sin[k] if e.sign > 0 else -sin[k]
         axes[k, e.axis] = frame[e.axis]
@@ -100,6 +103,7 @@ def _moments(columns: Array, points: Array, slides: IntArray) -> None:
     """Complete columns (n, 6, nf) whose lower half holds the axes: those that `slides` names move, the others turn."""
     slid = columns[slides, 3:]
     v, w = columns[:, :3], columns[:, 3:]
+    # v = c x a, component by component: np.cross would make arrays of (n, 3, nf) twice over
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         np.multiply(points[:, j], w[:, k], out=v[:, i])

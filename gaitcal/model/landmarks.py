@@ -2,12 +2,6 @@
 
 Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its input: landmarks
 missing or never seen, sides or medial and lateral exchanged, lengths that belong to no body of that height.
-
-Hip and lumbar joint centres from the pelvis markers alone, as fractions of the distance between the two ASIS.
-
-Bell, Pedersen and Brand (J Biomech 23:617-621, 1990): 19.3 % behind, 30.4 % below, 35.9 % beside the middle of the
-ASIS, as Reinbolt et al. 2007 quote them; OrthoTrak: 22, 34, 32 %, deduced from the differences that the latter print in
-Table II.
 """
 
 from __future__ import annotations
@@ -15,13 +9,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.errors import InputError, nearest
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, instead_of
 from gaitcal.recording import Recording
 
@@ -62,13 +55,13 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     InputError
         A required landmark is missing; the message names its marker and what would do instead.
     """
-    at = {label: i for i, label in enumerate(recording.labels)}
+    column = {label: i for i, label in enumerate(recording.labels)}
     markers: dict[str, Array] = {}
     for label in marker_set.labels:
-        if label in at:
+        if label in column:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which is told below
-                mean = np.nanmean(recording.markers[window, at[label]], axis=0)
+                mean = np.nanmean(recording.markers[window, column[label]], axis=0)
             if np.isfinite(mean).all():
                 markers[label] = mean
     landmarks: dict[str, Array] = {}
@@ -90,6 +83,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
 
 
 def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:
+    """Why a required landmark is missing, whose markers `labels` were not seen, and what would do instead."""
     if not labels:
         return f"the marker set does not name it; it needs {instead_of(name)}"
     label = labels[0]
@@ -145,28 +139,3 @@ def _check_length(posture: StaticPosture, what: str, found: float, height: float
         source=posture.source,
         field=what + {"": "", "_r": ", right", "_l": ", left"}[side],
     )
-
-
-class HipCentre(Enum):
-    """Regression for the nominal hip centre."""
-
-    BELL = "bell"
-    ORTHOTRAK = "orthotrak"
-
-
-_FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
-_NOMINAL_ASIS = 0.245
-"""m, of the nominal subject."""
-_NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
-"""m in its pelvis frame: about the third lumbar vertebra, as in Anderson and Pandy 1999."""
-
-
-def hip_centre(rule: HipCentre, asis_distance: float, side: str) -> Array:
-    """(3,) m, hip centre in the pelvis frame (origin midway between the ASIS)."""
-    ant, sup, lat = _FRACTIONS[rule]
-    return asis_distance * np.array([ant, sup, lat if side == "r" else -lat])
-
-
-def lumbar_joint(asis_distance: float) -> Array:
-    """(3,) m, lumbar joint in the pelvis frame: the nominal subject's, scaled alike in all directions by the ASIS."""
-    return np.array(_NOMINAL_LUMBAR) * (asis_distance / _NOMINAL_ASIS)

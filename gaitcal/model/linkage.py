@@ -1,4 +1,4 @@
-"""The linkage: 14 segments, 27 coordinates, and the chain of elementary motions that makes each joint.
+"""The linkage: 14 segments, 27 coordinates, 98 joint parameters, and the elementary motions that make each joint.
 
 Reinbolt 2003 and Reinbolt et al. 2007; frames x anterior, y superior, z right; s = +1 right, -1 left;
 A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-handed rotation:
@@ -9,32 +9,19 @@ A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-hand
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
     back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
 
-Every joint is a sequence of `Element`s. A joint parameter enters in exactly one of them, a coordinate in exactly
-one of them: that is the whole model, and whoever needs a derivative reads it from the sequence.
+The tables `_LEG`, `_BACK` and `_ARM` say this once for all: segments, coordinates, zero angles and the catalogue of
+joint parameters (`joint_parameters.py`) are read from them. A joint parameter enters in exactly one element of one
+joint, a coordinate in exactly one: that is the whole model, and whoever needs a derivative reads it from the sequence.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeAlias
 
-from gaitcal.model.joint_parameters import SIDES
-
-SEGMENTS: tuple[str, ...] = (
-    "pelvis",
-    *(f"{s}_{side}" for side in SIDES for s in ("thigh", "shank", "talus", "foot")),
-    "head_trunk",
-    *(f"{s}_{side}" for side in SIDES for s in ("upper_arm", "forearm_hand")),
-)
-"""The 14 segments, each after its parent."""
-
-LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
-"""Pelvis and legs."""
-
-ZERO_ANGLES: tuple[str, ...] = tuple(f"{j}_{side}.zero" for side in SIDES for j in ("talocrural", "subtalar"))
-"""Four constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
-
-ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
+SIDES = ("r", "l")
 
 
 class Source(Enum):
@@ -45,12 +32,13 @@ class Source(Enum):
     ZERO_ANGLE = "zero angle"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Element:
     """One elementary motion: a translation along, or a rotation about, one axis by sign * value."""
 
     rotates: bool
     axis: int
+    """0, 1, 2: x, y, z of the frame that the elements before have moved."""
     sign: float
     source: Source
     name: str
@@ -67,129 +55,99 @@ class Joint:
     elements: tuple[Element, ...]
 
 
-_AXES = {"ant": 0, "sup": 1, "lat": 2, "front": 0, "trans": 1, "sag": 2}
-
-
-def _parameters(joint: str, place: str, directions: str, sign: float = 1.0) -> list[Element]:
-    return [
-        Element(d in ("front", "trans", "sag"), _AXES[d], sign, Source.JOINT_PARAMETER, f"{joint}.{place}.{d}")
-        for d in directions.split()
-    ]
-
-
-def _turn(axis: int, sign: float, name: str) -> Element:
-    return Element(True, axis, sign, Source.COORDINATE, name)
-
-
-def _zero(axis: int, name: str) -> Element:
-    return Element(True, axis, 1.0, Source.ZERO_ANGLE, name)
-
-
-def _leg(side: str) -> list[Joint]:
-    s = 1.0 if side == "r" else -1.0
-    thigh, shank, talus, foot = (f"{n}_{side}" for n in ("thigh", "shank", "talus", "foot"))
-    hip, knee, talocrural, subtalar = (f"{n}_{side}" for n in ("hip", "knee", "talocrural", "subtalar"))
-    return [
-        Joint(
-            hip,
-            "pelvis",
-            thigh,
-            (
-                *_parameters(hip, "pelvis", "ant sup lat"),
-                _turn(2, 1.0, f"hip_flexion_{side}"),
-                _turn(0, s, f"hip_adduction_{side}"),
-                _turn(1, s, f"hip_rotation_{side}"),
-                *_parameters(hip, "thigh", "ant sup lat", -1.0),
-            ),
-        ),
-        Joint(
-            knee,
-            thigh,
-            shank,
-            (
-                *_parameters(knee, "thigh", "ant sup front trans"),
-                _turn(2, -1.0, f"knee_angle_{side}"),
-                *_parameters(knee, "shank", "trans front ant sup lat", -1.0),
-            ),
-        ),
-        Joint(
-            talocrural,
-            shank,
-            talus,
-            (
-                *_parameters(talocrural, "shank", "ant sup lat front trans"),
-                _turn(2, 1.0, f"ankle_angle_{side}"),
-                _zero(2, f"talocrural_{side}.zero"),
-            ),
-        ),
-        Joint(
-            subtalar,
-            talus,
-            foot,
-            (
-                *_parameters(subtalar, "talus", "sup trans"),
-                _turn(0, s, f"subtalar_angle_{side}"),
-                _zero(0, f"subtalar_{side}.zero"),
-                *_parameters(subtalar, "foot", "sag trans ant sup lat", -1.0),
-            ),
-        ),
-    ]
-
-
-def _back() -> Joint:
-    return Joint(
+# Joint, parent, child, joint parameters in the parent, motions, joint parameters in the child. A joint parameter is a
+# translation along x y z (`ant sup lat`) or a rotation about them (`front trans sag`); those in the child enter
+# reversed. A motion is an axis and a coordinate, `s` where it is mirrored on the left; `zero` is a zero angle.
+_Row: TypeAlias = tuple[str, str, str, str, str, str]
+_LEG: tuple[_Row, ...] = (
+    ("hip", "pelvis", "thigh", "ant sup lat", "z hip_flexion, sx hip_adduction, sy hip_rotation", "ant sup lat"),
+    ("knee", "thigh", "shank", "ant sup front trans", "-z knee_angle", "trans front ant sup lat"),
+    ("talocrural", "shank", "talus", "ant sup lat front trans", "z ankle_angle, z zero", ""),
+    ("subtalar", "talus", "foot", "sup trans", "sx subtalar_angle, x zero", "sag trans ant sup lat"),
+)
+_BACK: tuple[_Row, ...] = (
+    (
         "back",
         "pelvis",
-        "head_trunk",
-        (
-            *_parameters("back", "pelvis", "ant sup lat"),
-            _turn(2, 1.0, "lumbar_extension"),
-            _turn(0, 1.0, "lumbar_bending"),
-            _turn(1, 1.0, "lumbar_rotation"),
-            *_parameters("back", "trunk", "ant sup lat", -1.0),
-        ),
-    )
+        "trunk",
+        "ant sup lat",
+        "z lumbar_extension, x lumbar_bending, y lumbar_rotation",
+        "ant sup lat",
+    ),
+)
+_ARM: tuple[_Row, ...] = (
+    ("shoulder", "trunk", "upperarm", "ant sup lat front trans", "z arm_flex, sx arm_add", "sag trans ant sup lat"),
+    ("elbow", "upperarm", "forearm", "ant sup front trans", "z elbow_flex", "trans front ant sup lat"),
+)
+
+_TRANSLATIONS, _ROTATIONS = ("ant", "sup", "lat"), ("front", "trans", "sag")
+_SEGMENT = {"trunk": "head_trunk", "upperarm": "upper_arm", "forearm": "forearm_hand"}
+"""Segments that joint parameters name in short."""
 
 
-def _arm(side: str) -> list[Joint]:
-    s = 1.0 if side == "r" else -1.0
-    shoulder, elbow = f"shoulder_{side}", f"elbow_{side}"
-    return [
-        Joint(
-            shoulder,
-            "head_trunk",
-            f"upper_arm_{side}",
-            (
-                *_parameters(shoulder, "trunk", "ant sup lat front trans"),
-                _turn(2, 1.0, f"arm_flex_{side}"),
-                _turn(0, s, f"arm_add_{side}"),
-                *_parameters(shoulder, "upperarm", "sag trans ant sup lat", -1.0),
-            ),
-        ),
-        Joint(
-            elbow,
-            f"upper_arm_{side}",
-            f"forearm_hand_{side}",
-            (
-                *_parameters(elbow, "upperarm", "ant sup front trans"),
-                _turn(2, 1.0, f"elbow_flex_{side}"),
-                *_parameters(elbow, "forearm", "trans front ant sup lat", -1.0),
-            ),
-        ),
-    ]
+def _joint(row: _Row, side: str) -> Joint:
+    """The joint of a row of the tables on one side (`r`, `l`), or in the middle (``)."""
+    kind, parent, child, in_parent, motions, in_child = row
+
+    def sided(name: str) -> str:
+        return f"{name}_{side}" if side and name not in ("pelvis", "head_trunk") else name
+
+    def parameters(place: str, directions: str, sign: float) -> Iterator[Element]:
+        for direction in directions.split():
+            rotates = direction in _ROTATIONS
+            yield Element(
+                rotates=rotates,
+                axis=(_ROTATIONS if rotates else _TRANSLATIONS).index(direction),
+                sign=sign,
+                source=Source.JOINT_PARAMETER,
+                name=f"{sided(kind)}.{place}.{direction}",
+            )
+
+    def motion(text: str) -> Element:
+        axis, name = text.split()
+        zero = name == "zero"
+        return Element(
+            rotates=True,
+            axis="xyz".index(axis[-1]),
+            sign=-1.0 if axis[0] == "-" or (axis[0] == "s" and side == "l") else 1.0,
+            source=Source.ZERO_ANGLE if zero else Source.COORDINATE,
+            name=f"{sided(kind)}.zero" if zero else sided(name),
+        )
+
+    before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
+    parent, child = (sided(_SEGMENT.get(place, place)) for place in (parent, child))
+    return Joint(sided(kind), parent, child, (*before, *map(motion, motions.split(", ")), *after))
 
 
-JOINTS: tuple[Joint, ...] = (*_leg("r"), *_leg("l"), _back(), *_arm("r"), *_arm("l"))
+JOINTS: tuple[Joint, ...] = (
+    *(_joint(row, side) for side in SIDES for row in _LEG),
+    *(_joint(row, "") for row in _BACK),
+    *(_joint(row, side) for side in SIDES for row in _ARM),
+)
 """The 13 joints, each after the joint of its parent."""
 
 JOINT_OF_CHILD: dict[str, Joint] = {joint.child: joint for joint in JOINTS}
+
+SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)
+"""The 14 segments, each after its parent."""
+
+LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
+"""Pelvis and legs."""
+
+LEG_SEGMENTS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("thigh", "shank", "foot"))
+"""Without markers on these there are no joint torques of a leg."""
+
+ZERO_ANGLES: tuple[str, ...] = tuple(e.name for j in JOINTS for e in j.elements if e.source is Source.ZERO_ANGLE)
+"""Four constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
+
+ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
 
 
 def root_elements(root: str) -> tuple[Element, ...]:
     """Six coordinates of a root segment in the laboratory: Tr(tx, ty, tz) Rz(tilt) Rx(list) Ry(rotation)."""
     motions = ((False, 0), (False, 1), (False, 2), (True, 2), (True, 0), (True, 1))
     return tuple(
-        Element(rotates, axis, 1.0, Source.COORDINATE, f"{root}_{suffix}")
+        Element(rotates=rotates, axis=axis, sign=1.0, source=Source.COORDINATE, name=f"{root}_{suffix}")
         for (rotates, axis), suffix in zip(motions, ROOT_SUFFIXES, strict=True)
     )
 
@@ -217,16 +175,6 @@ def is_translation(coordinate: str) -> bool:
     return coordinate.endswith(("_tx", "_ty", "_tz"))
 
 
-def joint_segments(joint: str) -> tuple[str, ...]:
-    """The segments that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves, proximal first."""
-    name, side = joint.split("_")
-    return {
-        "hip": ("pelvis", f"thigh_{side}"),
-        "knee": (f"thigh_{side}", f"shank_{side}"),
-        "ankle": (f"shank_{side}", f"talus_{side}", f"foot_{side}"),
-    }[name]
-
-
 REACTIONS: tuple[str, ...] = tuple(f"knee_adduction_{side}" for side in SIDES)
 """Locked joints whose generalised force is the internal reaction moment about the knee frame's x axis (shank side)."""
 
@@ -236,12 +184,24 @@ def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, .
     if not reactions or not joint.name.startswith("knee"):
         return joint.elements
     side = joint.name[-1]
-    reaction = Element(True, 0, 1.0 if side == "r" else -1.0, Source.COORDINATE, f"knee_adduction_{side}")
-    at = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE) + 1
-    return (*joint.elements[:at], reaction, *joint.elements[at:])
+    sign = 1.0 if side == "r" else -1.0
+    reaction = Element(rotates=True, axis=0, sign=sign, source=Source.COORDINATE, name=f"knee_adduction_{side}")
+    after = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE) + 1
+    return (*joint.elements[:after], reaction, *joint.elements[after:])
 
 
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
+"""What an isolated trial may move; the ankle is the talocrural and the subtalar joint together."""
 
-LEG_SEGMENTS = tuple(f"{part}_{side}" for side in ("r", "l") for part in ("thigh", "shank", "foot"))
-"""Without markers on these there are no joint torques of a leg."""
+
+def moved_joints(isolated: str) -> tuple[Joint, ...]:
+    """The joints that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves, proximal first."""
+    name, side = isolated.split("_")
+    names = [f"{joint}_{side}" for joint in (("talocrural", "subtalar") if name == "ankle" else (name,))]
+    return tuple(joint for joint in JOINTS if joint.name in names)
+
+
+def joint_segments(isolated: str) -> tuple[str, ...]:
+    """The segments that these joints connect, proximal first."""
+    joints = moved_joints(isolated)
+    return (joints[0].parent, *(joint.child for joint in joints))

@@ -9,9 +9,8 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
 
-`{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides.
-
-A marker set as the text of a marker set file, so that a result can keep the one it was made with.
+`{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
+set as such a file again, so that a result can keep the one it was made with.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
-from gaitcal.files.toml import read_toml, toml_table, toml_value
-from gaitcal.files.validation import Table, input_error, shown
-from gaitcal.model.joint_parameters import SIDES
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.files.toml import toml_table, toml_value
+from gaitcal.files.validation import Table, read_validated, require_known, shown
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
+from gaitcal.model.linkage import SIDES
 from gaitcal.recording import Recording
 
 _SIDED = (
@@ -59,6 +58,10 @@ REQUIRED: tuple[str, ...] = tuple(
     name for name in LANDMARKS if name == "sacrum" or name.rsplit("_", 1)[0] in set(_INSTEAD)
 )
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
+
+
+NO_REASON = "weight of the study"
+"""Stands as the reason of weights that a study gave without one."""
 
 
 def instead_of(landmark: str) -> str:
@@ -114,6 +117,12 @@ class MarkerSet:
         groups = (*self.tracking.values(), *self.static_only.values(), *self.landmarks.values())
         return tuple(dict.fromkeys(label for group in groups for label in group))
 
+    @property
+    def tracked(self) -> tuple[str, ...]:
+        """The markers that follow a segment, also those worn in the static trial only."""
+        groups = (*self.tracking.values(), *self.static_only.values())
+        return tuple(label for group in groups for label in group)
+
     def weight(self, label: str) -> float:
         """Weight of a marker."""
         return self.weights.get(label, 1.0)
@@ -124,19 +133,19 @@ class MarkerSet:
 
     def renamed(self, recording: Recording) -> Recording:
         """The recording with the set's own spelling of every label; a note tells what was changed."""
-        found = set(recording.labels)
-        change = {
+        in_file = set(recording.labels)
+        new_names = {
             other: label
             for label, others in self.aliases.items()
-            if label not in found
+            if label not in in_file
             for other in others[::-1]
-            if other in found
+            if other in in_file
         }
-        if not change:
+        if not new_names:
             return recording
-        told = ", ".join(f"{old} -> {new}" for old, new in change.items())
-        renamed = replace(recording, labels=tuple(change.get(label, label) for label in recording.labels))
-        return renamed.with_notes(f"markers renamed: {told}")
+        changes = ", ".join(f"{old} -> {new}" for old, new in new_names.items())
+        renamed = replace(recording, labels=tuple(new_names.get(label, label) for label in recording.labels))
+        return renamed.with_notes(f"markers renamed: {changes}")
 
 
 def built_in_sets() -> tuple[str, ...]:
@@ -165,18 +174,13 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
 
 
 def _read(path: Path, name: str) -> MarkerSet:
-    content = read_toml(path)
-    try:
-        file = _File.model_validate(content)
-    except ValidationError as error:
-        raise input_error(error, _File, path) from None
+    file = read_validated(_File, path)
     landmarks = _both_sides(file.landmarks, path, "landmarks")
     tracking = _both_sides(file.tracking, path, "tracking")
     static_only = _both_sides(file.static_only, path, "static_only")
-    _check_names(landmarks, LANDMARKS, "landmark", path, "landmarks")
-    massive = [s for s in SEGMENTS if not s.startswith("talus")]
+    require_known(landmarks, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
     for table, where in ((tracking, "tracking"), (static_only, "static_only")):
-        _check_names(table, massive, "segment", path, where)
+        require_known(table, MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
     _check_required(landmarks, path)
     _check_once((*tracking.items(), *static_only.items()), path)
     weights: dict[str, float] = {}
@@ -184,48 +188,39 @@ def _read(path: Path, name: str) -> MarkerSet:
     for pattern, entry in file.weights.items():
         for label in _sides(pattern):
             weights[label], reasons[label] = entry.weight, entry.reason
-    made = MarkerSet(
-        name,
-        file.description,
-        landmarks,
-        tracking,
-        static_only,
-        weights,
-        reasons,
-        _both_sides(file.aliases, path, "aliases"),
+    marker_set = MarkerSet(
+        name=name,
+        description=file.description,
+        landmarks=landmarks,
+        tracking=tracking,
+        static_only=static_only,
+        weights=weights,
+        reasons=reasons,
+        aliases=_both_sides(file.aliases, path, "aliases"),
     )
-    tracked = [label for group in (*tracking.values(), *static_only.values()) for label in group]
-    _check_names(weights, tracked, "tracked marker", path, "weights")
-    _check_names(made.aliases, made.labels, "marker", path, "aliases")
-    return made
+    require_known(weights, marker_set.tracked, "tracked marker", source=path, field="weights")
+    require_known(marker_set.aliases, marker_set.labels, "marker", source=path, field="aliases")
+    return marker_set
 
 
 def _sides(pattern: str) -> tuple[str, ...]:
+    """A name with `{S}` or `{s}` as those of the right and the left side; any other as itself."""
     both = tuple(pattern.replace("{S}", side.upper()).replace("{s}", side) for side in SIDES)
     return tuple(dict.fromkeys(both))
 
 
 def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[str, tuple[str, ...]]:
+    """A table with both sides written out: a sided name takes the labels of its side, any other those of both."""
     out: dict[str, tuple[str, ...]] = {}
     for pattern, labels in table.items():
-        for i, name in enumerate(_sides(pattern)):
+        names = _sides(pattern)
+        for i, name in enumerate(names):
             if name in out:
                 raise InputError(f"'{name}' is given twice", source=path, field=where)
-            expanded = [_sides(label) for label in labels]
-            sided = len(_sides(pattern)) > 1
-            out[name] = tuple(
-                dict.fromkeys(label for both in expanded for label in ((both * 2)[i : i + 1] if sided else both))
-            )
+            # a label without a side stands once in `_sides`, and serves either side
+            each = [_sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1] for label in labels]
+            out[name] = tuple(dict.fromkeys(label for both in each for label in both))
     return out
-
-
-def _check_names(found: Iterable[str], allowed: Iterable[str], kind: str, path: Path, where: str) -> None:
-    known = list(allowed)
-    for name in found:
-        if name not in known:
-            close = nearest(name, known)
-            listed = f"; allowed: {', '.join(known)}" if kind in ("segment", "landmark") and not close else ""
-            raise InputError(f"found {shown(name)}, which is no {kind}{close}{listed}", source=path, field=where)
 
 
 def _check_required(landmarks: Mapping[str, tuple[str, ...]], path: Path) -> None:
@@ -247,10 +242,6 @@ def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> No
             segment_of[label] = segment
 
 
-STUDY_S = "weight of the study"
-"""Reason of weights that a study gave without one."""
-
-
 def marker_set_text(marker_set: MarkerSet) -> str:
     """TOML that `load_marker_set` reads back to the same set, both sides written out.
 
@@ -264,11 +255,10 @@ def marker_set_text(marker_set: MarkerSet) -> str:
         "aliases": marker_set.aliases,
     }
     tables += [toml_table(f"[{name}]", _quoted(group)) for name, group in groups.items()]
-    tracked = {m for group in (marker_set.tracking, marker_set.static_only) for own in group.values() for m in own}
     weights = {
-        label: {"weight": float(weight), "reason": marker_set.reasons.get(label, STUDY_S)}
+        label: {"weight": float(weight), "reason": marker_set.reasons.get(label, NO_REASON)}
         for label, weight in marker_set.weights.items()
-        if label in tracked
+        if label in marker_set.tracked
     }
     return "\n".join([*tables, toml_table("[weights]", _quoted(weights))])
 

@@ -7,30 +7,24 @@ is told apart from its neighbours by 17). Reading keeps the text as a decimal, s
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from decimal import Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.files.toml import read_toml, toml_value
-from gaitcal.files.validation import Table, input_error, shown
+from gaitcal.files.toml import toml_value
+from gaitcal.files.validation import Table, read_validated, require_known, shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Array = NDArray[np.float64]
 
@@ -203,12 +197,8 @@ def load_model(path: Path | str) -> SubjectModel:
         One line: file, entry, what was found, what is allowed.
     """
     source = Path(path)
-    read_toml(source)  # all that can be wrong with the file as such
     try:
-        content = tomllib.loads(source.read_text(encoding="utf-8-sig"), parse_float=Decimal)
-        file = _File.model_validate(content)
-    except ValidationError as error:
-        raise input_error(error, _File, source) from None
+        file = read_validated(_File, source, parse_float=Decimal)
     except InvalidOperation:
         raise InputError("a number has more digits than can be read", source=source) from None
     if file.format != FORMAT:
@@ -219,9 +209,9 @@ def load_model(path: Path | str) -> SubjectModel:
     if file.subject.sex not in ("male", "female"):
         found = shown(file.subject.sex)
         raise InputError(f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex")
-    _known(file.frozen, COORDINATES, "coordinate", source, "frozen")
-    _known((m.segment for m in file.marker), SEGMENTS, "segment", source, "marker")
-    _known((at.segment for at in file.landmarks.values()), SEGMENTS, "segment", source, "landmarks")
+    require_known(file.frozen, COORDINATES, "coordinate", source=source, field="frozen")
+    for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
+        require_known((place.segment for place in places), SEGMENTS, "segment", source=source, field=field)
     labels = tuple(m.label for m in file.marker)
     for label in labels:
         if labels.count(label) > 1:
@@ -238,7 +228,7 @@ def load_model(path: Path | str) -> SubjectModel:
             np.array([_si(m.weight, "kg") for m in file.marker]),
         ),
         tuple(file.frozen),
-        {name: (at.segment, np.array(_position(at.position_mm))) for name, at in file.landmarks.items()},
+        {name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()},
         tuple(file.notes),
     )
 
@@ -250,7 +240,8 @@ def _position(values: list[Decimal]) -> list[float]:
 def _arrays(
     found: Mapping[str, _Value], names: tuple[str, ...], units: tuple[str, ...], source: Path, where: str
 ) -> tuple[Array, Array]:
-    _known(found, names, "parameter", source, where)
+    """Values in use and nominal ones (n,), SI, of a table that must hold all these names and no other."""
+    require_known(found, names, "parameter", source=source, field=where)
     missing = [name for name in names if name not in found]
     if missing:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
@@ -258,10 +249,3 @@ def _arrays(
     value = [_si(found[name].value, unit) for name, unit in zip(names, units, strict=True)]
     nominal = [_si(found[name].nominal, unit) for name, unit in zip(names, units, strict=True)]
     return np.array(value), np.array(nominal)
-
-
-def _known(found: Iterable[str], allowed: tuple[str, ...], kind: str, source: Path, where: str) -> None:
-    for name in found:
-        if name not in allowed:
-            told = f"found {shown(name)}, which is no {kind}{nearest(name, allowed)}"
-            raise InputError(told, source=source, field=where)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
-from gaitcal.model.landmarks import HipCentre, StaticPosture, check_plausible, static_posture
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
+from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal_joints import nominal_joint_parameters
+from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording, still_window
@@ -80,8 +80,8 @@ def nominal_model(
     InputError
         No still window; a landmark that is needed is missing; a leg segment has too few markers; no human proportions.
     """
-    own = weights or {}
-    marker_set = marker_set.with_weights(own)
+    given_weights = weights or {}
+    marker_set = marker_set.with_weights(given_weights)
     static = marker_set.renamed(static)
     still = still_window(static, marker_set.labels).frames if window is None else window
     frames_used = range(*still.indices(len(static.time)))
@@ -93,12 +93,12 @@ def nominal_model(
     joint, zero = nominal_joint_parameters(frames, centres, body.arms)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres, body.trunk_direction))
     parameters = Parameters(joint, inertial, zero)
-    carried = [label for label in _carried(marker_set, body.raised) if label not in own]
+    carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
     markers, notes = _placement(posture, marker_set.with_weights(raised), frames, body.frozen_segments)
     if raised:
-        told = ", ".join(raised)
-        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {told}")
+        names = ", ".join(raised)
+        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {names}")
     return SubjectModel(
         subject,
         parameters,
@@ -127,6 +127,7 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
 
 
 def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array) -> BodyLengths:
+    """What inertia depends on, from the joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
     limbs = {
@@ -167,9 +168,9 @@ def _placement(
                 field=f"segment {segment}",
             )
         dropped += missing
-        own = [*present, *(label for label in marker_set.static_only.get(segment, ()) if label in posture.markers)]
-        labels += own
-        segments += [segment] * len(own)
+        static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]
+        labels += [*present, *static_only]
+        segments += [segment] * (len(present) + len(static_only))
     local = np.array([frames[s].local(posture.markers[m]) for m, s in zip(labels, segments, strict=True)])
     notes = (f"markers of the set that the static trial lacks, left out: {', '.join(dropped)}",) if dropped else ()
     return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
@@ -178,13 +179,14 @@ def _placement(
 def _landmarks(
     points: Mapping[str, Array], frames: Mapping[str, Frame], frozen: tuple[str, ...]
 ) -> dict[str, tuple[str, Array]]:
+    """Points of the laboratory (3,) m that the model keeps, each in its segment, but for segments that are frozen."""
     out = {}
     for name, point in points.items():
         kind = name.split("_")[0]
         if kind not in _SEGMENT_OF:
             continue
-        of = _SEGMENT_OF[kind]
-        segment = of if of in frames else f"{of}_{name[-1]}"
+        part = _SEGMENT_OF[kind]
+        segment = part if part in frames else f"{part}_{name[-1]}"
         if segment not in frozen:
             out[name] = (segment, frames[segment].local(point))
     return dict(sorted(out.items()))
@@ -212,7 +214,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
                 placed[f"L.{label}"] = (f"{segment}_l", local * [1.0, 1.0, -1.0])
     marker_set = load_marker_set("published")
     taken_off = {label for group in marker_set.static_only.values() for label in group}
-    kept = {label: at for label, at in placed.items() if static_only or label not in taken_off}
+    kept = {label: place for label, place in placed.items() if static_only or label not in taken_off}
     ordered = sorted(kept, key=lambda label: SEGMENTS.index(kept[label][0]))
     markers = MarkerPlacement(
         tuple(ordered),
@@ -225,9 +227,13 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         name: (placed[labels[0]][0], np.mean([placed[label][1] for label in labels], axis=0))
         for name, labels in marker_set.landmarks.items()
     }
-    for name, (segment, prefix) in _published_centres().items():
-        at = [JP_INDEX.get(f"{prefix}.{direction}") for direction in ("ant", "sup", "lat")]
-        landmarks[name] = (segment, np.array([0.0 if i is None else parameters.joint[i] for i in at]))
+    for joint in JOINTS:
+        if joint.name in CENTRE_OF:
+            centre = np.zeros(3)
+            for p in JOINT_PARAMETERS:
+                if (p.joint, p.segment, p.kind) == (joint.name, joint.parent, Kind.POSITION):
+                    centre[p.axis] = parameters.joint[JP_INDEX[p.name]]
+            landmarks[CENTRE_OF[joint.name]] = (joint.parent, centre)
     return SubjectModel(
         PUBLISHED,
         parameters,
@@ -236,15 +242,3 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         landmarks=dict(sorted(landmarks.items())),
         notes=("the published nominal subject; markers and inertia as in models/nominal_subject.json",),
     )
-
-
-def _published_centres() -> dict[str, tuple[str, str]]:
-    """Joint centre -> segment and joint parameters that are its coordinates there."""
-    out = {"lumbar": ("pelvis", "back.pelvis")}
-    for side in SIDES:
-        out[f"hjc_{side}"] = ("pelvis", f"hip_{side}.pelvis")
-        out[f"kjc_{side}"] = (f"thigh_{side}", f"knee_{side}.thigh")
-        out[f"ajc_{side}"] = (f"shank_{side}", f"talocrural_{side}.shank")
-        out[f"sjc_{side}"] = ("head_trunk", f"shoulder_{side}.trunk")
-        out[f"ejc_{side}"] = (f"upper_arm_{side}", f"elbow_{side}.upperarm")
-    return out

@@ -1,5 +1,6 @@
 """The nominal joint parameters of one person from segment frames in the static posture.
 
+Positions are the coordinates of the joint centre in the two segments that the joint connects, but for the subtalar one.
 A hinge (knee, elbow) lies along the proximal segment's z axis through the joint centre: A_proximal = 1, and with its
 direction a in the distal frame, A_distal = Rx(front) Ry(trans) has trans = asin(a_x), front = atan2(-a_y, a_z).
 
@@ -21,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
-from gaitcal.model.linkage import ZERO_ANGLES
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.linkage import SIDES, ZERO_ANGLES
 from gaitcal.model.segment_frames import Frame, sign
 
 Array = NDArray[np.float64]
@@ -33,6 +34,16 @@ SUBTALAR_TRANS, SUBTALAR_SAG = np.deg2rad(23.0), np.deg2rad(42.0)
 """Inman 1976."""
 SUBTALAR_BELOW = 0.010
 """m below the talocrural axis, along the talus's y."""
+_ROUNDING = 1e-13
+"""m or rad: below it a coordinate is zero by construction, and is told as zero."""
+
+
+CENTRE_OF: dict[str, str] = {"back": "lumbar"} | {
+    f"{joint}_{side}": f"{centre}_{side}"
+    for joint, centre in (("hip", "hjc"), ("knee", "kjc"), ("talocrural", "ajc"), ("shoulder", "sjc"), ("elbow", "ejc"))
+    for side in SIDES
+}
+"""Joint -> landmark that is its centre."""
 
 
 @dataclass(frozen=True)
@@ -57,43 +68,26 @@ def nominal_joint_parameters(
     arms : turn of the shoulders, axes of the elbows.
     """
     joint, zero = np.zeros(len(JP_INDEX)), np.zeros(len(ZERO_ANGLES))
-
-    def point(prefix: str, segment: str, centre: Array, directions: str = "ant sup lat") -> None:
-        local = frames[segment].local(centre)
-        for direction in directions.split():
-            joint[JP_INDEX[f"{prefix}.{direction}"]] = local[("ant", "sup", "lat").index(direction)]
+    for i, p in enumerate(JOINT_PARAMETERS):
+        if p.kind is Kind.POSITION and p.joint in CENTRE_OF:
+            joint[i] = frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis]
 
     def hinge(prefix: str, segment: str, axis: Array) -> None:
         a = frames[segment].rotation.T @ axis
         joint[JP_INDEX[f"{prefix}.front"]] = np.arctan2(-a[1], a[2])
         joint[JP_INDEX[f"{prefix}.trans"]] = np.arcsin(np.clip(a[0], -1.0, 1.0))
 
-    point("back.pelvis", "pelvis", centres["lumbar"])
-    point("back.trunk", "head_trunk", centres["lumbar"])
     for side in SIDES:
-        thigh, shank, upper_arm, forearm = (f"{n}_{side}" for n in ("thigh", "shank", "upper_arm", "forearm_hand"))
-        point(f"hip_{side}.pelvis", "pelvis", centres[f"hjc_{side}"])
-        point(f"hip_{side}.thigh", thigh, centres[f"hjc_{side}"])
-        point(f"knee_{side}.thigh", thigh, centres[f"kjc_{side}"], "ant sup")
-        point(f"knee_{side}.shank", shank, centres[f"kjc_{side}"])
-        hinge(f"knee_{side}.shank", shank, frames[thigh].rotation[:, 2])
-        point(f"talocrural_{side}.shank", shank, centres[f"ajc_{side}"])
-        point(f"shoulder_{side}.trunk", "head_trunk", centres[f"sjc_{side}"])
-        point(f"shoulder_{side}.upperarm", upper_arm, centres[f"sjc_{side}"])
+        hinge(f"knee_{side}.shank", f"shank_{side}", frames[f"thigh_{side}"].rotation[:, 2])
         joint[JP_INDEX[f"shoulder_{side}.upperarm.trans"]] = arms.shoulder_turn[side]
-        point(f"elbow_{side}.upperarm", upper_arm, centres[f"ejc_{side}"], "ant sup")
-        point(f"elbow_{side}.forearm", forearm, centres[f"ejc_{side}"])
-        hinge(f"elbow_{side}.forearm", forearm, arms.elbow_axis[side])
-        _ankle(joint, zero, side, frames[shank], frames[f"foot_{side}"], centres[f"ajc_{side}"])
+        hinge(f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side])
+        _ankle(joint, zero, side, frames[f"shank_{side}"], frames[f"foot_{side}"], centres[f"ajc_{side}"])
     joint[np.abs(joint) < _ROUNDING] = 0.0
     return joint, zero
 
 
-_ROUNDING = 1e-13
-"""m or rad: below it a coordinate is zero by construction, and is told as zero."""
-
-
 def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, centre: Array) -> None:
+    """Fill in both joints of one ankle, whose talocrural `centre` is (3,) m in the laboratory."""
     s = sign(side)
     a = axis_rotation(0, s * TALOCRURAL_FRONT)
     b = axis_rotation(1, s * SUBTALAR_TRANS) @ axis_rotation(2, SUBTALAR_SAG)

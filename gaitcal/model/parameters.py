@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
+from gaitcal.model.linkage import ZERO_ANGLES, Element, Source
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,12 @@ class Parameters:
         """A copy with other inertial parameters (84,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
 
+    def amount(self, element: Element) -> float:
+        """By how much (m or rad, with its sign) an element moves that is no coordinate."""
+        if element.source is Source.JOINT_PARAMETER:
+            return element.sign * float(self.joint[JP_INDEX[element.name]])
+        return element.sign * float(self.zero_angles[ZERO_ANGLES.index(element.name)])
+
     @property
     def mass(self) -> float:
         """Total mass, kg."""
@@ -49,12 +56,12 @@ def published_subject() -> Parameters:
     listed = data["joint_parameters"]
     joint = np.empty(len(JP_NAMES))
     for i, name in enumerate(JP_NAMES):
-        at, segment, direction = name.split(".")
-        if at == "back":
+        joint_name, _, place = name.partition(".")
+        if joint_name == "back":
             joint[i] = listed["back"][name]
         else:
-            kind, side = at.split("_")
-            joint[i] = listed[side][f"{kind}.{segment}.{direction}"]
+            kind, side = joint_name.split("_")
+            joint[i] = listed[side][f"{kind}.{place}"]
     inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
     keys = {"head_trunk": "headtrunk", "upper_arm": "upperarm", "forearm_hand": "forearmhand"}
     for i, segment in enumerate(MASSIVE_SEGMENTS):

@@ -1,4 +1,4 @@
-"""Segment frames and joint centres of pelvis, legs and trunk in the static posture (laboratory).
+"""Segment frames and joint centres of pelvis and legs in the static posture (laboratory).
 
 Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| and a - (a.y) y the part of a across y:
 
@@ -6,34 +6,51 @@ Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| an
     thigh    origin hip centre; y = unit(HJC - KJC), KJC mid-epicondyles; z the epicondylar line across y
     shank    origin KJC; y = unit(KJC - AJC), AJC mid-malleoli; z the malleolar line across y
     foot     origin heel marker; x = unit(toe - heel); z = unit(x x y_shank); y = z x x      (OrthoTrak)
-    trunk    origin lumbar joint; y = unit(mid-shoulder - lumbar); z the line of the acromia across y
 
 Without a medial marker the joint centre lies half a joint width inwards of the lateral one along that z, which is the
 pelvis's z across y for the knee, and the knee's z turned outwards by the tibial torsion for the ankle.
+
+Hip and lumbar joint centres lie at fractions of the distance between the two ASIS. Hip, behind, below and beside their
+middle: 19.3, 30.4, 35.9 % (Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them) or
+22, 34, 32 % (OrthoTrak, deduced from the differences that the latter print in Table II).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import SIDES
-from gaitcal.model.landmarks import HipCentre, StaticPosture, hip_centre, lumbar_joint
+from gaitcal.model.landmarks import StaticPosture
+from gaitcal.model.linkage import SIDES
 
 Array = NDArray[np.float64]
 
 NOMINAL_HEIGHT = 1.70
 """m; joint widths below are the nominal subject's, between marker centres, and go with height."""
+SIDE_WORDS = {"r": "right", "l": "left"}
 WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
 TIBIAL_TORSION = np.deg2rad(5.0)
 """The malleolar line is turned outwards by this much against the epicondylar one."""
-SHOULDER_BELOW_ACROMION = 0.17
-"""Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
-_SETTLED = 1e-15
-_ROUNDS = 200
+SETTLED, ROUNDS = 1e-15, 200
+"""m or share of height by which a joint centre moves at most in the last round of a fixed-point iteration."""
+
+
+class HipCentre(Enum):
+    """Regression for the nominal hip centre."""
+
+    BELL = "bell"
+    ORTHOTRAK = "orthotrak"
+
+
+_FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
+_NOMINAL_ASIS = 0.245
+"""m, of the nominal subject."""
+_NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
+"""m in its pelvis frame: about the third lumbar vertebra, as in Anderson and Pandy 1999."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +135,17 @@ def lower_body(posture: StaticPosture, height: float, rule: HipCentre) -> LowerB
     return LowerBody(frames, centres, (*notes, *_width_notes(posture, height)))
 
 
+def hip_centre(rule: HipCentre, asis_distance: float, side: str) -> Array:
+    """(3,) m, hip centre in the pelvis frame (origin midway between the ASIS)."""
+    ant, sup, lat = _FRACTIONS[rule]
+    return asis_distance * np.array([ant, sup, lat if side == "r" else -lat])
+
+
+def lumbar_joint(asis_distance: float) -> Array:
+    """(3,) m, lumbar joint in the pelvis frame: the nominal subject's, scaled alike in all directions by the ASIS."""
+    return np.array(_NOMINAL_LUMBAR) * (asis_distance / _NOMINAL_ASIS)
+
+
 def _pelvis(right: Array, left: Array, sacrum: Array) -> Frame:
     middle = 0.5 * (right + left)
     z = unit(right - left)
@@ -136,13 +164,13 @@ def _joint(
         return 0.5 * (lateral + medial), s * (lateral - medial)
     inwards = s * half_width(joint, height)
     centre, z = lateral, z_above
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         before = centre
         y = unit(above - centre)
         plain = frame_yz(centre, y, z_above).rotation
         z = plain @ axis_rotation(1, turn)[:, 2]
         centre = lateral - inwards * z
-        if np.abs(centre - before).max() <= _SETTLED * height:
+        if np.abs(centre - before).max() <= SETTLED * height:
             break
     return centre, z
 
@@ -159,7 +187,7 @@ def _width_notes(posture: StaticPosture, height: float) -> list[str]:
         sides = [side for side in SIDES if not posture.has(f"{joint}_med_{side}")]
         if not sides:
             continue
-        where = "both sides" if len(sides) == 2 else {"r": "right", "l": "left"}[sides[0]]
+        where = "both sides" if len(sides) == 2 else SIDE_WORDS[sides[0]]
         axis = (
             "its axis is the pelvis's lateral direction across the thigh in the static posture"
             if joint == "knee"
@@ -170,11 +198,3 @@ def _width_notes(posture: StaticPosture, height: float) -> list[str]:
             f"inwards of the lateral marker's, in proportion to height, and {axis}"
         )
     return notes
-
-
-def trunk(posture: StaticPosture, lumbar: Array) -> tuple[Frame, dict[str, Array]]:
-    """Frame of head and trunk, and the shoulder centres `sjc_r`, `sjc_l`, from the acromia."""
-    right, left = posture.landmarks["acromion_r"], posture.landmarks["acromion_l"]
-    y = unit(0.5 * (right + left) - lumbar)
-    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * y
-    return frame_yz(lumbar, y, right - left), {"sjc_r": right + down, "sjc_l": left + down}

@@ -4,8 +4,9 @@ A part without the markers it needs is frozen: its coordinates stay zero, its le
 A frozen trunk is parallel to the pelvis frame, and its mass and shoulders lie straight above the lumbar joint as the
 subject stood, so that the pelvis's own inclination does not bend the trunk forward. A frozen arm hangs along it.
 
-Arm frames in the static posture, with as many markers as there are: one at the elbow and one at the wrist will do.
+Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
 
+    trunk       origin lumbar joint; y = unit(mid-shoulder - lumbar); z the line of the acromia across y
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
@@ -29,22 +30,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.anthropometry import default_length, default_limbs
+from gaitcal.model.anthropometry import default_limbs
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import JOINT_OF_CHILD, Source
+from gaitcal.model.linkage import JOINT_OF_CHILD, SIDES, Source
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import (
     NOMINAL_HEIGHT,
+    ROUNDS,
+    SETTLED,
+    SIDE_WORDS,
     Frame,
     LowerBody,
     across,
     frame_yz,
     half_width,
     sign,
-    trunk,
     unit,
 )
 from gaitcal.model.subject_model import Subject
@@ -53,12 +55,18 @@ Array = NDArray[np.float64]
 
 TRUNK_SUPPORT = 3
 """Markers with weight that a trunk needs, as its three turns are free."""
-_SHOULDER_UP, _SHOULDER_OUT = 0.3519, 0.165
+SHOULDER_BELOW_ACROMION = 0.17
+"""Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
+SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165
 """m from the lumbar joint in the nominal subject."""
+RAISED = np.deg2rad(45.0)
+"""How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""
+BENT = 1.5
+"""Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
 _UP = np.array([0.0, 1.0, 0.0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UpperBody:
     """Frames and joint centres of trunk and arms, laboratory."""
 
@@ -84,54 +92,74 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     """Trunk and arms, measured as far as there are markers."""
     lumbar, pelvis = legs.centres["lumbar"], legs.frames["pelvis"]
     frozen: list[str] = []
-    notes: list[str] = []
-    reason = _why_no_trunk(posture, marker_set)
-    if reason is None:
-        frame, centres = trunk(posture, lumbar)
+    no_trunk = _why_no_trunk(posture, marker_set)
+    if no_trunk is None:
+        trunk, centres = _trunk(posture, lumbar)
         direction = np.array([0.0, 1.0, 0.0])
-        notes.append("shoulder centres 17 % of the distance between the acromia below them (Rab 2002)")
+        notes = ["shoulder centres 17 % of the distance between the acromia below them (Rab 2002)"]
     else:
-        frame = Frame(pelvis.rotation, lumbar)
-        scale = subject.height / NOMINAL_HEIGHT
-        outwards = unit(pelvis.rotation[:, 2] - (pelvis.rotation[:, 2] @ _UP) * _UP)
-        above = lumbar + scale * _SHOULDER_UP * _UP
-        centres = {f"sjc_{side}": above + sign(side) * scale * _SHOULDER_OUT * outwards for side in SIDES}
-        direction = frame.rotation.T @ _UP
-        frozen += ["head_trunk"]
-        notes.append(f"head and trunk upright and fixed to the pelvis, as {reason}")
-    frames = {"head_trunk": frame}
-    turn, axis, raised = {"r": 0.0, "l": 0.0}, {"r": frame.rotation[:, 2], "l": frame.rotation[:, 2]}, []
+        trunk, centres = _upright_trunk(pelvis, lumbar, subject.height)
+        direction = trunk.rotation.T @ _UP
+        frozen.append("head_trunk")
+        notes = [f"head and trunk upright and fixed to the pelvis, as {no_trunk}"]
+    frames = {"head_trunk": trunk}
+    turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
     limbs = default_limbs(subject)
     for side in SIDES:
-        upper, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"
+        upper_arm, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"
         shoulder = centres[f"sjc_{side}"]
-        why = _why_no_segment(posture, marker_set, upper, f"elbow_lat_{side}")
-        why_not_forearm = _why_no_segment(posture, marker_set, forearm, f"wrist_{side}")
-        if reason is not None or why is not None:
-            frozen += [upper, forearm]
-            if reason is None:
-                notes.append(f"{upper} and {forearm} hang along the trunk and are fixed to it, as {why}")
-            frames[upper] = Frame(frame.rotation, shoulder)
-            centres[f"ejc_{side}"] = elbow = shoulder - limbs[upper] * frame.rotation[:, 1]
-            frames[forearm] = Frame(frame.rotation, elbow)
-            centres[f"wjc_{side}"] = elbow - limbs[forearm] * frame.rotation[:, 1]
+        no_arm = _why_no_segment(posture, marker_set, upper_arm, f"elbow_lat_{side}")
+        no_forearm = _why_no_segment(posture, marker_set, forearm, f"wrist_{side}")
+        if no_trunk is not None or no_arm is not None:
+            frozen += [upper_arm, forearm]
+            if no_trunk is None:
+                notes.append(f"{upper_arm} and {forearm} hang along the trunk and are fixed to it, as {no_arm}")
+            elbow = shoulder - limbs[upper_arm] * trunk.rotation[:, 1]
+            frames |= {upper_arm: Frame(trunk.rotation, shoulder), forearm: Frame(trunk.rotation, elbow)}
+            centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow - limbs[forearm] * trunk.rotation[:, 1]}
             continue
-        seen = arm(posture, side, frame, shoulder, subject.height)
-        notes += seen.notes
-        frames[upper], centres[f"ejc_{side}"] = seen.upper, seen.elbow
-        turn[side], axis[side] = seen.turn, seen.axis
-        raised += [side] if seen.raised else []
-        if why_not_forearm is None and seen.forearm is not None and seen.wrist is not None:
-            frames[forearm], centres[f"wjc_{side}"] = seen.forearm, seen.wrist
+        arm = measured_arm(posture, side, trunk, shoulder, subject.height)
+        notes += arm.notes
+        frames[upper_arm], centres[f"ejc_{side}"] = arm.upper, arm.elbow
+        turn[side], axis[side] = arm.turn, arm.axis
+        raised += [side] if arm.raised else []
+        if no_forearm is None and arm.forearm is not None and arm.wrist is not None:
+            frames[forearm], centres[f"wjc_{side}"] = arm.forearm, arm.wrist
         else:
             frozen.append(forearm)
-            notes.append(f"{forearm} straight and fixed to the upper arm, as {why_not_forearm}")
-            frames[forearm], axis[side] = Frame(seen.upper.rotation, seen.elbow), seen.upper.rotation[:, 2]
-            centres[f"wjc_{side}"] = seen.elbow - default_length("Forearm", subject) * seen.upper.rotation[:, 1]
-    return UpperBody(frames, centres, direction, ArmJoints(turn, axis), tuple(raised), tuple(frozen), tuple(notes))
+            notes.append(f"{forearm} straight and fixed to the upper arm, as {no_forearm}")
+            frames[forearm], axis[side] = Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
+            centres[f"wjc_{side}"] = arm.elbow - limbs[forearm] * arm.upper.rotation[:, 1]
+    return UpperBody(
+        frames=frames,
+        centres=centres,
+        trunk_direction=direction,
+        arms=ArmJoints(turn, axis),
+        raised=tuple(raised),
+        frozen_segments=tuple(frozen),
+        notes=tuple(notes),
+    )
+
+
+def _trunk(posture: StaticPosture, lumbar: Array) -> tuple[Frame, dict[str, Array]]:
+    """Frame of head and trunk, and the shoulder centres `sjc_r`, `sjc_l`, from the acromia."""
+    right, left = posture.landmarks["acromion_r"], posture.landmarks["acromion_l"]
+    y = unit(0.5 * (right + left) - lumbar)
+    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * y
+    return frame_yz(lumbar, y, right - left), {"sjc_r": right + down, "sjc_l": left + down}
+
+
+def _upright_trunk(pelvis: Frame, lumbar: Array, height: float) -> tuple[Frame, dict[str, Array]]:
+    """The same where no marker shows the trunk: parallel to the pelvis, the nominal subject's shoulders above it."""
+    scale = height / NOMINAL_HEIGHT
+    outwards = unit(pelvis.rotation[:, 2] - (pelvis.rotation[:, 2] @ _UP) * _UP)
+    above = lumbar + scale * SHOULDER_UP * _UP
+    shoulders = {f"sjc_{side}": above + sign(side) * scale * SHOULDER_OUT * outwards for side in SIDES}
+    return Frame(pelvis.rotation, lumbar), shoulders
 
 
 def _why_no_trunk(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
+    """Why the trunk cannot be measured; None where it can."""
     for name in ("acromion_r", "acromion_l"):
         if not posture.has(name):
             return posture.why_not(name)
@@ -143,6 +171,7 @@ def _why_no_trunk(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
 
 
 def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str, landmark: str) -> str | None:
+    """Why a segment of an arm cannot be measured; None where it can."""
     if not posture.has(landmark):
         return posture.why_not(landmark)
     if not any(label in posture.markers for label in marker_set.tracking.get(segment, ())):
@@ -150,15 +179,7 @@ def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str,
     return None
 
 
-RAISED = np.deg2rad(45.0)
-BENT = 1.5
-"""Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
-_SETTLED = 1e-15
-_ROUNDS = 200
-_NAME = {"r": "right", "l": "left"}
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Arm:
     """One arm in the static posture."""
 
@@ -178,26 +199,26 @@ class Arm:
     notes: tuple[str, ...]
 
 
-def arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height: float) -> Arm:
+def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height: float) -> Arm:
     """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height in m."""
     p = posture.landmarks
     lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")
     notes: list[str] = []
+    elbow_words, shoulder_words = (f"{joint}, {SIDE_WORDS[side]}" for joint in ("elbow", "shoulder"))
     if posture.has(f"elbow_med_{side}"):
         medial = p[f"elbow_med_{side}"]
         elbow = 0.5 * (lateral + medial)
         axis = sign(side) * (lateral - medial)
         if axis @ _unturned(unit(shoulder - elbow), trunk) < 0:
             axis = -axis
-            notes.append(f"elbow, {_NAME[side]}: the lateral marker lies medially; the two markers were exchanged")
+            notes.append(f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged")
     else:
         inwards = sign(side) * half_width("elbow", height)
         normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
         elbow, axis = _from_lateral(shoulder, lateral, inwards, trunk, normal)
         how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
         notes.append(
-            f"elbow, {_NAME[side]}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, "
-            f"its axis {how}"
+            f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, its axis {how}"
         )
     upper = frame_yz(shoulder, unit(shoulder - elbow), axis)
     forearm = None if wrist is None else frame_yz(elbow, unit(elbow - wrist), upper.rotation[:, 2])
@@ -205,12 +226,21 @@ def arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height
     axis = upper.rotation[:, 2]
     if turn is None:
         notes.append(
-            f"shoulder, {_NAME[side]}: the arm is raised sideways in the static trial, so that its turn about its own "
+            f"{shoulder_words}: the arm is raised sideways in the static trial, so that its turn about its own "
             "length is assumed zero; the static posture of the arm is met less closely"
         )
         if forearm is not None and not posture.has(f"elbow_med_{side}"):
             axis = forearm.rotation[:, 2]
-    return Arm(upper, elbow, forearm, wrist, turn or 0.0, axis, turn is None, tuple(notes))
+    return Arm(
+        upper=upper,
+        elbow=elbow,
+        forearm=forearm,
+        wrist=wrist,
+        turn=turn or 0.0,
+        axis=axis,
+        raised=turn is None,
+        notes=tuple(notes),
+    )
 
 
 def _turn(rotation: Array) -> float | None:
@@ -231,28 +261,32 @@ def _unturned(y: Array, trunk: Frame) -> Array:
 
 
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
+    """Rule 2 above: the normal of the plane of the bent arm, (3,); None where the elbow is too straight to tell.
+
+    With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos = s d / |marker -
+    line|. The other solution, + sin, is the one about which the forearm would be bent backwards.
+    """
     w = unit(wrist - shoulder)
     off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w
     distance = float(np.linalg.norm(off))
     if distance < BENT * abs(inwards):
         return None
-    m = off / distance
-    cosine = inwards / distance
-    across_m: Array = np.sqrt(1.0 - cosine**2) * np.cross(w, m)
-    one, other = cosine * m + across_m, cosine * m - across_m
-    return one if one @ np.cross(off - inwards * one, w) > 0 else other
+    m, cosine = off / distance, inwards / distance
+    normal: Array = cosine * m - np.sqrt(1.0 - cosine**2) * np.cross(w, m)
+    return normal
 
 
 def _from_lateral(
     shoulder: Array, lateral: Array, inwards: float, trunk: Frame, normal: Array | None
 ) -> tuple[Array, Array]:
+    """Elbow centre and axis from the lateral marker; without the normal of a bent arm, as of an arm not turned."""
     if normal is not None:
         return lateral - inwards * normal, normal
     elbow = lateral
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         before = elbow
         axis = _unturned(unit(shoulder - elbow), trunk)
         elbow = lateral - inwards * axis
-        if np.abs(elbow - before).max() <= _SETTLED:
+        if np.abs(elbow - before).max() <= SETTLED:
             break
     return elbow, axis

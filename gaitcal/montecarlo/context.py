@@ -8,18 +8,16 @@ the undisturbed case: it starts every re-fit. Torques are linear in the dynamic 
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from gaitcal.model.build import build_linkage
+from gaitcal.dynamics.inverse_dynamics import in_segment_frames, joint_regressor
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import (
-    MASSIVE_SEGMENTS,
     dynamic_parameters,
-    placed_dynamic_parameters,
     symmetric_set,
 )
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
 from gaitcal.montecarlo.settings import MonteCarloSettings
@@ -97,16 +95,6 @@ def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, 
 
 def _regressor(case: MonteCarloCase, basis: SplineBasis) -> Array:
     legs = LegTorques(case.parameters)
-    linkage = build_linkage(case.parameters, reactions=True)
-    model, data = linkage.model, linkage.model.createData()
-    columns = np.concatenate([10 * (linkage.segment_joint[s] - 1) + np.arange(10) for s in MASSIVE_SEGMENTS])
-    states = [legs.expand(basis.evaluate(case.nodes, k)) for k in range(3)]
-    out = np.empty((len(case.time), len(LEG_TORQUES), len(columns)))
-    for f in range(len(out)):
-        full = pin.computeJointTorqueRegressor(model, data, *(state[f] for state in states))
-        out[f] = full[np.ix_(legs.rows, columns)]
-    for k, segment in enumerate(MASSIVE_SEGMENTS):
-        place = linkage.segment_placement[segment]
-        moved = placed_dynamic_parameters(place.rotation, place.translation)
-        out[:, :, 10 * k : 10 * k + 10] = out[:, :, 10 * k : 10 * k + 10] @ moved
-    return out.reshape(-1, len(columns))
+    states = (basis.evaluate(case.nodes, k) for k in range(3))
+    rows = in_segment_frames(legs.linkage, joint_regressor(legs.linkage, legs.rows, *states))
+    return rows.reshape(len(case.time) * len(LEG_TORQUES), -1)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES
 from gaitcal.montecarlo.refit import refit

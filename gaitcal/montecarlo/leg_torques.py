@@ -21,13 +21,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.dynamics.inverse_dynamics import FEET, unloaded_forces, with_reactions
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
 
@@ -75,7 +74,6 @@ class LegTorques:
         self._moved = np.array([names.index(name) for name in LEG_TORQUES])
         self._foot = [self._chain.segments.index(foot) for foot in FEET]
         self._own = [[i for i, name in enumerate(LEG_TORQUES) if name.endswith(f"_{side}")] for side in SIDES]
-        self._place_all = np.array([self.linkage.index(name) for name in COORDINATES])
         self._here = [(k, COORDINATES.index(name)) for k, name in enumerate(names) if name in COORDINATES]
         self._massive = [s for s in MASSIVE_SEGMENTS if s in LEG_SEGMENTS]
 
@@ -111,7 +109,8 @@ class LegTorques:
         The model must hold the parameters that `constants` belong to (`disturb`).
         """
         q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-        free = self._unloaded(q, v, a)
+        states = (with_reactions(self.linkage, values) for values in (q, v, a))
+        free = unloaded_forces(self.linkage, self._data, *states)[:, self.rows]
         poses = forward(self._chain, constants, self._leg_coordinates(q))
         columns = jacobian(self._chain, constants, poses)[self._moved]
         axes, origins = segment_poses(self._chain, constants, poses)
@@ -124,20 +123,6 @@ class LegTorques:
                 tau[:, own] -= np.einsum("kif,if->fk", columns[own], wrenches[foot])
             out.append(tau)
         return out[0], out[1]
-
-    def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
-        q, v, a = self.expand(q), self.expand(v), self.expand(a)
-        model, data, rnea = self.linkage.model, self._data, pin.rnea
-        tau = np.empty_like(q)
-        for f in range(len(q)):
-            tau[f] = rnea(model, data, q[f], v[f], a[f])
-        return tau[:, self.rows]
-
-    def expand(self, values: Array) -> Array:
-        """(nf, 29) in the order of the linkage, with zeros for the locked reaction joints, from (nf, 27)."""
-        out = np.zeros((len(values), self.linkage.model.nv))
-        out[:, self._place_all] = values
-        return out
 
     def _leg_coordinates(self, q: Array) -> Array:
         out = np.zeros((len(q), len(self._chain.coordinates)))

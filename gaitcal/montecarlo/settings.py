@@ -13,15 +13,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.joint_parameters import (
-    JOINT_PARAMETERS,
-    JP_INDEX,
-    JP_NAMES,
-    SIDES,
-    Kind,
-    gait_parameters,
-    leg_parameters,
-)
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, gait_parameters, leg_parameters
+from gaitcal.model.linkage import SIDES
 
 Array = NDArray[np.float64]
 

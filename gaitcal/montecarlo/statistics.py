@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gaitcal.model.joint_parameters import SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.draw import MEASURES, marker_column, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied

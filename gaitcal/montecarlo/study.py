@@ -17,7 +17,7 @@ from gaitcal.montecarlo.statistics import statistics, unconverged
 from gaitcal.montecarlo.store import Store, missing_chunks, table_of, together
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
 
-Progress = Callable[[int, int], None]
+DrawProgress = Callable[[int, int], None]
 """Called with the number of draws done and to be done, of those that this run computes."""
 
 STEP = 1.2
@@ -59,7 +59,7 @@ def monte_carlo(
     settings: MonteCarloSettings | None = None,
     plan: Plan | None = None,
     workers: Workers | None = None,
-    progress: Progress | None = None,
+    progress: DrawProgress | None = None,
     until_converged: bool = False,
     chunk_draws: int = CHUNK_DRAWS,
 ) -> MonteCarloStudy:
@@ -105,7 +105,7 @@ def _silent(done: int, todo: int) -> None:
     """Show nothing."""
 
 
-def _compute(store: Store | _Memory, tasks: list[ChunkTask], workers: Workers, progress: Progress) -> int:
+def _compute(store: Store | _Memory, tasks: list[ChunkTask], workers: Workers, progress: DrawProgress) -> int:
     """Compute and keep chunks; returns the number of draws."""
     todo, done = sum(task.chunk.draws for task in tasks), 0
     if tasks:

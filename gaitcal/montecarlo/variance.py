@@ -26,9 +26,8 @@ from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import dynamic_jacobian
-from gaitcal.model.joint_parameters import SIDES
 from gaitcal.model.kinematics import forward, jacobian
-from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import disturb, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES

@@ -108,6 +108,14 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
     )
 
 
+def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
+    """The motion that meets the markers of a trial best, sought from rigid fits."""
+    constants = problem.constants(parameters)
+    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    tracked = track_nodes(problem, constants, start, settings)
+    return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
+
+
 def rigid_floor(problem: TrialProblem) -> MarkerErrors:
     """Errors when each segment follows its own markers, with no joints: no linkage of these segments can do better."""
     data = problem.data
@@ -152,7 +160,4 @@ def track(
         Too few markers of a segment are seen, or the recording is too short for its nodes.
     """
     problem = trial_problem(recording.source, model, recording, rule or NodeRule(), root=root, segments=segments)
-    constants = problem.constants(model.parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    tracked = track_nodes(problem, constants, start, settings)
-    return motion_of(problem, model.parameters, tracked.nodes, converged=tracked.converged)
+    return tracked_motion(problem, model.parameters, settings)

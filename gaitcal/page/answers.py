@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaitcal.dynamics.residual_limits import ResidualLimits
 from gaitcal.figures.calibration import GaitView
 from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.person.parameter_words import counts, counts_sentence
-from gaitcal.person.residual_limits import Limits
 from gaitcal.person.result import Calibration
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
@@ -106,7 +106,7 @@ def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
     if not views:
         return None
 
-    def excess(pair: tuple[GaitView, Limits]) -> float:
+    def excess(pair: tuple[GaitView, ResidualLimits]) -> float:
         last, limits = pair[0].stages[-1], pair[1]
         return max(last.peak_force / limits.force, last.peak_moment / limits.moment)
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, SEGMENTS
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 

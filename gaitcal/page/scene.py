@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.centre_of_pressure import LOADED
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
@@ -23,6 +22,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_fit import FittedMesh, fitted_meshes
 from gaitcal.page.joint_marks import JointMark, joint_marks
+from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
     chosen = calibration.trials if trial is None else (calibration.trial(trial),)
     trials = tuple(
         trial_scene(
-            calibration.model, t.name, t.role, t.body, t.recording, None if t.loads is None else t.loads.reactions
+            calibration.model, t.name, t.role.value, t.body, t.recording, None if t.loads is None else t.loads.reactions
         )
         for t in chosen
     )
@@ -213,24 +213,8 @@ def _measured(model: SubjectModel, recording: Recording, kept: slice) -> Single:
 
 
 def _arrows(wrench: Array, level: float) -> tuple[Single, Single]:
-    """Force and centre of pressure on the plane y = `level`, from wrenches about the laboratory origin.
-
-    The moment there, M - c x F, has no x and z component: c_x = (M_z + level F_x) / F_y, c_z = (level F_z - M_x) / F_y.
-    """
-    force, moment = wrench[..., :3], wrench[..., 3:]
-    vertical = force[..., 1]
-    pressed = vertical > LOADED
-    up = np.where(pressed, vertical, 1.0)
-    centre = np.stack(
-        [
-            (moment[..., 2] + level * force[..., 0]) / up,
-            np.full_like(up, level),
-            (level * force[..., 2] - moment[..., 0]) / up,
-        ],
-        axis=-1,
-    )
-    hide = ~pressed[..., None]
-    return (
-        np.where(hide, np.nan, force).astype(np.float32),
-        np.where(hide, np.nan, centre).astype(np.float32),
-    )
+    """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the laboratory origin."""
+    pressed = wrench[..., 1] > LOADED_N
+    force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)
+    force[pressed], centre[pressed] = wrench[pressed, :3], centre_on_ground(wrench[pressed], level)
+    return force, centre

@@ -5,6 +5,7 @@ nominal model (static trial) -> motions -> joint parameters -> inertial paramete
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,33 +13,22 @@ import numpy as np
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_consistent, fit_published
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
-from gaitcal.calibration.joint_phases import (
-    JointCalibration,
-    Phase,
-)
-from gaitcal.calibration.torque_errors import (
-    MarkerMoves,
-    coordinate_standard_errors,
-    marker_moves,
-    torque_standard_errors,
-)
+from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Dynamics, GeneralisedForces, TorqueErrors
-from gaitcal.model.inertial_parameters import full_set, impossible_bodies, symmetric_set
+from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion, motion_of, rigid_floor
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.person.uncertainty import Uncertainty, uncertainty_of
-from gaitcal.person.warnings import disagreements, large_residuals
+from gaitcal.person.result import Calibration, Stage, Uncertainty
+from gaitcal.person.trial_result import trial_result
+from gaitcal.person.warnings import calibration_warnings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Role, Study, nominal_of
 
 
 @with_one_blas_thread
@@ -60,102 +50,75 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
     settings = study.settings
     progress("nominal model from the static trial")
     nominal = nominal_of(study)
-    stage = joint_stage(study, nominal, progress, leave_out=leave_out)
-    trials, joint, parameters = list(stage.trials), stage.joint, stage.parameters
+    fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
+    trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
     progress("tracking with the nominal model")
-    before = {t.name: track_problem(t.fitted, nominal.parameters) for t in trials}
+    before = {t.name: tracked_motion(t.fitted, nominal.parameters) for t in trials}
+    stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
     progress("tracking with the calibrated joint parameters")
-    after_jp = {t.name: track_problem(t.body, parameters) for t in trials}
+    motions = {t.name: tracked_motion(t.body, parameters) for t in trials}
+    if joint is not None:
+        stages[Stage.JP] = parameters, motions
     reactions = {
-        t.name: measured_reactions(t, nominal, parameters, after_jp[t.name], settings)
+        t.name: measured_reactions(t, nominal, parameters, motions[t.name], settings)
         for t in trials
-        if t.role == "gait" and t.recording.plates
+        if t.role is Role.GAIT and t.recording.plates
     }
-    inertial = _inertial_parameters(nominal, parameters, after_jp, reactions, settings, progress)
-    after_ip = parameters if inertial is None else parameters.with_inertial(inertial.inertial)
-    third = _third_step(trials, nominal, after_ip, joint, inertial, after_jp, reactions, settings, progress)
-    final = after_ip if third is None else third.parameters
-    motions = after_jp if third is None else _third_motions(trials, third, final)
+    inertial = _inertial_fit(nominal, parameters, motions, reactions, settings, progress)
+    if inertial is not None:
+        parameters = parameters.with_inertial(inertial.inertial)
+        stages[Stage.JP_IP] = parameters, motions
+    combined = None
+    if joint is not None and inertial is not None and settings.joint_step:
+        combined = _combined_fit(trials, nominal, parameters, joint, motions, reactions, settings, progress)
+    if combined is not None:
+        parameters = combined.parameters
+        motions = {
+            t.name: motion_of(t.body, parameters, nodes, converged=combined.converged)
+            for t, nodes in zip(trials, combined.nodes, strict=True)
+        }
+        stages[Stage.COMBINED] = parameters, motions
     progress("standard errors and inverse dynamics")
-    spread = uncertainty_of(joint, inertial)
-    results = []
-    for t in trials:
-        loads, moves = None, None
-        if t.joint is None:
-            moves = marker_moves(t.body, motions[t.name].nodes, final, spread.joint)
-        if t.name in reactions:
-            r = reactions[t.name]
-            loads = LoadedTrial(
-                r,
-                forces_of(nominal.parameters, before[t.name], r),
-                forces_of(parameters, after_jp[t.name], r) if joint else None,
-                forces_of(after_ip, after_jp[t.name], r) if inertial else None,
-                forces_of(final, motions[t.name], r) if third else None,
-                torque_errors_of(t.body, motions[t.name], final, r, spread, moves),
-            )
-        own = parameters_for(joint, t.name, final)
-        calibrated = motions[t.name] if t.joint is None else track_problem(t.fitted, own)
-        last = calibrated if t.joint is None else track_problem(t.fitted, final)
-        floor = rigid_floor(t.fitted)
-        results.append(
-            TrialResult(
-                t.name,
-                t.role,
-                t.joint,
-                t.recording,
-                before[t.name],
-                calibrated,
-                last,
-                floor,
-                motions[t.name],
-                loads,
-                None if moves is None else coordinate_standard_errors(t.body, moves),
-                stage.held_out.get(t.name),
-            )
+    uncertainty = _uncertainty(joint, inertial)
+    results = tuple(
+        trial_result(
+            t,
+            {stage: (p, of_trial[t.name]) for stage, (p, of_trial) in stages.items()},
+            motions[t.name],
+            fitted_with=parameters_for(joint, t.name, parameters),
+            reactions=reactions.get(t.name),
+            uncertainty=uncertainty,
+            bwh=nominal.subject.bwh,
+            held_out=fitted.held_out.get(t.name),
         )
-    phases = _phases(joint, inertial, third, reactions)
-    done = _calibration(study, nominal, final, tuple(results), phases, joint, inertial, spread)
-    return replace(done, warnings=(*stage.warnings, *done.warnings))
-
-
-def track_problem(problem: TrialProblem, parameters: Parameters) -> Motion:
-    """Track one trial from rigid fits."""
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    tracked = track_nodes(problem, constants, start)
-    return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
-
-
-def forces_of(parameters: Parameters, motion: Motion, reactions: GroundReactions) -> GeneralisedForces:
-    """Generalised forces of a whole-body motion."""
-    return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, reactions.wrench)
-
-
-def torque_errors_of(
-    body: TrialProblem,
-    motion: Motion,
-    parameters: Parameters,
-    reactions: GroundReactions,
-    spread: Uncertainty,
-    moves: MarkerMoves | None,
-) -> TorqueErrors | None:
-    """Standard errors of `forces_of`; None for impossible bodies, whose mass matrix has no meaning."""
-    if impossible_bodies(parameters.inertial):
-        return None
-    errors = torque_standard_errors(
-        body, motion.nodes, parameters, reactions.wrench, spread.joint, spread.inertial, moves
+        for t in trials
     )
-    return TorqueErrors(errors[:, :27], errors[:, 27:])
+    notes = (*nominal.notes, *(note for t in results for note in t.notes))
+    warnings = calibration_warnings(settings, joint.warnings if joint else (), results, parameters)
+    return Calibration(
+        study=study,
+        nominal=nominal,
+        model=replace(nominal, parameters=parameters, notes=notes),
+        trials=results,
+        phases=_phases(joint, inertial, combined, reactions),
+        joint=joint,
+        inertial=inertial,
+        uncertainty=uncertainty,
+        unidentifiable=joint.unidentifiable if joint else (),
+        notes=notes,
+        warnings=(*fitted.warnings, *warnings),
+    )
 
 
-def _inertial_parameters(
+def _inertial_fit(
     nominal: SubjectModel,
     parameters: Parameters,
-    motions: dict[str, Motion],
-    reactions: dict[str, GroundReactions],
+    motions: Mapping[str, Motion],
+    reactions: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
 ) -> InertialFit | None:
+    """None where the settings leave inertial parameters alone or no trial has a valid frame."""
     loaded = [
         LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
         for name, m, r in ((name, motions[name], r) for name, r in reactions.items() if r.valid.any())
@@ -164,64 +127,60 @@ def _inertial_parameters(
         return None
     progress("inertial parameters")
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
-    scale = TorqueScale(settings.torque_scale)
-    equations = equations_of(loaded, parameters, nominal.subject, scale, width)
-    which = symmetric_set() if settings.ip_set == "symmetric" else full_set()
+    equations = equations_of(loaded, parameters, nominal.subject, TorqueScale(settings.torque_scale), width)
     fit = fit_consistent if settings.ip == "consistent" else fit_published
-    return fit(equations, parameters.inertial, which)
+    return fit(equations, parameters.inertial, _inertial_set(settings))
 
 
-def _third_step(
-    trials: list[PreparedTrial],
+def _inertial_set(settings: CalibrationSettings) -> InertialSet:
+    return symmetric_set() if settings.ip_set == "symmetric" else full_set()
+
+
+def _combined_fit(
+    trials: Sequence[PreparedTrial],
     nominal: SubjectModel,
     parameters: Parameters,
-    joint: JointCalibration | None,
-    inertial: InertialFit | None,
-    motions: dict[str, Motion],
-    reactions: dict[str, GroundReactions],
+    joint: JointCalibration,
+    motions: Mapping[str, Motion],
+    reactions: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
 ) -> CombinedFit | None:
-    if not settings.joint_step or joint is None or inertial is None or impossible_bodies(parameters.inertial):
+    """None for impossible bodies, which its chart of the inertial parameters cannot hold."""
+    if impossible_bodies(parameters.inertial):
         return None
     progress("joint and inertial parameters together")
+    loaded = {name: r for name, r in reactions.items() if r.valid.any()}
     steps = []
     for t in trials:
-        r = reactions.get(t.name)
-        used = None if r is None or not r.valid.any() else r
-        steps.append(
-            CombinedTrial(
-                t.body,
-                motions[t.name].nodes,
-                None if used is None else used.wrench,
-                None if used is None else used.valid,
-            )
-        )
-    which = symmetric_set() if settings.ip_set == "symmetric" else full_set()
+        r = loaded.get(t.name)
+        wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
+        steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
     chosen = CombinedSettings(load_share=settings.joint_step_load_share)
-    return combined_fit(steps, parameters, joint.free, which, nominal.subject, chosen)
+    return combined_fit(steps, parameters, joint.free, _inertial_set(settings), nominal.subject, chosen)
 
 
-def _third_motions(trials: list[PreparedTrial], third: CombinedFit, final: Parameters) -> dict[str, Motion]:
-    return {
-        t.name: motion_of(t.body, final, nodes, converged=third.converged)
-        for t, nodes in zip(trials, third.nodes, strict=True)
-    }
+def _uncertainty(joint: JointCalibration | None, inertial: InertialFit | None) -> Uncertainty:
+    """Errors of all joint parameters, nominal ones as far as nobody calibrated them, and of the inertial ones."""
+    influence = nominal_influence() if joint is None else joint.influence
+    known = inertial is not None and inertial.statistical
+    return Uncertainty(influence, inertial_square_root(inertial) if inertial is not None and known else None)
 
 
 def _phases(
     joint: JointCalibration | None,
     inertial: InertialFit | None,
-    third: CombinedFit | None,
-    reactions: dict[str, GroundReactions],
+    combined: CombinedFit | None,
+    reactions: Mapping[str, GroundReactions],
 ) -> tuple[Phase, ...]:
+    """The fits that were made, those of the joint parameters first."""
     phases = list(joint.phases) if joint else []
-    used = tuple(name for name, r in reactions.items() if r.valid.any())
-    if inertial:
+    trials = tuple(name for name, r in reactions.items() if r.valid.any())
+    if inertial is not None:
         phases.append(
             Phase(
                 name="inertial",
-                trials=used,
+                trials=trials,
                 parameters=len(inertial.names),
                 iterations=inertial.iterations,
                 seconds=inertial.seconds,
@@ -229,59 +188,18 @@ def _phases(
                 message=inertial.message,
             )
         )
-    if third and joint and inertial:
-        text = "" if third.converged else f"{third.ending.value}; "
-        text += f"marker sigma {1e3 * third.marker_sigma:.2f} mm a coordinate, load share {third.load_share:g}"
-        count = len(joint.free) + len(inertial.names)
+    if combined is not None and joint is not None and inertial is not None:
+        text = "" if combined.converged else f"{combined.ending.value}; "
+        text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
         phases.append(
             Phase(
                 name="joint and inertial",
-                trials=used,
-                parameters=count,
-                iterations=third.steps,
-                seconds=third.seconds,
-                converged=third.converged,
+                trials=trials,
+                parameters=len(joint.free) + len(inertial.names),
+                iterations=combined.steps,
+                seconds=combined.seconds,
+                converged=combined.converged,
                 message=text,
             )
         )
     return tuple(phases)
-
-
-def _calibration(
-    study: Study,
-    nominal: SubjectModel,
-    final: Parameters,
-    results: tuple[TrialResult, ...],
-    phases: tuple[Phase, ...],
-    joint: JointCalibration | None,
-    inertial: InertialFit | None,
-    spread: Uncertainty,
-) -> Calibration:
-    notes = list(nominal.notes)
-    notes += [note for t in results for note in t.notes]
-    warnings = list(joint.warnings) if joint else []
-    warnings += [warning for t in results for warning in t.warnings]
-    loads = [t.loads for t in results if t.loads is not None]
-    if loads and not any(load.reactions.valid.any() for load in loads):
-        warnings.append("inertial parameters keep their nominal values: no trial has a valid frame")
-    if bodies := impossible_bodies(final.inertial):
-        left_out = "; the third step needs possible ones and was left out" if study.settings.joint_step else ""
-        warnings.append(
-            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
-            f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
-        )
-    warnings += disagreements(results, study.settings.mode)
-    warnings += large_residuals(results, final)
-    return Calibration(
-        study,
-        nominal,
-        replace(nominal, parameters=final, notes=tuple(notes)),
-        results,
-        phases,
-        joint,
-        inertial,
-        spread,
-        joint.unidentifiable if joint else (),
-        tuple(notes),
-        tuple(warnings),
-    )

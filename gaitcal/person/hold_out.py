@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.motion import motion_of
+from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import DEGREE
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
-from gaitcal.person.robust import Fit, ParametersOf, WeighedTrial
+from gaitcal.person.robust import JointFitter, ParametersOf
 
 Array = NDArray[np.float64]
 
@@ -47,7 +45,7 @@ class HeldOut:
 
 
 def hold_out(
-    trials: Sequence[PreparedTrial], nominal: Parameters, fit: Fit, parameters_of: ParametersOf
+    trials: Sequence[PreparedTrial], nominal: Parameters, fit: JointFitter, parameters_of: ParametersOf
 ) -> dict[str, HeldOut]:
     """Held-out error of every trial.
 
@@ -91,15 +89,12 @@ def without(trial: PreparedTrial, held: NDArray[np.bool_]) -> PreparedTrial:
     def masked(problem: TrialProblem) -> TrialProblem:
         return problem.with_weight(np.where(held, 0.0, problem.data.weight))
 
-    t = trial
-    return WeighedTrial(t.trial, t.recording, t.model, t.rule, masked(t.body), masked(t.fitted), masked(t.legs))
+    return trial.with_problems(masked(trial.body), masked(trial.fitted), masked(trial.legs))
 
 
 def distances(problem: TrialProblem, parameters: Parameters) -> Array:
     """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`; NaN elsewhere."""
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    errors = motion_of(problem, parameters, track_nodes(problem, constants, start).nodes).errors
+    errors = tracked_motion(problem, parameters).errors
     return np.where(errors.kept(), errors.distance, np.nan)
 
 

@@ -18,16 +18,15 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
 from gaitcal.person.hold_out import HeldOut, hold_out
 from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial
-from gaitcal.person.robust import calibrate_robustly
-from gaitcal.person.swapped_labels import mended
+from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.runtime import Progress
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, Mode
 from gaitcal.study.study import Study
 
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointStage:
     """What the first stage of a calibration gives."""
 
@@ -45,23 +44,24 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     """Prepare the moving trials and fit the joint parameters to them."""
     settings = study.settings
     loss = None if settings.robust == "none" else Loss(settings.robust)
-    read, told = (study, ()) if loss is None else mended(study, nominal)
-    trials = [prepare_trial(trial, nominal, settings) for trial in read.moving]
+    study, warnings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
+    trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     fit = partial(joint_parameters, nominal=nominal, settings=settings)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
         joint, parameters = fit(trials)
     else:
-        trials, joint, parameters, left_out = calibrate_robustly(
-            trials, nominal.parameters, loss, fit, parameters_for, together=settings.mode == "simultaneous"
+        together = Mode(settings.mode) is Mode.SIMULTANEOUS
+        trials, joint, parameters, outliers = calibrate_robustly(
+            trials, nominal.parameters, loss, fit, parameters_for, together=together
         )
-        told += left_out
+        warnings += outliers
     held_out: Mapping[str, HeldOut] = {}
     if leave_out and joint is not None:
         progress("joint parameters with blocks of time left out")
         held_out = hold_out(trials, nominal.parameters, fit, parameters_for)
-    return JointStage(tuple(trials), joint, parameters, held_out, told)
+    return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, warnings=warnings)
 
 
 def joint_parameters(
@@ -70,8 +70,8 @@ def joint_parameters(
     """The joint parameters that the settings ask for, fitted to prepared trials."""
     if not settings.jp or not trials:
         return None, nominal.parameters
-    run = calibrate_sequentially if settings.mode == "sequential" else calibrate_simultaneously
-    calibration = run(
+    calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously
+    calibration = calibrate(
         [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
         nominal.parameters,
         joint_settings(settings),

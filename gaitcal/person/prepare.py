@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from gaitcal.motion.trial_problem import NodeRule, TrialProblem, cutoff, trial_p
 from gaitcal.recording import turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study import Role, StudyTrial
 
 Array = NDArray[np.float64]
 
@@ -31,9 +31,9 @@ WEAK_ORIENTATION = np.deg2rad(10.0)
 """rad, of a joint axis; ankle axes of living people scatter by 9 to 11 degrees (Inman 1976)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PreparedTrial:
-    """A moving trial, turned so that x is forward, and its least-squares problems."""
+    """A moving trial, turned so that x is forward, and its least-squares problems: the whole body and parts of it."""
 
     trial: StudyTrial
     recording: Recording
@@ -41,6 +41,8 @@ class PreparedTrial:
     rule: NodeRule
     body: TrialProblem
     """The whole body."""
+    reweighted: tuple[TrialProblem, TrialProblem] | None = None
+    """`fitted` and `legs` where they carry other weights than those of the markers."""
 
     @property
     def name(self) -> str:
@@ -48,8 +50,8 @@ class PreparedTrial:
         return self.trial.name
 
     @property
-    def role(self) -> str:
-        """`joint` or `gait`."""
+    def role(self) -> Role:
+        """What the trial is for: one joint, or gait."""
         return self.trial.role
 
     @property
@@ -60,6 +62,8 @@ class PreparedTrial:
     @cached_property
     def fitted(self) -> TrialProblem:
         """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
+        if self.reweighted is not None:
+            return self.reweighted[0]
         if self.joint is None:
             return self.body
         return self._part(joint_segments(self.joint)[0], joint_segments(self.joint))
@@ -67,6 +71,8 @@ class PreparedTrial:
     @cached_property
     def legs(self) -> TrialProblem:
         """Pelvis and the leg that moves, or both legs for gait."""
+        if self.reweighted is not None:
+            return self.reweighted[1]
         sides = ("r", "l") if self.joint is None else (self.joint[-1],)
         legs = tuple(f"{s}_{side}" for side in sides for s in ("thigh", "shank", "talus", "foot"))
         try:
@@ -76,6 +82,10 @@ class PreparedTrial:
                 raise
             return self.fitted
 
+    def with_problems(self, body: TrialProblem, fitted: TrialProblem, legs: TrialProblem) -> PreparedTrial:
+        """The same trial with other weights in its problems."""
+        return replace(self, body=body, reweighted=(fitted, legs))
+
     def _part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
         return trial_problem(self.name, self.model, self.recording, self.rule, root=root, segments=segments)
 
@@ -84,22 +94,23 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     """Turn a trial so that x is forward and set up its problems."""
     recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
     rule = NodeRule(settings.nodes_per_second, settings.nodes)
-    return PreparedTrial(trial, recording, model, rule, trial_problem(trial.name, model, recording, rule))
+    body = trial_problem(trial.name, model, recording, rule)
+    return PreparedTrial(trial=trial, recording=recording, model=model, rule=rule, body=body)
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
     """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
-    at = {label: i for i, label in enumerate(recording.labels)}
-    own = [
+    column = {label: i for i, label in enumerate(recording.labels)}
+    pelvis = [
         i
-        for i, (name, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
-        if segment == "pelvis" and name in at
+        for i, (label, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
+        if segment == "pelvis" and label in column
     ]
-    measured = recording.markers[:, [at[model.markers.labels[i]] for i in own]].transpose(1, 2, 0)
-    seen = np.asarray(np.isfinite(measured).all(axis=1))
-    if len(own) < 3:
+    if len(pelvis) < 3:
         return None
-    fit = rigid_fit(model.markers.local[own], np.where(seen[:, None], measured, 0.0), seen.astype(float))
+    measured = recording.markers[:, [column[model.markers.labels[i]] for i in pelvis]].transpose(1, 2, 0)
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
+    fit = rigid_fit(model.markers.local[pelvis], np.where(seen[:, None], measured, 0.0), seen.astype(float))
     if not fit.determined.any():
         return None
     out: Array = fit.rotation[fit.determined][:, :, 0].mean(axis=0)

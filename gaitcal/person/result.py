@@ -4,24 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
+from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.errors import InputError, nearest
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
-from gaitcal.person.uncertainty import Uncertainty
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Study
+from gaitcal.study.study import Role, Study
 
 Array = NDArray[np.float64]
+
+
+class Stage(Enum):
+    """The models of a calibration, in the order in which they are reached; each gives torques of its own.
+
+    `key`: in `summary.json`; `words`: in the report; `short`: on the command line.
+    """
+
+    NOMINAL = ("nominal", "nominal model", "nominal")
+    JP = ("jp", "joint parameters calibrated", "JP")
+    """Joint parameters calibrated, inertial ones nominal."""
+    JP_IP = ("jp_ip", "joint and inertial parameters calibrated", "JP, then IP")
+    COMBINED = ("joint_step", "all parameters refined together", "JP and IP together")
+
+    def __init__(self, key: str, words: str, short: str) -> None:
+        self.key, self.words, self.short = key, words, short
 
 
 @dataclass(frozen=True)
@@ -29,30 +47,38 @@ class LoadedTrial:
     """Ground reactions of a gait trial, and the generalised forces with each model."""
 
     reactions: GroundReactions
-    nominal: GeneralisedForces
-    """Nominal model and the motion tracked with it."""
-    jp: GeneralisedForces | None
-    """Calibrated joint parameters, nominal inertial parameters."""
-    jp_ip: GeneralisedForces | None
-    """Calibrated joint and inertial parameters."""
-    joint_step: GeneralisedForces | None
-    """After joint and inertial parameters together."""
+    moments: Mapping[Stage, Moments]
+    """Of every model that was reached, with the motion that belongs to it; the nominal one is always there."""
     errors: TorqueErrors | None = None
     """Standard errors of `final`."""
 
     @property
-    def final(self) -> GeneralisedForces:
+    def nominal(self) -> Moments:
+        """With the nominal model and the motion tracked with it."""
+        return self.moments[Stage.NOMINAL]
+
+    @property
+    def final(self) -> Moments:
         """With the model that the calibration ended with."""
-        return self.joint_step or self.jp_ip or self.jp or self.nominal
+        return self.moments[max(self.moments, key=list(Stage).index)]
+
+    @property
+    def residuals(self) -> tuple[ResidualMagnitudes, ...]:
+        """Of every model that was reached; empty where no frame is valid."""
+        valid = self.reactions.valid
+        if not valid.any():
+            return ()
+        return tuple(residual_magnitudes(stage.words, moments, valid) for stage, moments in self.moments.items())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialResult:
     """One moving trial before and after calibration."""
 
     name: str
-    role: str
+    role: Role
     joint: str | None
+    """The joint of an isolated trial."""
     recording: Recording
     """As tracked: turned so that x is forward."""
     nominal: Motion
@@ -75,21 +101,40 @@ class TrialResult:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed about this trial, each with its name."""
-        told = (*self.recording.notes, *(self.loads.reactions.notes if self.loads else ()))
-        return tuple(f"{self.name}: {note}" for note in told)
+        notes = (*self.recording.notes, *(self.loads.reactions.notes if self.loads else ()))
+        return tuple(f"{self.name}: {note}" for note in notes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against its ground reactions, each with the trial's name."""
         if self.loads is None:
             return ()
-        told = list(self.loads.reactions.warnings)
+        warnings = list(self.loads.reactions.warnings)
         if not self.loads.reactions.valid.any():
-            told.append("no frame has every foot on the ground on a force plate; no torque is valid")
-        return tuple(f"{self.name}: {warning}" for warning in told)
+            warnings.append("no frame has every foot on the ground on a force plate; no torque is valid")
+        return tuple(f"{self.name}: {warning}" for warning in warnings)
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """How far the fitted parameters can be trusted."""
+
+    joint: Influence | None
+    """Influence of every source of error on the joint parameters, fitted or not; None: they count as exact."""
+    inertial: Array | None
+    """(84, n) R with covariance R R^T of the inertial parameters."""
+
+    @property
+    def standard_errors(self) -> Mapping[str, float]:
+        """Parameter name -> standard error (SI) of joint parameters, fitted or nominal, and fitted inertial ones."""
+        errors = dict(self.joint.standard_errors) if self.joint else {}
+        if self.inertial is not None:
+            each = np.sqrt((self.inertial**2).sum(axis=1))
+            errors |= {name: float(e) for name, e in zip(IP_NAMES, each, strict=True) if e > 0}
+        return errors
+
+
+@dataclass(frozen=True, kw_only=True)
 class Calibration:
     """A calibrated person."""
 

@@ -1,50 +1,71 @@
 """A calibration under a robust loss: calibrate, weigh every marker sample anew by its residual, calibrate again.
 
 The weights of a trial come from tracking it under the loss with the joint parameters of the round before, the first
-time with the nominal ones; rounds end when the joint parameters settle. What then was all but left out is told.
+time with the nominal ones; rounds end when the joint parameters settle. What is all but left out in the end is told.
+
+Labels that jumped onto each other are put right before anything is fitted. A loss alone cannot do it: three markers of
+a segment of which two are exchanged are a mirror image, and least squares turns the segment round. The jump itself
+betrays them (`checks/exchanged.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.exchanged import by_jumps
 from gaitcal.checks.finding import listed
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
-from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.recording import Recording
+from gaitcal.study.study import Role, Study
 
 SETTLED = 5e-4
 """m and rad: largest change of a joint parameter from round to round at which the rounds end."""
 MOST_ROUNDS = 8
-TOLD = 0.01
+NAMED_SHARE = 0.01
 """Share of a marker's samples left out from which it is named."""
 
-Fit = Callable[[list[PreparedTrial]], tuple[JointCalibration | None, Parameters]]
+JointFitter = Callable[[list[PreparedTrial]], tuple[JointCalibration | None, Parameters]]
+"""Calibrates the joint parameters of trials."""
 ParametersOf = Callable[[JointCalibration | None, str, Parameters], Parameters]
+"""The parameters at which the trial of a name was fitted."""
 
 
-@dataclass(frozen=True)
-class WeighedTrial(PreparedTrial):
-    """A prepared trial whose problems carry the weights of a robust loss."""
+def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, tuple[str, ...]]:
+    """The study with exchanged labels exchanged back in its moving trials, and what was done."""
+    marker_set = study.marker_set.with_weights(study.weights)
+    trials, done = [], []
+    for trial in study.trials:
+        if trial.role is not Role.STATIC:
+            evidence = TrialEvidence(
+                trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
+            )
+            recording, notes = _exchanged_back(evidence)
+            trial = replace(trial, recording=recording)
+            done += [f"{trial.name}: {note}" for note in notes]
+        trials.append(trial)
+    return replace(study, trials=tuple(trials)), tuple(done)
 
-    own_fitted: TrialProblem
-    own_legs: TrialProblem
 
-    @property
-    def fitted(self) -> TrialProblem:
-        """As in `PreparedTrial`, weighed."""
-        return self.own_fitted
-
-    @property
-    def legs(self) -> TrialProblem:
-        """As in `PreparedTrial`, weighed."""
-        return self.own_legs
+def _exchanged_back(trial: TrialEvidence) -> tuple[Recording, tuple[str, ...]]:
+    recording = trial.recording
+    markers, notes = recording.markers.copy(), []
+    for jump in by_jumps(trial):
+        a, b = trial.place[jump.label], trial.place[jump.other]
+        markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
+        notes.append(
+            f"'{jump.label}' and '{jump.other}' carried each other's label in {int(jump.frames.sum())} frames, "
+            f"{spans(recording.time, runs(jump.frames))}; exchanged back"
+        )
+    return (replace(recording, markers=markers) if notes else recording), tuple(notes)
 
 
 class _Rounds:
@@ -60,33 +81,28 @@ class _Rounds:
         used = t.legs if self.together else t.fitted
         self.last = robust_tracking(used, parameters, self.loss, self.last.factor if self.last else None)
         fitted, legs = (t.fitted, self.last.problem) if self.together else (self.last.problem, t.legs)
-        return _weighed(t, t.body, fitted, legs)
+        return t.with_problems(t.body, fitted, legs)
 
-    def finish(self, parameters: Parameters, own: Parameters) -> tuple[PreparedTrial, tuple[str, ...]]:
+    def finish(self, final: Parameters, fitted_with: Parameters) -> tuple[PreparedTrial, tuple[str, ...]]:
         """The trial with all its parts weighed, for tracking with the joint parameters found; and what was left out."""
         t = self.trial
-        body = robust_tracking(t.body, parameters, self.loss)
-        fitted = body if t.joint is None else robust_tracking(t.fitted, own, self.loss)
+        body = robust_tracking(t.body, final, self.loss)
+        fitted = body if t.joint is None else robust_tracking(t.fitted, fitted_with, self.loss)
         legs = t.legs if self.last is None or not self.together else self.last.problem
-        return _weighed(t, body.problem, fitted.problem, legs), _told(t.name, fitted)
-
-
-def _weighed(t: PreparedTrial, body: TrialProblem, fitted: TrialProblem, legs: TrialProblem) -> PreparedTrial:
-    return WeighedTrial(t.trial, t.recording, t.model, t.rule, body, fitted, legs)
+        return t.with_problems(body.problem, fitted.problem, legs), _outlier_words(t.name, fitted)
 
 
 def calibrate_robustly(
     trials: Sequence[PreparedTrial],
     nominal: Parameters,
     loss: Loss,
-    fit: Fit,
+    fit: JointFitter,
     parameters_of: ParametersOf,
     *,
     together: bool,
 ) -> tuple[list[PreparedTrial], JointCalibration | None, Parameters, tuple[str, ...]]:
     """Trials with their last weights, the joint parameters fitted with them, and warnings.
 
-    `fit` calibrates the joint parameters of weighed trials; `parameters_of` gives those at which a trial was fitted;
     `together` tells whether all trials are fitted at once, by pelvis and legs.
     """
     rounds = [_Rounds(t, loss, together=together) for t in trials]
@@ -97,18 +113,18 @@ def calibrate_robustly(
         present = [r.weigh(parameters_of(joint, r.trial.name, parameters)) for r in rounds]
         joint, parameters = fit(present)
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
-    done = [r.finish(parameters, parameters_of(joint, r.trial.name, parameters)) for r in rounds]
-    told = [text for _, texts in done for text in texts]
+    finished = [r.finish(parameters, parameters_of(joint, r.trial.name, parameters)) for r in rounds]
+    warnings = [warning for _, outliers in finished for warning in outliers]
     if joint is not None and change > SETTLED:
-        told.append(
+        warnings.append(
             f"robust weights did not settle in {MOST_ROUNDS} rounds: joint parameters still moved by "
             f"{1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg"
         )
-    return [trial for trial, _ in done], joint, parameters, tuple(told)
+    return [trial for trial, _ in finished], joint, parameters, tuple(warnings)
 
 
-def _told(name: str, tracking: RobustTracking) -> tuple[str, ...]:
-    """Outliers of a trial in words."""
+def _outlier_words(name: str, tracking: RobustTracking) -> tuple[str, ...]:
+    """Outliers of a trial in one sentence; none where there are none."""
     problem, outliers = tracking.problem, tracking.outliers
     seen = problem.data.weight > 0
     if not outliers.any():
@@ -116,7 +132,7 @@ def _told(name: str, tracking: RobustTracking) -> tuple[str, ...]:
     often = [
         f"{label} {100 * out.sum() / max(int(used.sum()), 1):.0f} %"
         for label, out, used in zip(problem.labels, outliers, seen, strict=True)
-        if out.sum() > TOLD * used.sum()
+        if out.sum() > NAMED_SHARE * used.sum()
     ]
     share = 100 * outliers.sum() / max(int(seen.sum()), 1)
     where = spans(problem.basis.time, runs(np.logical_or.reduce(outliers, axis=0)))

@@ -6,14 +6,20 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from gaitcal.gait.moments import moment_of
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS
-from gaitcal.model.linkage import FILE_COORDINATES, is_translation
+from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.motion.motion import Motion
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 Array = NDArray[np.float64]
 
+COORDINATE_HEADER = (
+    "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
+    "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
+)
+"""Comment lines above the header of every file of coordinates."""
 MOMENT_HEADER = (
     "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
     "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",
@@ -35,23 +41,33 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
     nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
     joint_free = set(calibration.joint.free) if calibration.joint else set()
     inertial_free = _free_inertial(calibration)
-    rows: list[tuple[object, ...]] = []
+    rows: list[dict[str, object]] = []
     for i, p in enumerate(JOINT_PARAMETERS):
-        unit = p.kind.to_si
-        rows.append(
-            (p.name, f"joint {p.kind.value}", p.segment, p.joint, p.kind.unit, nominal.joint[i] / unit)
-            + (fitted.joint[i] / unit, _error(calibration, p.name, unit), _status(calibration, p.name, joint_free))
-        )
+        place = {"name": p.name, "kind": f"joint {p.kind.value}", "segment": p.segment, "joint": p.joint}
+        figures = _figures(calibration, p.name, nominal.joint[i], fitted.joint[i], p.kind.to_si, joint_free)
+        rows.append({**place, "unit": p.kind.unit, **figures})
     for i, name in enumerate(IP_NAMES):
         segment, quantity = name.split(".", 1)
         kind = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}[quantity.split(".")[0]]
-        rows.append(
-            (name, kind, segment, "", IP_UNITS[i], nominal.inertial[i] / IP_TO_SI[i])
-            + (fitted.inertial[i] / IP_TO_SI[i], _error(calibration, name, IP_TO_SI[i]))
-            + (_status(calibration, name, inertial_free),)
-        )
-    columns = ["name", "kind", "segment", "joint", "unit", "nominal", "fitted", "standard_error", "status"]
-    return pd.DataFrame(rows, columns=columns)
+        place = {"name": name, "kind": kind, "segment": segment, "joint": ""}
+        figures = _figures(calibration, name, nominal.inertial[i], fitted.inertial[i], IP_TO_SI[i], inertial_free)
+        rows.append({**place, "unit": IP_UNITS[i], **figures})
+    return pd.DataFrame(rows)
+
+
+def _figures(
+    calibration: Calibration, name: str, nominal: float, fitted: float, to_si: float, free: set[str]
+) -> dict[str, object]:
+    """The figures of one parameter in the unit of the table, from SI; `free` are the parameters that were fitted."""
+    error, status = calibration.standard_errors.get(name), "fitted" if name in free else "fixed"
+    if name in calibration.unidentifiable:
+        error, status = None, "unidentifiable"
+    return {
+        "nominal": nominal / to_si,
+        "fitted": fitted / to_si,
+        "standard_error": None if error is None else error / to_si,
+        "status": status,
+    }
 
 
 def _free_inertial(calibration: Calibration) -> set[str]:
@@ -59,17 +75,6 @@ def _free_inertial(calibration: Calibration) -> set[str]:
         return set()
     moved = np.abs(calibration.inertial.jacobian).sum(axis=1) > 0
     return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}
-
-
-def _error(calibration: Calibration, name: str, unit: float) -> float | None:
-    error = calibration.standard_errors.get(name)
-    return None if error is None or name in calibration.unidentifiable else error / unit
-
-
-def _status(calibration: Calibration, name: str, free: set[str]) -> str:
-    if name in calibration.unidentifiable:
-        return "unidentifiable"
-    return "fitted" if name in free else "fixed"
 
 
 def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFrame:
@@ -87,25 +92,15 @@ def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFram
     return pd.DataFrame(columns)
 
 
-def moment_table(loads: LoadedTrial, motion: Motion, bwh: float) -> pd.DataFrame:
+def moment_table(loads: LoadedTrial) -> pd.DataFrame:
     """time, valid, then per generalised force its value, standard error and percent of body weight times height."""
-    columns: dict[str, object] = {"time": motion.time, "valid": loads.reactions.valid.astype(int)}
-
-    def put(name: str, value: Array, error: Array | None) -> None:
+    final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
+    columns: dict[str, object] = {"time": final.time, "valid": loads.reactions.valid.astype(int)}
+    for name in (*FILE_COORDINATES, *REACTIONS):
+        value = moment_of(final, name)
         columns[name] = value
-        columns[f"{name}_se"] = np.full(len(value), np.nan) if error is None else error
-        columns[f"{name}_bwh"] = np.full(len(value), np.nan) if is_translation(name) else 100.0 * value / bwh
-
-    errors = loads.errors
-    for name in FILE_COORDINATES:
-        k = motion.coordinates.index(name)
-        put(name, loads.final.tau[:, k], None if errors is None else errors.tau[:, k])
-    for k, side in enumerate(("r", "l")):
-        put(
-            f"knee_adduction_{side}",
-            loads.final.knee_adduction[:, k],
-            None if errors is None else errors.knee_adduction[:, k],
-        )
+        columns[f"{name}_se"] = unknown if loads.errors is None else moment_of(loads.errors, name)
+        columns[f"{name}_bwh"] = unknown if is_translation(name) else 100.0 * value / final.bwh
     return pd.DataFrame(columns)
 
 

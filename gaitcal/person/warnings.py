@@ -1,4 +1,4 @@
-"""What speaks against a finished calibration: one sentence for each trial that its own figures put in doubt."""
+"""What speaks against a finished calibration: one sentence for each thing that its own figures put in doubt."""
 
 from __future__ import annotations
 
@@ -6,21 +6,42 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from gaitcal.dynamics.residual_limits import FORCE_SHARE, MOMENT_SHARE, residual_limits
+from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
-from gaitcal.person.residual_limits import FORCE_SHARE, MOMENT_SHARE, residual_limits, stages
 from gaitcal.person.result import TrialResult
+from gaitcal.study.settings import CalibrationSettings, Mode
 
-TOLD_M = 1e-4
+WORSE_M = 1e-4
 """m, by how much markers are met worse before it is told."""
 
 
-def disagreements(results: Sequence[TrialResult], mode: str) -> Iterator[str]:
-    """Trials whose markers the final model meets worse than the nominal one; `mode` as in the settings."""
+def calibration_warnings(
+    settings: CalibrationSettings, joint: Sequence[str], results: Sequence[TrialResult], parameters: Parameters
+) -> tuple[str, ...]:
+    """All warnings of a calibration that ended with `parameters`, those of its joint parameters, `joint`, first."""
+    warnings = [*joint, *(warning for t in results for warning in t.warnings)]
+    loads = [t.loads for t in results if t.loads is not None]
+    if loads and not any(load.reactions.valid.any() for load in loads):
+        warnings.append("inertial parameters keep their nominal values: no trial has a valid frame")
+    if bodies := impossible_bodies(parameters.inertial):
+        left_out = "; the third step needs possible ones and was left out" if settings.joint_step else ""
+        warnings.append(
+            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
+            f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
+        )
+    warnings += disagreements(results, Mode(settings.mode))
+    warnings += large_residuals(results, parameters)
+    return tuple(warnings)
+
+
+def disagreements(results: Sequence[TrialResult], mode: Mode) -> Iterator[str]:
+    """Trials whose markers the final model meets worse than the nominal one."""
     # The cure is told only where it is not what was done.
-    cure = "" if mode == "simultaneous" else "; mode = 'simultaneous' weighs them together"
+    cure = "" if mode is Mode.SIMULTANEOUS else "; mode = 'simultaneous' weighs them together"
     for t in results:
         first, last = t.nominal.errors.rms(), t.final.errors.rms()
-        if first is not None and last is not None and last > first + TOLD_M:
+        if first is not None and last is not None and last > first + WORSE_M:
             yield (
                 f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal "
                 f"one ({1e3 * first:.1f} mm): the trials disagree{cure}"
@@ -30,24 +51,24 @@ def disagreements(results: Sequence[TrialResult], mode: str) -> Iterator[str]:
 def large_residuals(results: Sequence[TrialResult], parameters: Parameters) -> Iterator[str]:
     """Trials whose pelvis residual, RMS of its magnitude over valid frames, is above the limits that people use."""
     for t in results:
-        if t.loads is None or not (found := stages(t.loads)):
+        if t.loads is None or not t.loads.residuals:
             continue
-        valid, last = t.loads.reactions.valid, found[-1]
-        limits = residual_limits(parameters, t, t.loads)
+        valid, last = t.loads.reactions.valid, t.loads.residuals[-1]
+        limits = residual_limits(parameters, t.body.q, t.loads.reactions, t.recording.plates)
         force, moment = (float(np.sqrt(np.mean(values[valid] ** 2))) for values in (last.force, last.moment))
-        told = []
+        exceeded = []
         if force > limits.force:
-            told.append(
+            exceeded.append(
                 f"force {force:.0f} N RMS, limit {limits.force:.0f} N ({100 * FORCE_SHARE:g} % of the peak ground "
                 f"reaction of {limits.peak_force:.0f} N)"
             )
         if moment > limits.moment:
-            told.append(
+            exceeded.append(
                 f"moment {moment:.1f} N·m RMS, limit {limits.moment:.1f} N·m ({100 * MOMENT_SHARE:g} % of that force "
                 f"times the {limits.centre_height:.2f} m of the mass centre)"
             )
-        if told:
+        if exceeded:
             yield (
-                f"{t.name}: motion, masses and ground reactions disagree at the pelvis: {'; '.join(told)}; look at "
+                f"{t.name}: motion, masses and ground reactions disagree at the pelvis: {'; '.join(exceeded)}; look at "
                 "plate positions, force sign and clock, mass_kg, and whether each foot was wholly on a plate"
             )

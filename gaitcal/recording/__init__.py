@@ -8,7 +8,8 @@ from gaitcal.recording.c3d.writer import write_c3d
 from gaitcal.recording.convert import convert
 from gaitcal.recording.csv import write_forces_csv, write_markers_csv
 from gaitcal.recording.filters import filter_plate, low_pass, resample_wrench
-from gaitcal.recording.mot import Forces, Table, read_table, write_forces_mot
+from gaitcal.recording.force_tables import Forces
+from gaitcal.recording.mot import StorageTable, read_table, write_forces_mot
 from gaitcal.recording.read import read_forces, read_recording
 from gaitcal.recording.recording import ForcePlate, MarkerGaps, Recording, marker_gaps, seen_mask
 from gaitcal.recording.still import StillWindow, still_window
@@ -20,7 +21,7 @@ __all__ = [
     "Forces",
     "read_recording",
     "read_forces",
-    "Table",
+    "StorageTable",
     "read_table",
     "turn_to_progression",
     "net_progression",

@@ -27,7 +27,7 @@ from gaitcal.recording.csv import (
 from gaitcal.recording.mot import write_forces_mot
 from gaitcal.recording.read import read_forces, read_recording
 from gaitcal.recording.recording import ForcePlate, Recording
-from gaitcal.recording.text_file import require_file
+from gaitcal.recording.text_file import readable_size
 from gaitcal.recording.trc import write_trc
 
 MARKER_TARGETS = (".csv", ".trc", ".c3d")
@@ -37,7 +37,7 @@ FORCE_TARGETS = (".csv", ".mot", ".sto")
 def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[Path, ...]:
     """Write `source` anew as `target`; the endings say how. Returns the files written, the target first."""
     old, new = Path(source), Path(target)
-    require_file(old)
+    readable_size(old)
     if new.is_dir():
         raise InputError("found a folder; a file name is needed", source=new)
     if new.exists() and new.samefile(old):

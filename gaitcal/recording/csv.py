@@ -1,14 +1,12 @@
-"""Our own wide CSV tables: y up, metres, seconds, N, N·m, by definition. Nothing is converted on reading.
+"""Our own CSV tables: y up, metres, seconds, N, N·m, by definition. Nothing is converted on reading.
 
-Markers: `time,RASI_x,RASI_y,RASI_z,...`; an empty cell is a gap.
-Forces: `time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...`: force, point, moment about the point; the plates'
-corners lie beside it in NAME_plates.csv (`plates_csv`).
-Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin with
-`#` are comments.
+    NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
+    NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
+    NAME_plates.csv  corners   plate,corner,x,y,z
 
-Corners of force plates in a table of their own beside the table of forces: `plate,corner,x,y,z`, in metres, y up.
-
-The wide table of forces has no place for them, and without them nobody can tell whether a foot was wholly on its plate.
+The corners have no place in the table of forces, and without them nobody can tell whether a foot was wholly on its
+plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
+with `#` are comments.
 """
 
 from __future__ import annotations
@@ -23,15 +21,16 @@ import numpy as np
 
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.recording.force_columns import PlateColumns, build_plate
+from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time
 from gaitcal.recording.labels import clean, unique
-from gaitcal.recording.mot import Forces, on_one_time
 from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing
+from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing, to_cells
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
 QUANTITIES = {"f": "force", "p": "point", "t": "moment"}
+CORNER_HEADER = ["plate", "corner", "x", "y", "z"]
+CORNERS = 4
 
 
 def read_markers_csv(path: Path) -> Recording:
@@ -44,46 +43,45 @@ def read_markers_csv(path: Path) -> Recording:
         match = MARKER_COLUMN.fullmatch(name)
         if match is None:
             raise InputError(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed", source=path)
-        repeat = 0
-        while "xyz".index(match["axis"]) in places.setdefault((match["name"], repeat), {}):
+        axis, repeat = "xyz".index(match["axis"]), 0
+        while axis in places.setdefault((match["name"], repeat), {}):
             repeat += 1
-        places[match["name"], repeat]["xyz".index(match["axis"])] = column
+        places[match["name"], repeat][axis] = column
     for (name, _), columns in places.items():
         if len(columns) < 3:
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
             raise InputError(f"found only {axes}; x, y and z are needed", source=path, field=f"marker {name[:40]}")
     if not places:
         raise InputError("found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path)
-    labels, renamed = unique(clean(name) or "?" for name, _ in places)
-    notes = (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",) if renamed else ()
+    labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
     order = [columns[axis] for columns in places.values() for axis in range(3)]
-    markers, told = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
-    return Recording(str(path), _time(path, table), labels, markers, (), notes + told)
+    markers, gap_notes = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
+    return Recording(str(path), _time(path, table), labels, markers, (), repetition_notes + gap_notes)
 
 
 def read_forces_csv(path: Path) -> Forces:
     """Plates of a wide table, exactly as written."""
     names, table = _table(path)
-    found: dict[str, PlateColumns] = {}
+    columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
         if match is None:
             raise InputError(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed", source=path)
-        plate = found.setdefault(clean(match["name"]), PlateColumns())
-        axes = plate.columns[QUANTITIES[match["quantity"]]]
-        if "xyz".index(match["axis"]) in axes:
+        columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
+        axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
+        if axis in axes:
             raise InputError(f"found the column '{name[:40]}' twice", source=path)
-        axes["xyz".index(match["axis"])] = column
-        plate.names.append(name)
-    if not found:
+        axes[axis] = column
+        columns.names.append(name)
+    if not columns_of:
         raise InputError("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path)
     time = _time(path, table)
-    plates = []
+    plates: list[ForcePlate] = []
     notes: tuple[str, ...] = ()
-    for name, columns in found.items():
-        plate_, told = build_plate(name, time, table.values[:, 1:], columns, path)
-        plates.append(plate_)
-        notes += told
+    for name, columns in columns_of.items():
+        plate, plate_notes = build_plate(name, time, table.values[:, 1:], columns, path)
+        plates.append(plate)
+        notes += plate_notes
     return Forces(str(path), tuple(plates), notes)
 
 
@@ -105,7 +103,7 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
 
 
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """Plates with one common time as a wide table that reads back bit for bit (corners: `plates_csv`)."""
+    """Plates with one common time as a wide table that reads back bit for bit."""
     time, values = on_one_time(plates, path)
     names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
     _write(path, names, time, values)
@@ -114,9 +112,8 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
 def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
-        for moment, row in zip(time.tolist(), values, strict=True):
-            cells = ["" if value != value else repr(value) for value in row.tolist()]
-            file.write(",".join([repr(moment), *cells]) + "\n")
+        for row in np.column_stack([time, values]).tolist():
+            file.write(",".join(to_cells(row)) + "\n")
 
 
 def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
@@ -150,10 +147,6 @@ def _time(path: Path, table: NumberTable) -> Array:
     return time
 
 
-HEADER = ["plate", "corner", "x", "y", "z"]
-CORNERS = 4
-
-
 def plates_file(forces: Path) -> Path:
     """NAME_plates.csv beside NAME_forces.csv (or beside NAME.csv)."""
     return forces.with_name(f"{forces.stem.removesuffix('_forces')}_plates.csv")
@@ -163,7 +156,7 @@ def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """The corners of all plates that have some; reads back bit for bit."""
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(HEADER)
+        rows.writerow(CORNER_HEADER)
         for plate in plates:
             for k, corner in enumerate([] if plate.corners is None else plate.corners.tolist()):
                 rows.writerow([plate.name, k + 1, *map(repr, corner)])
@@ -177,21 +170,22 @@ def with_corners(plates: tuple[ForcePlate, ...], forces: Path) -> tuple[tuple[Fo
     path = plates_file(forces)
     if not path.is_file():
         return plates, ()
-    corners = _read(path)
+    corners = _read_corners(path)
     names = [plate.name for plate in plates]
     for name in corners:
         if name not in names:
             allowed = ", ".join(names)
             raise InputError(f"found the plate '{name[:20]}'; {forces.name} has {allowed}", source=path)
-    found = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in plates)
-    return found, (f"Corners of plates {', '.join(corners)} from {path.name}.",)
+    placed = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in plates)
+    return placed, (f"Corners of plates {', '.join(corners)} from {path.name}.",)
 
 
-def _read(path: Path) -> dict[str, Array]:
+def _read_corners(path: Path) -> dict[str, Array]:
+    """Plate -> corners (4, 3) m, from a table of corners in any order."""
     rows = list(csv.reader(line for line in read_lines(path) if line.strip() and not line.startswith("#")))
-    if not rows or [cell.strip().lower() for cell in rows[0]] != HEADER:
-        raise InputError(f"a header '{','.join(HEADER)}' is needed", source=path)
-    found: dict[str, Array] = {}
+    if not rows or [cell.strip().lower() for cell in rows[0]] != CORNER_HEADER:
+        raise InputError(f"a header '{','.join(CORNER_HEADER)}' is needed", source=path)
+    corners: dict[str, Array] = {}
     for number, row in enumerate(rows[1:], start=1):
         field = f"row {number}"
         try:
@@ -205,12 +199,12 @@ def _read(path: Path) -> dict[str, Array]:
                 source=path,
                 field=field,
             )
-        own = found.setdefault(name, np.full((CORNERS, 3), np.nan))
-        if not np.isnan(own[corner - 1, 0]):
+        of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
+        if not np.isnan(of_plate[corner - 1, 0]):
             raise InputError(f"found corner {corner} of plate '{name[:20]}' twice", source=path, field=field)
-        own[corner - 1] = values
-    for name, own in found.items():
-        if np.isnan(own).any():
-            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(own[:, 0])))
+        of_plate[corner - 1] = values
+    for name, of_plate in corners.items():
+        if np.isnan(of_plate).any():
+            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
             raise InputError(f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path)
-    return found
+    return corners

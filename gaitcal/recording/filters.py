@@ -18,11 +18,9 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from gaitcal.errors import InputError
-from gaitcal.recording.force_plate import LOADED_N, plate_from_moment
+from gaitcal.recording.force_plate import LOADED_N, UP, plate_from_moment
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import Array, ForcePlate
-
-UP = np.array([0.0, 1.0, 0.0])
 
 
 def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:

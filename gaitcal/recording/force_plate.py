@@ -1,5 +1,9 @@
 """From the channels of a force plate to the wrench on the body, and from there to the centre of pressure.
 
+A wrench (F, M) about the laboratory origin is a force at a point p with the moment T = M - p x F about it; p is the
+centre of pressure in the plane y = h where T has no part along x and z. Plates tell their wrench in a frame of their
+own.
+
 Plate frame (C3D user guide, FORCE_PLATFORM): origin in the middle of the top surface; corners 1 to 4 lie in the
 quadrants (+x,+y), (-x,+y), (-x,-y), (+x,-y); z points **down**. Channels give the reaction, so Fz < 0 under load.
 With the force F, the moment M_o about the sensor origin, and the vector r = ORIGIN from there to the middle of the
@@ -24,8 +28,10 @@ from numpy.typing import NDArray
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import Array, ForcePlate
 
+UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0
-"""Vertical force above which a centre of pressure is given: below it, 1 N·m of noise moves the centre by over 5 cm."""
+"""Vertical force above which a plate or a foot counts as loaded and a centre of pressure is given: below it, 1 N·m of
+noise moves the centre by over 5 cm."""
 BODY_N = 50.0
 """Vertical force that only a body on the plate makes; unloaded plates read up to about 30 N."""
 UNLOADED_N = 60.0
@@ -140,8 +146,34 @@ def offset(force: Array, moment: Array, rate: float) -> tuple[Array, bool]:
 
 
 def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
-    """(ns, 3) m from the point about which `moment` is given, in the plane through it across `normal`."""
-    return np.cross(normal, moment) / (force @ normal)[:, None]
+    """(..., 3) m from the point about which `moment` is given, in the plane through it across `normal`."""
+    return np.cross(normal, moment) / (force @ normal)[..., None]
+
+
+def centre_on_ground(wrench: Array, height: float = 0.0) -> Array:
+    """(..., 3) m, centre of pressure in the plane y = `height` (m) of loaded wrenches (..., 6) about the origin."""
+    origin = np.array([0.0, height, 0.0])
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    return origin + centre_of_pressure(force, moment - np.cross(origin, force), UP)
+
+
+def point_and_torque(wrench: Array) -> tuple[Array, Array]:
+    """Point of application (nf, 3), m, and moment about it (nf, 3), N·m, of wrenches (nf, 6) about the origin.
+
+    Where the foot is loaded the point is the centre of pressure in the plane y = 0, and only the free moment about the
+    vertical remains. Where it is not, the point stays where it was in the nearest loaded frame and the moment takes
+    what is left, so that the wrench is the same in every frame and no point jumps.
+    """
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    loaded = np.flatnonzero(np.abs(force[:, 1]) >= LOADED_N)
+    point = np.zeros_like(force)
+    if len(loaded):
+        frames = np.arange(len(force))
+        after = np.clip(np.searchsorted(loaded, frames), 0, len(loaded) - 1)
+        before = np.maximum(after - 1, 0)
+        nearer_before = np.abs(loaded[before] - frames) < np.abs(loaded[after] - frames)
+        point = centre_on_ground(wrench[loaded])[np.where(nearer_before, before, after)]
+    return point, moment - np.cross(point, force)
 
 
 def outside_share(force: Array, moment: Array, frame: PlateFrame) -> float:

@@ -30,15 +30,16 @@ def clean(label: str) -> str:
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") else c for c in text)
 
 
-def common_prefix(labels: Sequence[str]) -> str:
-    """`Subj:` where every label begins so, else the empty string."""
+def common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    """`Subj:` where every label begins so, else the empty string; and a note that it is taken off, if any."""
     heads = {label.partition(":")[0] if ":" in label else "" for label in labels}
     head = heads.pop() if len(heads) == 1 else ""
-    return head + ":" if head and all(len(label) > len(head) + 1 for label in labels) else ""
+    prefix = head + ":" if head and all(len(label) > len(head) + 1 for label in labels) else ""
+    return prefix, (f"Prefix '{prefix}' taken off the marker names.",) if prefix else ()
 
 
 def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Labels with every repetition numbered, `X`, `X#2`, `X#3`, and the list of new names."""
+    """Labels with every repetition numbered, `X`, `X#2`, `X#3`, and a note that tells the new names, if any."""
     given = list(labels)
     spellings = set(given)
     names: list[str] = []
@@ -53,7 +54,8 @@ def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append(name)
         if name != label:
             renamed.append(name)
-    return tuple(names), tuple(renamed)
+    notes = (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",) if renamed else ()
+    return tuple(names), notes
 
 
 def is_unlabelled(label: str) -> bool:

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_file
-from gaitcal.recording.force_columns import build_plate, find_plates
+from gaitcal.files.atomic import atomic_text
+from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time
 from gaitcal.recording.recording import Array, ForcePlate
 from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
@@ -23,8 +23,8 @@ LONGEST_HEADER = 500
 
 
 @dataclass(frozen=True)
-class Table:
-    """A MOT or STO file."""
+class StorageTable:
+    """What stands in a MOT or STO file."""
 
     time: Array
     """(rows,) s, as written."""
@@ -39,17 +39,23 @@ class Table:
         """(rows,) of one column."""
         return np.asarray(self.values[:, self.names.index(name)])
 
+    def text(self, title: str, comments: tuple[str, ...] = ()) -> str:
+        """The table as a file holds it: every number in the shortest form that reads back to the same bits."""
+        header = [
+            title,
+            "version=1",
+            f"nRows={len(self.time)}",
+            f"nColumns={len(self.names) + 1}",
+            f"inDegrees={'yes' if self.in_degrees else 'no'}",
+            *comments,
+            "endheader",
+            "\t".join(("time", *self.names)),
+        ]
+        rows = ["\t".join(map(repr, row)) for row in np.column_stack([self.time, self.values]).tolist()]
+        return "\n".join([*header, *rows]) + "\n"
 
-@dataclass(frozen=True)
-class Forces:
-    """Ground reactions of one trial from a file of their own."""
 
-    source: str
-    plates: tuple[ForcePlate, ...]
-    notes: tuple[str, ...] = ()
-
-
-def read_table(path: str | PathLike[str]) -> Table:
+def read_table(path: str | PathLike[str]) -> StorageTable:
     """Any MOT or STO table.
 
     Raises
@@ -76,7 +82,7 @@ def read_table(path: str | PathLike[str]) -> Table:
     rows = parse_rows(lines, names_line + 1, len(names), source=path, separator=separator)
     time = rows.values[:, 0]
     require_increasing(time, path, rows.lines)
-    return Table(time, tuple(names[1:]), rows.values[:, 1:], _in_degrees(lines[:end]))
+    return StorageTable(time, tuple(names[1:]), rows.values[:, 1:], _in_degrees(lines[:end]))
 
 
 def read_mot_forces(path: Path) -> Forces:
@@ -91,44 +97,18 @@ def read_mot_forces(path: Path) -> Forces:
     time, notes = undo_rounding(table.time)
     plates = []
     for index, columns in enumerate(found):
-        plate, told = build_plate(str(index + 1), time, table.values, columns, path)
+        plate, plate_notes = build_plate(str(index + 1), time, table.values, columns, path)
         plates.append(plate)
-        notes += (*told, f"Plate {index + 1} holds the columns {columns.names[0]} and following.")
+        notes += (*plate_notes, f"Plate {index + 1} holds the columns {columns.names[0]} and following.")
     return Forces(str(path), tuple(plates), notes)
 
 
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px, ground_moment_1_mx, and so on."""
     time, values = on_one_time(plates, path)
-    names = ["time"]
-    for number in range(1, len(plates) + 1):
-        names += [f"ground_force_{number}_v{axis}" for axis in "xyz"]
-        names += [f"ground_force_{number}_p{axis}" for axis in "xyz"]
-        names += [f"ground_moment_{number}_m{axis}" for axis in "xyz"]
-    values = np.column_stack([time, values])
-    header = [path.name, "version=1", f"nRows={len(values)}", f"nColumns={values.shape[1]}", "inDegrees=yes"]
-    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
-        file.write("\n".join([*header, "endheader", "\t".join(names)]) + "\n")
-        for row in values.tolist():
-            file.write("\t".join(["nan" if value != value else repr(value) for value in row]) + "\n")
-
-
-def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Array]:
-    """Times (ns,) of a table of all plates, and its values (ns, 9 * plates): force, point, moment of each.
-
-    A plate that begins later or ends sooner than another has NaN there. InputError where plates are sampled at
-    different times, as one table has one time column.
-    """
-    if not plates:
-        raise InputError("there are no force plates to write", source=target)
-    time = np.unique(np.concatenate([plate.time for plate in plates]))
-    values = np.full((len(time), 9 * len(plates)), np.nan)
-    for number, plate in enumerate(plates):
-        rows = np.searchsorted(time, plate.time)
-        if rows[-1] - rows[0] + 1 != len(rows):
-            raise InputError("the plates are sampled at different times; a table needs the same for all", source=target)
-        values[rows, 9 * number : 9 * number + 9] = np.hstack([plate.force, plate.point, plate.moment])
-    return time, values
+    kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
+    names = [f"{kind.format(k + 1)}{axis}" for k in range(len(plates)) for kind in kinds for axis in "xyz"]
+    atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
 
 
 def _in_degrees(header: list[str]) -> bool | None:

@@ -11,9 +11,10 @@ import numpy as np
 from gaitcal.errors import InputError, nearest
 from gaitcal.recording.c3d.reader import read_c3d
 from gaitcal.recording.csv import read_forces_csv, read_markers_csv, with_corners
-from gaitcal.recording.mot import Forces, read_mot_forces
+from gaitcal.recording.force_tables import Forces
+from gaitcal.recording.mot import read_mot_forces
 from gaitcal.recording.recording import Recording
-from gaitcal.recording.text_file import require_file
+from gaitcal.recording.text_file import readable_size
 from gaitcal.recording.trc import read_trc
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
@@ -58,11 +59,11 @@ def read_forces(path: str | PathLike[str]) -> Forces:
         raise _unknown_ending(file, tuple(FORCE_READERS))
     with np.errstate(all="ignore"):
         forces = reader(file)
-    plates, told = with_corners(forces.plates, file)
-    return replace(forces, plates=plates, notes=forces.notes + told)
+    plates, corner_notes = with_corners(forces.plates, file)
+    return replace(forces, plates=plates, notes=forces.notes + corner_notes)
 
 
 def _unknown_ending(file: Path, allowed: tuple[str, ...]) -> InputError:
-    require_file(file)  # a missing file or a folder is the plainer fault
+    readable_size(file)  # a missing file or a folder is the plainer fault
     found = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
     return InputError(f"{found}; allowed are {', '.join(allowed)}{nearest(file.suffix, allowed)}", source=file)

@@ -1,9 +1,8 @@
-"""What one trial holds after reading, whatever file it came from.
+"""What one trial holds after reading, whatever file it came from: markers with their gaps, and force plates.
 
 Frames and units are settled once, on reading: metres, seconds, newtons, newton metres; y up, right-handed.
 The turn about the vertical that brings x along the progression is a step of its own (`recording/axes.py`).
-
-How completely each marker was seen. Gaps are told, weighed with zero later, and never filled.
+Gaps stay gaps: they are told, weighed with zero later, and never filled.
 """
 
 from __future__ import annotations
@@ -19,11 +18,6 @@ from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
 
 Array = NDArray[np.float64]
-
-
-def seen_mask(markers: Array) -> NDArray[np.bool_]:
-    """(nf, nm) bool: which of markers (nf, nm, 3) were seen; a marker is seen whole or not at all."""
-    return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -79,6 +73,11 @@ class Recording:
         return replace(self, notes=self.notes + notes)
 
 
+def seen_mask(markers: Array) -> NDArray[np.bool_]:
+    """(nf, nm) bool: which of markers (nf, nm, 3) were seen; a marker is seen whole or not at all."""
+    return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
+
+
 def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
     """Markers (nf, nm, 3) with the literal 0 0 0 that some programs write for a gap made NaN, and a note if any was.
 
@@ -115,7 +114,7 @@ def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
     """One entry for each marker, in the order of the labels."""
     seen = seen_mask(recording.markers)
     time = recording.time
-    found = []
+    gaps = []
     for index, label in enumerate(recording.labels):
         frames = np.flatnonzero(seen[:, index])
         if len(frames) == 0:
@@ -124,5 +123,5 @@ def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
             between = [float(time[b] - time[a]) for a, b in pairwise(frames) if b - a > 1]
             ends = [float(time[frames[0]] - time[0]), float(time[-1] - time[frames[-1]])]
             longest = max(between + ends)
-        found.append(MarkerGaps(label, float(len(frames) / len(time)), longest))
-    return tuple(found)
+        gaps.append(MarkerGaps(label, float(len(frames) / len(time)), longest))
+    return tuple(gaps)

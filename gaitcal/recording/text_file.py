@@ -1,12 +1,10 @@
-"""Opening what the user names: every way in which a file cannot be read ends in one clear InputError.
+"""What all tables of numbers in text files share: lines, rows of numbers, a column of times, cells to write.
 
-Rows of numbers in a text file, as one array; faults are named by line and column.
+Every way in which a file cannot be read ends in one InputError that names line and column.
 
-Sample times: strictly increasing, and freed of the rounding that text files suffer.
-
-A file that prints 60 Hz times to the millisecond says 0.017, 0.033, 0.050: up to 0.5 ms off, which at 5 m/s is 2.5 mm.
-Where all times lie within their own rounding of a uniform grid of a whole number of hertz, that grid is what was
-meant, and is put back. Anything else is left as the file says.
+Times increase strictly, and are freed of the rounding that text suffers: a file that prints 60 Hz to the millisecond
+says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all times lie within their own rounding of
+a uniform grid of a whole number of hertz, that grid is what was meant, and is put back. Else they stay as they are.
 """
 
 from __future__ import annotations
@@ -21,8 +19,19 @@ import numpy as np
 from gaitcal.errors import InputError
 from gaitcal.recording.recording import Array
 
+MISSING = frozenset(
+    ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]
+)
+"""What writers put where there is no number."""
+MOST_DECIMALS = 6
+"""Times given more finely than this are as good as exact."""
+EXACT_S = 1e-9
+"""A grid closer than this to the times given changes nothing."""
+UNEVEN = 0.2
+"""Relative departure of a time step from the median above which the user is told."""
 
-def require_file(path: Path) -> int:
+
+def readable_size(path: Path) -> int:
     """Size in bytes of a readable, non-empty file; InputError for anything else."""
     try:
         if path.is_dir():
@@ -42,7 +51,7 @@ def read_lines(path: Path) -> list[str]:
 
     Only CR and LF end a line: `str.splitlines` would also break at separators that may stand inside a marker name.
     """
-    require_file(path)
+    readable_size(path)
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -59,12 +68,6 @@ def read_lines(path: Path) -> list[str]:
     if not lines:
         raise InputError("the file holds only blank lines", source=path)
     return lines
-
-
-MISSING = frozenset(
-    ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]
-)
-"""What writers put where there is no number."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def parse_rows(
     cells if their count is a multiple of `short_step` (0: never): some writers drop trailing empty cells.
     """
     values = array("d")
-    where: list[int] = []
+    line_numbers: list[int] = []
     filled = 0
     last = len(lines) - 1
     for index in range(start, len(lines)):
@@ -129,16 +132,19 @@ def parse_rows(
                 filled += 1
             cells = cells[:width]
         values.extend(_numbers(cells, line, source, index))
-        where.append(index + 1)
+        line_numbers.append(index + 1)
     table = np.array(values, dtype=np.float64).reshape(-1, width)
     infinite = np.argwhere(np.isinf(table))
     if len(infinite):
         row, column = (int(i) for i in infinite[0])
-        raise InputError("found an infinite number", source=source, field=f"line {where[row]}, column {column + 1}")
-    return NumberTable(table, tuple(where), filled)
+        raise InputError(
+            "found an infinite number", source=source, field=f"line {line_numbers[row]}, column {column + 1}"
+        )
+    return NumberTable(table, tuple(line_numbers), filled)
 
 
 def _numbers(cells: list[str], line: str, source: Path, index: int) -> list[float]:
+    """The cells of one line as numbers: all at once, or one by one where that fails."""
     if "_" not in line:
         try:
             return list(map(float, cells))
@@ -157,12 +163,9 @@ def _numbers(cells: list[str], line: str, source: Path, index: int) -> list[floa
     return numbers
 
 
-MOST_DECIMALS = 6
-"""Times given more finely than this are as good as exact."""
-EXACT_S = 1e-9
-"""A grid closer than this to the times given changes nothing."""
-UNEVEN = 0.2
-"""Relative departure of a time step from the median above which the user is told."""
+def to_cells(values: Sequence[float]) -> list[str]:
+    """Numbers as text in the shortest form that reads back to the same bits; empty for NaN."""
+    return ["" if value != value else repr(value) for value in values]
 
 
 def require_increasing(time: Array, source: Path | str, lines: tuple[int, ...] | None = None) -> None:

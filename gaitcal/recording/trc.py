@@ -16,7 +16,7 @@ from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import Vertical, make_y_up
 from gaitcal.recording.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.recording.recording import Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
+from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, to_cells, undo_rounding
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
@@ -37,14 +37,12 @@ def parse_trc(path: Path) -> Recording:
     separator = "\t" if "\t" in lines[label_line] else None
     facts = _facts(lines[:label_line])
     names = _names(path, lines[label_line], separator)
-    notes: tuple[str, ...] = ()
     start = label_line + 1
     while start < len(lines) and AXIS_LINE.fullmatch(lines[start]):
         start += 1
     table = parse_rows(lines, start, 2 + 3 * len(names), source=path, separator=separator, short_step=3)
     require_increasing(table.values[:, 1], path, table.lines)
-    time, told = undo_rounding(table.values[:, 1])
-    notes += told
+    time, notes = undo_rounding(table.values[:, 1])
     frames = len(time)
     if table.filled_rows:
         notes += (f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",)
@@ -55,17 +53,12 @@ def parse_trc(path: Path) -> Recording:
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
     if not keep:
         raise InputError("found no marker with a name", source=path, field=f"line {label_line + 1}")
-    unit, told = _unit(path, facts)
-    notes += told
+    unit, unit_notes = _unit(path, facts)
     markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
-    markers, told = zeros_to_missing(markers)
-    notes += told
-    prefix = common_prefix([names[i] for i in keep])
-    if prefix:
-        notes += (f"Prefix '{prefix}' taken off the marker names.",)
-    labels, renamed = unique(names[i].removeprefix(prefix) for i in keep)
-    if renamed:
-        notes += (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",)
+    markers, gap_notes = zeros_to_missing(markers)
+    prefix, prefix_notes = common_prefix([names[i] for i in keep])
+    labels, repetition_notes = unique(names[i].removeprefix(prefix) for i in keep)
+    notes += unit_notes + gap_notes + prefix_notes + repetition_notes
     return Recording(str(path), time, labels, markers, (), notes)
 
 
@@ -85,8 +78,7 @@ def write_trc(path: Path, recording: Recording) -> None:
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
         for index, frame in enumerate(recording.markers.reshape(frames, -1).tolist()):
-            cells = ["" if value != value else repr(value) for value in frame]
-            file.write("\t".join([str(index + 1), repr(float(recording.time[index])), *cells]) + "\n")
+            file.write("\t".join([str(index + 1), *to_cells([float(recording.time[index]), *frame])]) + "\n")
 
 
 def _label_line(path: Path, lines: Sequence[str]) -> int:

@@ -13,21 +13,27 @@ import numpy as np
 
 from gaitcal.calibration.inertial_calibration import fit_published
 from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, residual_rms
 from gaitcal.model.inertial_parameters import is_physical, symmetric_set
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.person.calibrate import calibrate
-from gaitcal.person.result import Calibration, LoadedTrial
+from gaitcal.person.result import Calibration, Stage
 from gaitcal.recording import read_recording
 from gaitcal.reproduction.inertial_tables import COLUMNS, SCALES
 from gaitcal.reproduction.published import PROBLEMS, SIDE
 from gaitcal.reproduction.rows import TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, StudyTrial
+from gaitcal.study.study import Role, Study, StudyTrial
 
+STAGES = {
+    Stage.NOMINAL: "anatomical",
+    Stage.JP: "phase 1",
+    Stage.JP_IP: "phase 2",
+    Stage.COMBINED: "third step",
+}
+"""In the words of the paper."""
 NOTE = "another person than the published one, with this project's default settings"
 
 
@@ -35,7 +41,7 @@ NOTE = "another person than the published one, with this project's default setti
 class _Person:
     subject: Subject
     marker_set: str
-    trials: tuple[tuple[str, str, str | None, str, str | None], ...]
+    trials: tuple[tuple[str, Role, str | None, str, str | None], ...]
     """Name, role, joint, file, file of ground reactions."""
 
 
@@ -45,17 +51,17 @@ _PEOPLE = {
         Subject("subject01", 72.6, 1.803, "male"),
         "gait2354",
         (
-            ("static", "static", None, "subject01_static.trc", None),
-            ("walk", "gait", None, "subject01_walk1.trc", "subject01_walk1_grf.mot"),
+            ("static", Role.STATIC, None, "subject01_static.trc", None),
+            ("walk", Role.GAIT, None, "subject01_walk1.trc", "subject01_walk1_grf.mot"),
         ),
     ),
     "uf3": _Person(
         Subject("uf3", 68.17, 1.70, "male"),
         "rcnl",
         (
-            ("static", "static", None, "static.trc", None),
-            *((joint, "joint", joint, f"{joint}.trc", None) for joint in _JOINTS),
-            ("gait", "gait", None, "gait.trc", None),
+            ("static", Role.STATIC, None, "static.trc", None),
+            *((joint, Role.JOINT, joint, f"{joint}.trc", None) for joint in _JOINTS),
+            ("gait", Role.GAIT, None, "gait.trc", None),
         ),
     ),
 }
@@ -82,9 +88,16 @@ def _study(folder: Path, person: _Person, **settings: object) -> Study:
     trials = []
     for name, role, joint, file, forces in person.trials:
         recording = read_recording(folder / file, forces=folder / forces if forces else None)
-        trials.append(StudyTrial(name, role, joint, marker_set.renamed(recording), {}))
-    chosen = CalibrationSettings.model_validate(settings)
-    return Study(person.subject, marker_set, tuple(trials), chosen, {}, {}, str(folder))
+        trials.append(StudyTrial(name=name, role=role, joint=joint, recording=marker_set.renamed(recording)))
+    return Study(
+        subject=person.subject,
+        marker_set=marker_set,
+        trials=tuple(trials),
+        settings=CalibrationSettings.model_validate(settings),
+        weights={},
+        inputs={},
+        source=str(folder),
+    )
 
 
 def _marker_rows(name: str, calibration: Calibration) -> list[TableRow]:
@@ -113,20 +126,11 @@ def _residual_rows(name: str, calibration: Calibration) -> list[TableRow]:
             continue
         valid = loads.reactions.valid
         note = f"{NOTE}; {int(np.sum(valid))} of {len(valid)} frames"
-        for row, forces in _stages(loads):
-            for (column, unit, _), value in zip(COLUMNS[:2], residual_rms(forces, valid), strict=True):
-                rows.append(TableRow("III", f"{name}, {row}", column, None, value, unit, note))
+        for stage, moments in loads.moments.items():
+            row = f"{name}, {STAGES[stage]}"
+            for (column, unit, _), value in zip(COLUMNS[:2], moments.residual_rms(valid), strict=True):
+                rows.append(TableRow("III", row, column, None, value, unit, note))
     return rows
-
-
-def _stages(loads: LoadedTrial) -> list[tuple[str, GeneralisedForces]]:
-    stages = (
-        ("anatomical", loads.nominal),
-        ("phase 1", loads.jp),
-        ("phase 2", loads.jp_ip),
-        ("third step", loads.joint_step),
-    )
-    return [(row, forces) for row, forces in stages if forces is not None]
 
 
 def _scale_rows(name: str, calibration: Calibration) -> list[TableRow]:

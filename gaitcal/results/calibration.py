@@ -1,46 +1,38 @@
-"""The result folder of a calibration, written whole or not at all.
-
-What a result folder of `gaitcal calibrate` keeps for further trials: model, marker set, labels, settings, spread.
-"""
+"""The result folder of a calibration, written whole or not at all; `saved.py` reads back what further trials need."""
 
 from __future__ import annotations
 
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
 
-from gaitcal.calibration.influence import Influence
-from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
-from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.model.inertial_parameters import impossible_bodies
-from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set, marker_set_text
-from gaitcal.model.model_file import load_model, save_model
+from gaitcal.model.marker_set import marker_set_text
+from gaitcal.model.model_file import save_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page import save_scene, scene_of, write_report, write_view
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import (
+    COORDINATE_HEADER,
     MOMENT_HEADER,
     coordinate_table,
     marker_error_table,
     moment_table,
     parameter_table,
 )
-from gaitcal.person.uncertainty import Uncertainty
 from gaitcal.recording import write_trc
+from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.summary import Json, summary
-from gaitcal.study.settings import CalibrationSettings
 
-MARKER_SET = "marker_set.toml"
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
@@ -61,22 +53,22 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
         ours.
     """
     folder = Path(folder)
-    made = manifest(calibration, settings)
+    content = manifest(calibration, settings)
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
-        (out / MANIFEST).write_text(json_text(made), encoding="utf-8")
+        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
         (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
         _csv(parameter_table(calibration), out / "parameters.csv")
-        own = calibration.study.marker_set.with_weights(calibration.study.weights)
-        (out / MARKER_SET).write_text(marker_set_text(own), encoding="utf-8")
+        marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
+        (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out)
-        save_uncertainty(calibration.uncertainty, out / "uncertainty.npz")
-        save_splines(calibration.trials, out / "splines.npz")
+        save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
+        _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)
         save_scene(scene, out / "scene.npz")
         write_view(scene, out / "view.html")
-        write_report(calibration, out / "report.html", manifest=made)
+        write_report(calibration, out / "report.html", manifest=content)
         write_figures(calibration, out / "figures")
     return folder
 
@@ -120,7 +112,7 @@ def _csv(table: pd.DataFrame, path: Path, comments: tuple[str, ...] = ()) -> Non
 
 
 def _models(model: SubjectModel, out: Path) -> None:
-    save_model(model, out / "model.toml")
+    save_model(model, out / MODEL)
     write_osim(model, out / "model.osim")
     write_urdf(model, out / "model.urdf")
     if not impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
@@ -133,14 +125,7 @@ def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
         (out / name).mkdir(exist_ok=True)
     body = trial.body
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
-    _csv(
-        coordinate_table(body, trial.coordinate_errors),
-        out / "motion" / f"{trial.name}.csv",
-        (
-            "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
-            "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
-        ),
-    )
+    _csv(coordinate_table(body, trial.coordinate_errors), out / "motion" / f"{trial.name}.csv", COORDINATE_HEADER)
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     _csv(
         marker_error_table(trial),
@@ -156,7 +141,7 @@ def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, ou
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
     body = trial.body
-    _csv(moment_table(loads, body, model.subject.bwh), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
+    _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,
@@ -167,7 +152,7 @@ def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, ou
     write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
 
 
-def save_splines(trials: Sequence[TrialResult], path: Path) -> None:
+def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
     """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts from."""
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
@@ -175,82 +160,3 @@ def save_splines(trials: Sequence[TrialResult], path: Path) -> None:
         if t.loads is not None:
             arrays |= {f"wrench_{k}": t.loads.reactions.wrench, f"valid_{k}": t.loads.reactions.valid}
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
-
-
-def save_uncertainty(spread: Uncertainty, path: Path) -> None:
-    """What further trials need for standard errors: influences on the joint parameters, spread of the inertial."""
-    arrays: dict[str, np.ndarray] = {}
-    if spread.joint is not None:
-        arrays["joint_free"] = np.array(spread.joint.free, dtype=str)
-        arrays["joint_clusters"] = np.array(spread.joint.clusters, dtype=str)
-        arrays["joint"] = spread.joint.parameters
-    if spread.inertial is not None:
-        arrays["inertial"] = spread.inertial
-    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
-
-
-def load_uncertainty(path: Path) -> Uncertainty:
-    """Read back what `save_uncertainty` wrote."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            joint = None
-            if "joint" in stored:
-                names = tuple(str(n) for n in stored["joint_free"])
-                joint = Influence(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
-            return Uncertainty(joint, stored.get("inertial"))
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
-
-
-@dataclass(frozen=True)
-class SavedResult:
-    """A calibrated person, and how the labels of their recordings are read."""
-
-    model: SubjectModel
-    model_file: Path
-    marker_set: MarkerSet
-    """With the weights of the model."""
-    rename: Mapping[str, str]
-    """Label in the files -> label in the marker set."""
-    settings: CalibrationSettings
-    spread: Uncertainty
-
-
-def load_result(folder: Path) -> SavedResult:
-    """Read a result folder.
-
-    Raises
-    ------
-    InputError
-        It is none, or one of its files cannot be read.
-    """
-    model_file = folder / "model.toml"
-    model = load_model(model_file)
-    manifest = read_object(folder / MANIFEST)
-    settings = manifest.get("settings")
-    if not isinstance(settings, dict):
-        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
-    known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
-    rename = manifest.get("rename")
-    return SavedResult(
-        model,
-        model_file,
-        _marker_set(folder, manifest, model),
-        {str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
-        CalibrationSettings.model_validate(known),
-        load_uncertainty(folder / "uncertainty.npz"),
-    )
-
-
-def _marker_set(folder: Path, manifest: Mapping[str, object], model: SubjectModel) -> MarkerSet:
-    """As it was saved; of results that saved none, the built-in set, or what the model tells of one's own."""
-    weights = dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
-    if (folder / MARKER_SET).exists():
-        return load_marker_set(folder / MARKER_SET).with_weights(weights)
-    name = str(manifest.get("marker_set"))
-    if name in built_in_sets():
-        return load_marker_set(name).with_weights(weights)
-    tracking: dict[str, tuple[str, ...]] = {}
-    for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
-        tracking[segment] = (*tracking.get(segment, ()), label)
-    return MarkerSet(name, "of the model", {}, tracking, weights=weights)

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.dynamics.inverse_dynamics import residual_rms
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SEGMENTS, is_translation
+from gaitcal.gait.moments import moment_of
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
@@ -19,12 +19,11 @@ Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | Non
 
 def summary(calibration: Calibration) -> dict[str, Json]:
     """The content of `summary.json` (mm, N, N·m, s)."""
-    bwh = calibration.model.subject.bwh
     return {
         "status": "converged" if calibration.converged else "not converged",
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
-        "trials": {trial.name: trial_summary(trial, bwh) for trial in calibration.trials},
+        "trials": {trial.name: trial_summary(trial) for trial in calibration.trials},
         "phases": [
             {
                 "name": phase.name,
@@ -41,11 +40,11 @@ def summary(calibration: Calibration) -> dict[str, Json]:
     }
 
 
-def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
+def trial_summary(trial: TrialResult) -> dict[str, Json]:
     """One trial's entry: markers, segments, residuals, torque changes."""
     errors = trial.calibrated.errors
     out: dict[str, Json] = {
-        "role": trial.role,
+        "role": trial.role.value,
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.kept().sum()),
@@ -76,7 +75,7 @@ def trial_summary(trial: TrialResult, bwh: float) -> dict[str, Json]:
     if trial.loads is not None:
         out["valid_frames"] = int(trial.loads.reactions.valid.sum())
         if trial.loads.reactions.valid.any():
-            out["torque_change_bwh"] = _torque_change(trial.loads, bwh)
+            out["torque_change_bwh"] = _torque_change(trial.loads)
             out["pelvis_residual"] = _pelvis_residual(trial.loads)
     return out
 
@@ -95,26 +94,19 @@ def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     return out
 
 
-def _torque_change(loads: LoadedTrial, bwh: float) -> dict[str, Json]:
-    valid = loads.reactions.valid
-    change = 100.0 * (loads.final.tau - loads.nominal.tau)[valid] / bwh
-    rms = np.sqrt((change**2).mean(axis=0))
-    out: dict[str, Json] = {
-        name: float(value)
-        for name, value in zip(COORDINATES, rms, strict=True)
-        if not is_translation(name) and not name.startswith("pelvis")
-    }
-    knee = 100.0 * (loads.final.knee_adduction - loads.nominal.knee_adduction)[valid] / bwh
-    for side, value in zip(("r", "l"), np.sqrt((knee**2).mean(axis=0)), strict=True):
-        out[f"knee_adduction_{side}"] = float(value)
+def _torque_change(loads: LoadedTrial) -> dict[str, Json]:
+    """RMS over valid frames of final minus nominal torque, percent of body weight times height."""
+    out: dict[str, Json] = {}
+    for name in (*COORDINATES, *REACTIONS):
+        if not name.startswith("pelvis"):
+            change = 100.0 * (moment_of(loads.final, name) - moment_of(loads.nominal, name)) / loads.final.bwh
+            out[name] = float(np.sqrt((change[loads.reactions.valid] ** 2).mean()))
     return out
 
 
 def _pelvis_residual(loads: LoadedTrial) -> dict[str, Json]:
-    stages = {"nominal": loads.nominal, "jp": loads.jp, "jp_ip": loads.jp_ip, "joint_step": loads.joint_step}
     out: dict[str, Json] = {}
-    for stage, forces in stages.items():
-        if forces is not None:
-            force, torque = residual_rms(forces, loads.reactions.valid)
-            out[stage] = {"force_N": force, "torque_Nm": torque}
+    for stage, moments in loads.moments.items():
+        force, torque = moments.residual_rms(loads.reactions.valid)
+        out[stage.key] = {"force_N": force, "torque_Nm": torque}
     return out

@@ -16,6 +16,8 @@ from gaitcal.results.calibration import json_text, package_version, write_trial
 from gaitcal.results.summary import Json, trial_summary
 
 SUMMARY = "summary.json"
+RUN_AGAIN = "; run it again"
+"""How warnings on stale trials end: a later run makes them anew, or not."""
 
 
 def write_trials(
@@ -45,35 +47,30 @@ def write_trials(
     """
     names = {trial.name for trial in trials}
     digest = hashlib.sha256(model_file.read_bytes()).hexdigest()
-    bwh = model.subject.bwh
     with atomic_directory(folder, ResultKind.DYNAMICS, inputs) as out:
         for trial in trials:
             write_trial(trial, model, out)
         summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-        made_with = _others(_table(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
+        digests = _others(_table(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
         kept = _others(_table(summary, "trials"), names)
         stale = tuple(
-            f"{name}: made by an earlier run with another model than {model_file.name} now is; run it again"
+            f"{name}: made by an earlier run with another model than {model_file.name} now is{RUN_AGAIN}"
             for name in kept
-            if made_with.get(name) != digest
+            if digests.get(name) != digest
         )
-        told: dict[str, Json] = {
-            "trials": {**kept, **{t.name: trial_summary(t, bwh) for t in trials}},
-            "notes": [*_told(summary, "notes", kept), *(note for t in trials for note in t.notes)],
-            "warnings": [
-                *(w for w in _told(summary, "warnings", kept) if not w.endswith("; run it again")),
-                *stale,
-                *warnings,
-                *(warning for t in trials for warning in t.warnings),
-            ],
+        earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
+        new_summary: dict[str, Json] = {
+            "trials": {**kept, **{t.name: trial_summary(t) for t in trials}},
+            "notes": [*_lines_about(kept, summary, "notes"), *(note for t in trials for note in t.notes)],
+            "warnings": [*earlier_warnings, *stale, *warnings, *(warning for t in trials for warning in t.warnings)],
         }
-        (out / SUMMARY).write_text(json_text(told), encoding="utf-8")
-        made: dict[str, Json] = {
+        (out / SUMMARY).write_text(json_text(new_summary), encoding="utf-8")
+        new_manifest: dict[str, Json] = {
             "gaitcal": package_version("gaitcal"),
             "subject": model.subject.name,
-            "model_sha256": made_with,
+            "model_sha256": digests,
         }
-        (out / MANIFEST).write_text(json_text(made), encoding="utf-8")
+        (out / MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
         stems = {*kept, *map(safe_name, kept)}
         for path in _trial_files(folder):
             if path.stem in stems:
@@ -87,16 +84,16 @@ def _trial_files(folder: Path) -> list[Path]:
 
 
 def _table(content: Mapping[str, object], key: str) -> dict[str, Json]:
-    found = content.get(key)
-    return cast(dict[str, Json], found) if isinstance(found, dict) else {}
+    table = content.get(key)
+    return cast(dict[str, Json], table) if isinstance(table, dict) else {}
 
 
 def _others(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def _told(summary: Mapping[str, object], key: str, kept: Mapping[str, Json]) -> list[str]:
-    """Earlier notes or warnings on the trials that are kept."""
-    found = summary.get(key)
-    lines = [line for line in found if isinstance(line, str)] if isinstance(found, list) else []
-    return [line for line in lines if any(line.startswith(f"{name}: ") for name in kept)]
+def _lines_about(trials: Mapping[str, Json], summary: Mapping[str, object], key: str) -> list[str]:
+    """Notes or warnings of an earlier summary that begin with the name of one of these trials."""
+    stored = summary.get(key)
+    lines = [line for line in stored if isinstance(line, str)] if isinstance(stored, list) else []
+    return [line for line in lines if any(line.startswith(f"{name}: ") for name in trials)]

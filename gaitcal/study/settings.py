@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.files.validation import Table, frequency
+from gaitcal.files.validation import Table, shown
+
+
+def frequency(*words: str) -> BeforeValidator:
+    """A cut-off frequency in Hz, or one of `words`."""
+
+    def check(value: object) -> float | str:
+        if isinstance(value, str) and value in words:
+            return value
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6:
+            return float(value)
+        raise ValueError(
+            f"found {shown(value)}; allowed: a frequency in Hz, or " + " or ".join(f"'{w}'" for w in words)
+        )
+
+    return BeforeValidator(check)
+
+
+class Mode(Enum):
+    """The order in which joint parameters are calibrated."""
+
+    SEQUENTIAL = "sequential"
+    SIMULTANEOUS = "simultaneous"
 
 
 class CalibrationSettings(Table):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -19,26 +20,35 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 
 
-@dataclass(frozen=True)
+class Role(Enum):
+    """What a trial is for."""
+
+    STATIC = "static"
+    """Standing still."""
+    JOINT = "joint"
+    """One joint moved in isolation."""
+    GAIT = "gait"
+
+
+@dataclass(frozen=True, kw_only=True)
 class StudyTrial:
     """One trial of a study."""
 
     name: str
-    role: str
-    """`static`, `joint` or `gait`."""
-    joint: str | None
+    role: Role
+    joint: str | None = None
     """The joint of an isolated trial."""
     recording: Recording
     """Labels as in the marker set; only the frames that the study asks for."""
-    plates: Mapping[str, str]
+    plates: Mapping[str, str] = field(default_factory=dict)
     """Plate name -> "r", "l" or "none", where the study says so."""
     filter_hz: float | str | None = None
     """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
-    own_labels: tuple[str, ...] = ()
+    file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Study:
     """Who, which markers mean what, which trials, and how to calibrate."""
 
@@ -85,36 +95,41 @@ class Study:
         _check_weights(file, marker_set, path)
         _check_renamed(file, trials, path)
         return cls(
-            Subject(s.name, s.mass_kg, s.height_m, s.sex),
-            marker_set,
-            trials,
-            file.calibration,
-            dict(file.markers.weights),
-            {_shown(f, path.parent): hashlib.sha256(f.read_bytes()).hexdigest() for f in dict.fromkeys(files)},
-            str(path),
-            files,
-            dict(file.markers.rename),
+            subject=Subject(s.name, s.mass_kg, s.height_m, s.sex),
+            marker_set=marker_set,
+            trials=trials,
+            settings=file.calibration,
+            weights=dict(file.markers.weights),
+            inputs={_file_words(f, path.parent): _sha256(f) for f in dict.fromkeys(files)},
+            source=str(path),
+            files=files,
+            rename=dict(file.markers.rename),
         )
 
     @property
     def static(self) -> StudyTrial:
         """The static trial."""
-        return next(trial for trial in self.trials if trial.role == "static")
+        return next(trial for trial in self.trials if trial.role is Role.STATIC)
 
     @property
     def moving(self) -> tuple[StudyTrial, ...]:
         """All other trials."""
-        return tuple(trial for trial in self.trials if trial.role != "static")
+        return tuple(trial for trial in self.trials if trial.role is not Role.STATIC)
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     """The study file at `path`, its recordings and forces, and a marker set of one's own."""
     forces = (trial.forces for trial in file.trials if trial.forces)
-    own_set = [file.markers.set_path] if file.markers.set_path else []
-    return (path, *(trial.file for trial in file.trials), *forces, *own_set)
+    marker_set = [file.markers.set_path] if file.markers.set_path else []
+    return (path, *(trial.file for trial in file.trials), *forces, *marker_set)
 
 
-def _shown(file: Path, folder: Path) -> str:
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _file_words(file: Path, folder: Path) -> str:
+    """A file as the manifest names it: below the study's folder from there, elsewhere by its name alone."""
     try:
         return file.resolve().relative_to(folder.resolve()).as_posix()
     except ValueError:
@@ -134,11 +149,11 @@ def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
 
 def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path) -> None:
     """A label to be renamed may be worn in some trials only, but not in none."""
-    found = {label for trial in trials for label in trial.own_labels}
+    worn = {label for trial in trials for label in trial.file_labels}
     for old, new in study.markers.rename.items():
-        if old not in found:
+        if old not in worn:
             raise InputError(
-                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, found)}",
+                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, worn)}",
                 source=path,
                 field="markers.rename",
             )
@@ -155,7 +170,7 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
         One line: file, field, what was found, what is allowed.
     """
     recording = read_recording(trial.file, forces=trial.forces)
-    own = recording.labels
+    file_labels = recording.labels
     recording = marker_set.renamed(_rename(recording, rename))
     for name in trial.plates:
         known = [plate.name for plate in recording.plates]
@@ -167,7 +182,15 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
             )
     recording = _window(recording, trial)
     _check_forces_cover(recording, trial)
-    return StudyTrial(trial.name, trial.role, trial.joint, recording, dict(trial.plates), trial.filter_hz, own)
+    return StudyTrial(
+        name=trial.name,
+        role=Role(trial.role),
+        joint=trial.joint,
+        recording=recording,
+        plates=dict(trial.plates),
+        filter_hz=trial.filter_hz,
+        file_labels=file_labels,
+    )
 
 
 def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:

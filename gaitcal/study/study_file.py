@@ -11,13 +11,13 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.files.toml import read_toml, require_file, toml_table
-from gaitcal.files.validation import Table, frequency, input_error, shown
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.files.toml import require_file, toml_table
+from gaitcal.files.validation import Table, read_validated, shown
+from gaitcal.study.settings import CalibrationSettings, frequency
 
-__all__ = ["CalibrationSettings", "Markers", "StudyFile", "Subject", "Trial", "load_study_file"]
+__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "load_study_file"]
 
 Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l"]
 Side: TypeAlias = Literal["r", "l", "none"]
@@ -45,7 +45,7 @@ def _interval(value: object) -> tuple[float, float]:
     return float(numbers[0]), float(numbers[1])
 
 
-class Subject(Table):
+class SubjectTable(Table):
     """`[subject]`: the person."""
 
     name: str = Field(description="the subject's name as reports show it")
@@ -150,7 +150,7 @@ class Trial(Table):
 class StudyFile(Table):
     """A whole study file. From `load_study_file`, every path in it is absolute and a file lies there."""
 
-    subject: Subject = Field(description="the table [subject] with name, mass_kg, height_m, sex")
+    subject: SubjectTable = Field(description="the table [subject] with name, mass_kg, height_m, sex")
     markers: Markers = Field(description="the table [markers] with set")
     trials: tuple[Trial, ...] = Field(
         alias="trial", strict=False, description="at least one [[trial]], with name, role and file"
@@ -218,11 +218,7 @@ def load_study_file(path: Path | str) -> StudyFile:
         One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
-    content = read_toml(source)
-    try:
-        study = StudyFile.model_validate(content)
-    except ValidationError as error:
-        raise input_error(error, StudyFile, source) from None
+    study = read_validated(StudyFile, source)
 
     def found(file: Path, field: str) -> Path:
         return require_file(source.parent.absolute() / file, source=source, field=field)

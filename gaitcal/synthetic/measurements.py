@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
@@ -50,10 +50,8 @@ def marker_noise(time: Array, markers: int, rng: np.random.Generator, amplitude:
 def ground_reactions(parameters: Parameters, motion: TrueMotion, cycle: float) -> Array:
     """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual."""
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    forces = Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6)))
-    force = forces.residual_force
-    moment = forces.residual_moment + np.cross(q[:, :3], force)
-    total = np.hstack([force, moment])
+    total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
+    total[:, 3:] += np.cross(q[:, :3], total[:, :3])
     right = right_share(motion.basis.time / cycle)
     return np.stack([right[:, None] * total, (1.0 - right)[:, None] * total], axis=1)
 

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.centre_of_pressure import point_and_torque
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.model.inertial_parameters import (
@@ -28,18 +27,18 @@ from gaitcal.model.inertial_parameters import (
     table,
 )
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.model.landmarks import HipCentre, static_posture
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.segment_frames import HipCentre, lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import ForcePlate, Recording, write_c3d
+from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, Trial
-from gaitcal.study.study_file import Subject as SubjectTable
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import ground_reactions, marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import (
     NODES,

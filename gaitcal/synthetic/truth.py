@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JP_INDEX, SIDES
+from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.linkage import JOINTS, Source
+from gaitcal.model.linkage import JOINTS, SIDES, Source
 from gaitcal.model.parameters import Parameters
 
 Array = NDArray[np.float64]

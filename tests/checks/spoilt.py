@@ -13,7 +13,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording import ForcePlate, Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, StudyTrial
+from gaitcal.study.study import Role, Study, StudyTrial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion, static_motion
 from tests.synthetic_studies import made_plates, made_recording
 
@@ -35,12 +35,19 @@ def sound_study() -> Study:
         "knee_r": made_recording(isolated_motion("knee_r")),
     }
     trials = (
-        StudyTrial("static", "static", None, recordings["static"], {}),
-        StudyTrial("walk", "gait", None, recordings["walk"], {}),
-        StudyTrial("knee_r", "joint", "knee_r", recordings["knee_r"], {}),
+        StudyTrial(name="static", role=Role.STATIC, recording=recordings["static"]),
+        StudyTrial(name="walk", role=Role.GAIT, recording=recordings["walk"]),
+        StudyTrial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recordings["knee_r"]),
     )
     subject = Subject("synthetic", 69.4, 1.70, "male")
-    return Study(subject, load_marker_set("published"), trials, CalibrationSettings(), {}, {})
+    return Study(
+        subject=subject,
+        marker_set=load_marker_set("published"),
+        trials=trials,
+        settings=CalibrationSettings(),
+        weights={},
+        inputs={},
+    )
 
 
 def with_trial(study: Study, name: str, change: Change) -> Study:
@@ -77,6 +84,22 @@ def swapped(a: str, b: str, frames: slice = slice(None)) -> Change:
         return replace(recording, markers=markers)
 
     return spoil
+
+
+def put_into(a: str, b: str, frames: slice = slice(None)) -> Change:
+    """The trajectory of `b` under the label `a` as well, in some frames."""
+
+    def spoil(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[frames, recording.labels.index(a)] = recording.markers[frames, recording.labels.index(b)]
+        return replace(recording, markers=markers)
+
+    return spoil
+
+
+def taken(a: str, b: str, frames: slice) -> Change:
+    """The label `a` in the place of `b`, which is not seen meanwhile."""
+    return lambda r: moved(b, lambda x: put(x, frames, np.nan))(put_into(a, b, frames)(r))
 
 
 def relabelled(old: str, new: str) -> Change:

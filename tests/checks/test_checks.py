@@ -30,6 +30,7 @@ from tests.checks.spoilt import (
     plate,
     pulling,
     put,
+    put_into,
     relabelled,
     scaled,
     slower,
@@ -37,6 +38,7 @@ from tests.checks.spoilt import (
     spiked,
     sunk,
     swapped,
+    taken,
     torn,
     with_trial,
 )
@@ -70,6 +72,13 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
     "pelvis not labelled": ("walk", relabelled("V.Sacral", "x"), "labels", ERROR, ("found 2 markers of the pelvis",)),
     "never seen": ("walk", gone(slice(None)), "labels", ERROR, ("R.Thigh.Front", "0 of 208 frames")),
     "landmark not labelled": ("static", relabelled("R.Heel", "Heel"), "static trial", ERROR, ("heel_r", "R.Heel")),
+    "one trajectory, two labels": (
+        "walk",
+        put_into("R.Thigh.Rear", "R.Thigh.Front"),
+        "labels",
+        ERROR,
+        ("'R.Thigh.Front' and 'R.Thigh.Rear'",),
+    ),
     "label twice": ("walk", relabelled("R.Bicep", "R.ASIS#2"), "labels", WARNING, ("R.ASIS",)),
     "unknown label": ("walk", relabelled("R.Temple", "Wand1"), "labels", INFO, ("Wand1",)),
     "seldom seen": ("walk", gone(slice(60, None)), "gaps", WARNING, ("R.Thigh.Front 29 %",)),
@@ -97,6 +106,13 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
         WARNING,
         ("R.Thigh.Front", "R.Thigh.Rear", "40 frames", "0.25-0.45 s"),
     ),
+    "in another's place": (
+        "walk",
+        taken("R.Thigh.Rear", "R.Shank.Front", slice(50, 90)),
+        "exchanged",
+        WARNING,
+        ("'R.Thigh.Rear' and 'R.Shank.Front' are confused", "40 frames"),
+    ),
     "exchanged across": (
         "walk",
         swapped("R.Shank.Rear", "L.Shank.Rear", slice(50, 90)),
@@ -122,6 +138,13 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
         "static trial",
         ERROR,
         ("still window", "m/s"),
+    ),
+    "restless": (
+        "static",
+        lambda r: replace(r, markers=r.markers + 0.03 * r.time[:, None, None] * [1.0, 0.0, 0.0]),
+        "still window",
+        WARNING,
+        ("30 mm/s RMS; at most 50 mm/s",),
     ),
     "frames as seconds": ("walk", slower, "time", ERROR, ("1 Hz",)),
     "uneven steps": ("walk", torn, "time", WARNING, ("1 time steps", "205 ms")),
@@ -219,7 +242,9 @@ def test_cut_offs(sound: Study, field: str, value: float, severity: Severity, wo
 
 
 def test_line_names_file_trial_and_cure() -> None:
-    finding = Finding(ERROR, "units", "walk", "found 1800 m", "declare mm", "walk.csv")
+    finding = Finding(
+        severity=ERROR, topic="units", where="walk", found="found 1800 m", cure="declare mm", source="walk.csv"
+    )
     assert finding.line == "walk.csv: trial 'walk': units: found 1800 m; declare mm"
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gaitcal.checks import Severity
+from gaitcal.model.build import GRAVITY
 from gaitcal.model.nominal import published_model
-from gaitcal.recording import ForcePlate
+from gaitcal.recording import ForcePlate, Recording
 from gaitcal.study.study import Study
 from tests.checks.spoilt import Change, findings, plate, sound_study, with_corners, with_trial
 
@@ -71,6 +72,22 @@ def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: fl
 
 def test_mass_that_plates_carry_is_told(sound: Study) -> None:
     assert "0.00-1.03 s" in findings(sound, "body mass", INFO)[0].found
+
+
+@pytest.mark.parametrize("acceleration", [0.6, -0.6])
+def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(sound: Study, acceleration: float) -> None:
+    """The pelvis gains speed upwards, m/s^2, and the plates push as much harder: the same mass as before."""
+    gain = 1.0 + acceleration / GRAVITY
+
+    def rising(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        pelvis = [recording.labels.index(label) for label in sound.marker_set.tracking["pelvis"]]
+        markers[:, pelvis, 1] += 0.5 * acceleration * recording.time[:, None] ** 2
+        plates = tuple(replace(p, force=gain * p.force, moment=gain * p.moment) for p in recording.plates)
+        return replace(recording, markers=markers, plates=plates)
+
+    (told,) = findings(with_trial(sound, "walk", rising), "body mass", INFO)
+    assert float(told.found.partition("carry ")[2].split()[0]) == pytest.approx(69.4, rel=0.03)
 
 
 def test_foot_beside_its_plate(sound: Study) -> None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+import pytest
 
-from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, GeneralisedForces
-from gaitcal.dynamics.root_residual import root_residual
+from gaitcal.dynamics.derivatives import force_derivatives, root_residual
+from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.nominal import published_model
+from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.synthetic.measurements import ground_reactions
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
@@ -28,7 +33,7 @@ def state(frames: int) -> tuple[Array, Array, Array, Array]:
 def test_forces_agree_with_pinocchio_with_external_forces() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = state(6)
-    found = Dynamics(parameters).forces(q, v, a, wrench)
+    forces = Dynamics(parameters).forces(q, v, a, wrench)
     linkage = build_linkage(parameters)
     data = linkage.model.createData()
     for f in range(len(q)):
@@ -38,15 +43,14 @@ def test_forces_agree_with_pinocchio_with_external_forces() -> None:
             joint = linkage.segment_joint[foot]
             external[joint] = data.oMi[joint].actInv(pin.Force(wrench[f, k]))
         tau = pin.rnea(linkage.model, data, q[f], v[f], a[f], external)
-        np.testing.assert_allclose(found.tau[f], tau, atol=FORCE)
-    np.testing.assert_allclose(found.residual_force, found.tau[:, :3], atol=FORCE)
+        np.testing.assert_allclose(forces[f, :27], tau, atol=FORCE)
 
 
 def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
     """Against the rate of change of momentum about the pelvis origin, laboratory axes."""
     parameters = perturbed_parameters(RNG)
     q, v, a, _ = state(5)
-    found = Dynamics(parameters).forces(q, v, a, np.zeros((5, 2, 6)))
+    residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((5, 2, 6))))
     linkage = build_linkage(parameters)
     data = linkage.model.createData()
     weight = parameters.mass * 9.81
@@ -55,25 +59,26 @@ def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
         centre = pin.centerOfMass(linkage.model, data, q[f])
         force = data.dhg.linear + [0.0, weight, 0.0]
         moment = data.dhg.angular + np.cross(centre - q[f, :3], force)
-        np.testing.assert_allclose(found.residual_force[f], force, atol=FORCE)
-        np.testing.assert_allclose(found.residual_moment[f], moment, atol=FORCE)
+        np.testing.assert_allclose(residual[f, :3], force, atol=FORCE)
+        np.testing.assert_allclose(residual[f, 3:], moment, atol=FORCE)
 
 
-def test_regressor_times_parameters_is_the_residual() -> None:
+def test_regressors_times_parameters_are_forces_and_residual() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, _ = state(5)
     dynamics = Dynamics(parameters)
-    forces = dynamics.forces(q, v, a, np.zeros((5, 2, 6)))
-    wrench = np.einsum("fisk,sk->fi", dynamics.root_regressor(q, v, a), dynamic_parameters(parameters.inertial))
-    np.testing.assert_allclose(wrench[:, :3], forces.residual_force, atol=FORCE)
-    np.testing.assert_allclose(wrench[:, 3:], forces.residual_moment, atol=FORCE)
+    forces, phi = dynamics.forces(q, v, a, np.zeros((5, 2, 6))), dynamic_parameters(parameters.inertial)
+    every = np.einsum("fisk,sk->fi", dynamics.regressor(q, v, a), phi)
+    np.testing.assert_allclose(every, forces, atol=FORCE)
+    root = np.einsum("fisk,sk->fi", dynamics.root_regressor(q, v, a), phi)
+    np.testing.assert_allclose(root, pelvis_residual(q, forces), atol=FORCE)
 
 
 def test_knee_reaction_is_the_moment_on_the_shank_about_the_knee_axis() -> None:
     """The ground's part by virtual work: how far the foot moves in a small turn of the reaction joint."""
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = state(4)
-    found = Dynamics(parameters).forces(q, v, a, wrench)
+    forces = Dynamics(parameters).forces(q, v, a, wrench)
     h = 1e-6
     linkage = build_linkage(parameters, reactions=True)
     data = linkage.model.createData()
@@ -91,7 +96,7 @@ def test_knee_reaction_is_the_moment_on_the_shank_about_the_knee_axis() -> None:
                 pin.framesForwardKinematics(linkage.model, data, turned)
                 foot = data.oMf[linkage.model.getFrameId(FEET[k])]
                 work += sign * float(wrench[f, k] @ pin.log6(foot * _home(linkage, full[0], FEET[k])).vector) / (2 * h)
-            np.testing.assert_allclose(found.knee_adduction[f, k], tau[row] - work, rtol=1e-5, atol=1e-4)
+            np.testing.assert_allclose(forces[f, 27 + k], tau[row] - work, rtol=1e-5, atol=1e-4)
 
 
 def _home(linkage: object, q: Array, frame: str) -> pin.SE3:
@@ -101,26 +106,44 @@ def _home(linkage: object, q: Array, frame: str) -> pin.SE3:
     return data.oMf[model.getFrameId(frame)].inverse()
 
 
-def flat(forces: GeneralisedForces) -> Array:
-    return np.hstack([forces.tau, forces.knee_adduction]).ravel()
-
-
 def test_force_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = state(1)
     free = (*leg_parameters("l"), *gait_parameters("r"), "back.trunk.sup", "elbow_r.forearm.front")
     found = force_derivatives(parameters, free, q, v, a, wrench)
     dynamics = Dynamics(parameters)
-    assert_derivative(found.by_position[0], lambda x: flat(dynamics.forces(x[None], v, a, wrench)), q[0])
-    assert_derivative(found.by_velocity[0], lambda x: flat(dynamics.forces(q, x[None], a, wrench)), v[0])
-    assert_derivative(found.by_acceleration[0], lambda x: flat(dynamics.forces(q, v, x[None], wrench)), a[0])
+    assert_derivative(found.by_position[0], lambda x: dynamics.forces(x[None], v, a, wrench)[0], q[0])
+    assert_derivative(found.by_velocity[0], lambda x: dynamics.forces(q, x[None], a, wrench)[0], v[0])
+    assert_derivative(found.by_acceleration[0], lambda x: dynamics.forces(q, v, x[None], wrench)[0], a[0])
     names = found.free
     start = parameters.joint[[JP_INDEX[name] for name in names]]
     assert_derivative(
         found.by_parameter[0],
-        lambda x: flat(Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)),
+        lambda x: Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)[0],
         start,
     )
+
+
+def test_moments_are_the_forces_by_name() -> None:
+    """Of the model's own parameters, not its nominal ones; figures over valid frames alone, by hand."""
+    true = gait_motion()
+    model = replace(published_model(), parameters=perturbed_parameters(RNG))
+    nf = len(true.basis.time)
+    errors = MarkerErrors((), (), np.empty(0), np.empty((nf, 0)))
+    motion = Motion(
+        name="walk", coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True
+    )
+    wrench = RNG.normal(0, 300, (nf, 2, 6))
+    forces = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
+    moments = inverse_dynamics(model, motion, wrench)
+    np.testing.assert_array_equal(np.hstack([moments.tau, moments.knee_adduction]), forces)
+    assert (*moments.coordinates, "knee_adduction_r", "knee_adduction_l") == FORCES
+    residual = np.hstack([moments.residual_force, moments.residual_moment])
+    np.testing.assert_allclose(residual, pelvis_residual(motion.q, forces), atol=FORCE)
+    knee = 100.0 * forces[:, FORCES.index("knee_angle_l")] / (model.subject.mass * 9.81 * model.subject.height)
+    np.testing.assert_allclose(moments.percent_bwh("knee_angle_l"), knee, rtol=1e-12)
+    some = replace(moments, residual_force=np.array([[3.0, 0, 0], [90, 9, 9]]), residual_moment=np.full((2, 3), 2.0))
+    assert some.residual_rms(np.array([True, False])) == pytest.approx((np.sqrt(3.0), 2.0), rel=1e-12)
 
 
 def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> None:
@@ -128,9 +151,7 @@ def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> No
     motion = gait_motion()
     wrench = ground_reactions(parameters, motion, 1.035)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    forces = Dynamics(parameters).forces(q, v, a, wrench)
-    assert np.abs(forces.residual_force).max() < FORCE
-    assert np.abs(forces.residual_moment).max() < FORCE
+    assert np.abs(pelvis_residual(q, Dynamics(parameters).forces(q, v, a, wrench))).max() < FORCE
     vertical = wrench[:, :, 1].sum(axis=1) / (parameters.mass * 9.81)
     assert 0.99 < vertical.mean() < 1.01
     assert vertical.min() > 0.6
@@ -144,11 +165,10 @@ def test_pelvis_residual_derivatives_by_finite_differences() -> None:
     found = root_residual(parameters, free, q, v, a, wrench)
 
     def value(q: Array, v: Array, a: Array, p: Array) -> Array:
-        forces = Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench)
-        return np.hstack([forces.residual_force, forces.residual_moment]).ravel()
+        return pelvis_residual(q, Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench))[0]
 
     p = parameters.joint[[JP_INDEX[name] for name in found.free]]
-    np.testing.assert_allclose(found.value.ravel(), value(q, v, a, p), atol=FORCE)
+    np.testing.assert_allclose(found.value[0], value(q, v, a, p), atol=FORCE)
     assert_derivative(found.by_position[0], lambda x: value(x[None], v, a, p), q[0])
     assert_derivative(found.by_velocity[0], lambda x: value(q, x[None], a, p), v[0])
     assert_derivative(found.by_acceleration[0], lambda x: value(q, v, x[None], p), a[0])

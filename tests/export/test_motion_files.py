@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.centre_of_pressure import LOADED, point_and_torque
 from gaitcal.errors import InputError
 from gaitcal.export import write_external_loads, write_mot, write_sto_moments
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
+from gaitcal.recording.force_plate import LOADED_N, point_and_torque
 from gaitcal.recording.mot import read_mot_forces, read_table
 
 ROUNDING = 1e-12
@@ -101,7 +101,7 @@ def test_point_and_torque_are_the_same_wrench() -> None:
     for wrench in np.moveaxis(walking_wrenches(), 1, 0):
         point, torque = point_and_torque(wrench)
         np.testing.assert_allclose(np.cross(point, wrench[:, :3]) + torque, wrench[:, 3:], atol=1e-10)
-        loaded = wrench[:, 1] >= LOADED
+        loaded = wrench[:, 1] >= LOADED_N
         np.testing.assert_allclose(torque[loaded][:, [0, 2]], 0.0, atol=1e-10)
         assert (point[:, 1] == 0.0).all()
         steps = np.linalg.norm(np.diff(point, axis=0), axis=1)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
+from gaitcal.dynamics.residual_limits import residual_limits
 from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import chart_figure, panel_figure
 from gaitcal.figures.style import plain
@@ -24,7 +25,6 @@ from gaitcal.gait.words import (
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
-from gaitcal.person.residual_limits import residual_limits
 from gaitcal.person.result import Calibration
 from gaitcal.results.summary import summary
 from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
@@ -126,7 +126,7 @@ def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
 def test_limits_of_the_residuals(whole: Calibration) -> None:
     trial = whole.trial("walk")
     assert trial.loads is not None
-    limits = residual_limits(whole.model.parameters, trial, trial.loads)
+    limits = residual_limits(whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates)
     assert limits.peak_force == pytest.approx(1400.0)
     assert limits.force == pytest.approx(70.0)
     assert limits.moment == pytest.approx(0.01 * limits.centre_height * 1400.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import MOST_POINTS, Layout, thinned
@@ -68,7 +68,7 @@ def numbers(by_cycle: bool) -> MomentNumbers:
     before = tau.copy()
     before[:, KNEE] -= 0.1 * MASS
     none = np.zeros((len(TIME), 2))
-    final, nominal = (GeneralisedForces(t, none, none, none) for t in (tau, before))
+    final, nominal = (Moments(t, none, none, none) for t in (tau, before))
     errors = TorqueErrors(np.full_like(tau, 4.0), none)
     model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
     of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)

@@ -6,20 +6,23 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.model.build import build_linkage, build_model
+from gaitcal.model.build import GRAVITY, build_linkage, build_model
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import (
     IP_NAMES,
+    MASSIVE_SEGMENTS,
     dynamic_jacobian,
     dynamic_parameters,
     full_set,
+    impossible_bodies,
+    is_physical,
     placed_dynamic_parameters,
     symmetric_set,
     table,
 )
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, gait_parameters, isolated_parameters
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, ISOLATED_JOINTS, JOINTS, SEGMENTS, Source
+from gaitcal.model.linkage import COORDINATES, ISOLATED_JOINTS, JOINTS, SEGMENTS, ZERO_ANGLES, Source
 from gaitcal.model.parameters import published_subject
 from tests.derivatives import assert_derivative, perturbed_parameters
 
@@ -32,11 +35,112 @@ def test_counts_are_those_of_the_paper() -> None:
     assert [len(isolated_parameters(j)) for j in ISOLATED_JOINTS] == [6, 9, 12, 6, 9, 12]
     assert len(gait_parameters("r")) == 17
     assert len(symmetric_set().names) == 36 and len(full_set().names) == 84
+    centres = [name for name in symmetric_set().names if ".com." in name]
+    assert centres[:5] == ["pelvis.com.ant", "pelvis.com.sup", "thigh.com.sup", "shank.com.sup", "foot.com.ant"]
+    assert centres[5:] == [f"{body}.com.sup" for body in ("head_trunk", "upper_arm", "forearm_hand")]
 
 
 def test_every_joint_parameter_enters_exactly_once() -> None:
     used = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.JOINT_PARAMETER]
     assert sorted(used) == sorted(JP_NAMES)
+
+
+CATALOGUE = """
+hip        pelvis: ant sup lat               thigh: ant sup lat
+knee       thigh: front trans ant sup        shank: front trans ant sup lat
+talocrural shank: front trans ant sup lat
+subtalar   talus: trans sup                  foot: trans sag ant sup lat
+back       pelvis: ant sup lat               trunk: ant sup lat
+shoulder   trunk: front trans ant sup lat    upperarm: trans sag ant sup lat
+elbow      upperarm: front trans ant sup     forearm: front trans ant sup lat
+"""
+
+
+def test_the_catalogue_is_in_the_order_of_table_ii() -> None:
+    """Of files and of every (98,) array: right leg, left leg, back, right arm, left arm."""
+    rows = {row.split()[0]: row.split()[1:] for row in CATALOGUE.strip().splitlines()}
+    leg, arm = ("hip", "knee", "talocrural", "subtalar"), ("shoulder", "elbow")
+    joints = [f"{j}_r" for j in leg] + [f"{j}_l" for j in leg] + ["back"]
+    joints += [f"{j}_r" for j in arm] + [f"{j}_l" for j in arm]
+    names, place = [], ""
+    for joint in joints:
+        for word in rows[joint.removesuffix("_r").removesuffix("_l")]:
+            if word.endswith(":"):
+                place = word[:-1]
+            else:
+                names.append(f"{joint}.{place}.{word}")
+    assert tuple(names) == JP_NAMES
+    assert {p.segment for p in JOINT_PARAMETERS} == set(SEGMENTS)
+
+
+def rotation(axis: int, angle: float) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3] = pin.exp3(angle * np.eye(3)[axis])
+    return out
+
+
+def translation(*offset: float) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, 3] = offset
+    return out
+
+
+def documented(joint: str, jp: dict[str, float], zero: dict[str, float], q: dict[str, float]) -> np.ndarray:
+    """The pose (4, 4) of a joint's child in its parent as Reinbolt writes it, product by product."""
+    kind, _, side = joint.partition("_")
+    s = -1.0 if side == "l" else 1.0
+
+    def tr(place: str) -> np.ndarray:
+        return translation(*(jp.get(f"{joint}.{place}.{d}", 0.0) for d in ("ant", "sup", "lat")))
+
+    def a(place: str) -> np.ndarray:
+        return rotation(0, jp[f"{joint}.{place}.front"]) @ rotation(1, jp[f"{joint}.{place}.trans"])
+
+    def b(place: str) -> np.ndarray:
+        return rotation(1, jp[f"{joint}.{place}.trans"]) @ rotation(2, jp[f"{joint}.{place}.sag"])
+
+    def angle(name: str) -> float:
+        return q[f"{name}_{side}" if side else name]
+
+    inverse = np.linalg.inv
+    if kind == "hip":
+        turn = rotation(0, s * angle("hip_adduction")) @ rotation(1, s * angle("hip_rotation"))
+        return tr("pelvis") @ rotation(2, angle("hip_flexion")) @ turn @ inverse(tr("thigh"))
+    if kind == "knee":
+        return tr("thigh") @ a("thigh") @ rotation(2, -angle("knee_angle")) @ inverse(tr("shank") @ a("shank"))
+    if kind == "talocrural":
+        return tr("shank") @ a("shank") @ rotation(2, angle("ankle_angle") + zero[f"{joint}.zero"])
+    if kind == "subtalar":
+        inversion = rotation(0, s * angle("subtalar_angle") + zero[f"{joint}.zero"])
+        return tr("talus") @ rotation(1, jp[f"{joint}.talus.trans"]) @ inversion @ inverse(tr("foot") @ b("foot"))
+    if kind == "back":
+        turn = rotation(0, angle("lumbar_bending")) @ rotation(1, angle("lumbar_rotation"))
+        return tr("pelvis") @ rotation(2, angle("lumbar_extension")) @ turn @ inverse(tr("trunk"))
+    if kind == "shoulder":
+        turn = rotation(2, angle("arm_flex")) @ rotation(0, s * angle("arm_add"))
+        return tr("trunk") @ a("trunk") @ turn @ inverse(tr("upperarm") @ b("upperarm"))
+    turn = rotation(2, angle("elbow_flex"))
+    return tr("upperarm") @ a("upperarm") @ turn @ inverse(tr("forearm") @ a("forearm"))
+
+
+def test_every_joint_is_the_product_that_the_papers_write() -> None:
+    rng = np.random.default_rng(7)
+    parameters = perturbed_parameters(rng)
+    jp = dict(zip(JP_NAMES, parameters.joint + rng.normal(0, 0.3, len(JP_NAMES)), strict=True))
+    zero = dict(zip(ZERO_ANGLES, parameters.zero_angles, strict=True))
+    q = dict(zip(COORDINATES, rng.normal(0, 0.5, len(COORDINATES)), strict=True))
+    chain = Chain()
+    constants = chain.constants(np.array(list(jp.values())), parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.array([list(q.values())])))
+    pose = {name: np.eye(4) for name in chain.segments}
+    for i, name in enumerate(chain.segments):
+        pose[name][:3, :3], pose[name][:3, 3] = axes[i, :, :, 0].T, origins[i, :, 0]
+    pelvis = translation(*(q[f"pelvis_t{axis}"] for axis in "xyz")) @ rotation(2, q["pelvis_tilt"])
+    pelvis = pelvis @ rotation(0, q["pelvis_list"]) @ rotation(1, q["pelvis_rotation"])
+    np.testing.assert_allclose(pose["pelvis"], pelvis, atol=EXACT)
+    for joint in JOINTS:
+        relative = np.linalg.solve(pose[joint.parent], pose[joint.child])
+        np.testing.assert_allclose(relative, documented(joint.name, jp, zero, q), atol=EXACT, err_msg=joint.name)
 
 
 @pytest.mark.parametrize("free", [(), JP_NAMES])
@@ -68,6 +172,7 @@ def test_built_model_has_the_coordinates_in_order() -> None:
     model = build_model(published_subject())
     assert list(model.names)[1:] == list(COORDINATES)
     assert model.nv == 27
+    np.testing.assert_array_equal(model.gravity.linear, [0.0, -GRAVITY, 0.0])  # y is up
 
 
 def test_published_subject_stands_as_documented() -> None:
@@ -89,15 +194,14 @@ def test_published_subject_stands_as_documented() -> None:
 
 
 def test_left_is_the_mirror_image_of_right() -> None:
+    """Also with the locked reaction joints of the knees, were they to move."""
     p = published_subject()
-    chain = Chain()
+    chain = Chain(reactions=True)
     constants = chain.constants(p.joint, p.zero_angles)
-    q = np.zeros((1, 27))
     rng = np.random.default_rng(2)
-    legs = rng.normal(0, 0.3, 6)
-    q[0, 6:12] = q[0, 12:18] = legs
-    arms = rng.normal(0, 0.3, 3)
-    q[0, 21:24] = q[0, 24:27] = arms
+    drawn = {name: rng.normal(0, 0.3) for name in chain.coordinates if name.endswith("_r")}
+    assert len(drawn) == 10
+    q = np.array([[drawn.get(f"{name[:-2]}_r", 0.0) for name in chain.coordinates]])
     _, origins = segment_poses(chain, constants, forward(chain, constants, q))
     at = {name: i for i, name in enumerate(chain.segments)}
     for name in SEGMENTS:
@@ -116,6 +220,21 @@ def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
     for s in range(12):
         whole[s, :, s] = jac[s]
     assert_derivative(whole.reshape(120, 84), lambda x: dynamic_parameters(x), inertial)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "possible"),
+    [(1.0, (1, 2, 2.9), True), (1.0, (1, 2, 3.1), False), (1.0, (3.1, 1, 2), False), (1.0, (-1, 2, 2), False)]
+    + [(0.0, (1, 2, 2.9), False), (-1.0, (1, 2, 2.9), False)],
+)
+def test_a_possible_body_has_mass_and_moments_that_make_a_triangle(
+    mass: float, moments: tuple[float, ...], possible: bool
+) -> None:
+    rows = table(published_subject().inertial).copy()
+    rows[3, 0], rows[3, 4:7] = mass, moments
+    found = is_physical(rows.ravel())
+    assert found[3] == possible and found.sum() == 11 + possible
+    assert impossible_bodies(rows.ravel()) == (() if possible else (MASSIVE_SEGMENTS[3],))
 
 
 def test_moved_dynamic_parameters_are_those_of_the_moved_body() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.model.marker_set import STUDY_S, built_in_sets, load_marker_set, marker_set_text
+from gaitcal.model.marker_set import NO_REASON, built_in_sets, load_marker_set, marker_set_text
 
 
 @pytest.mark.parametrize("name", built_in_sets())
@@ -27,6 +27,6 @@ def test_weights_and_labels_of_a_study(tmp_path: Path) -> None:
     path = tmp_path / "marker_set.toml"
     path.write_text(marker_set_text(made), encoding="utf-8")
     back = load_marker_set(path)
-    assert back.weight(tracked) == 0.25 and back.reasons[tracked] == STUDY_S
+    assert back.weight(tracked) == 0.25 and back.reasons[tracked] == NO_REASON
     assert "not tracked" not in back.weights
     assert back.aliases[tracked] == (odd,)

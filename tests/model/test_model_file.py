@@ -53,7 +53,7 @@ def test_people_can_read_it() -> None:
     assert '"pelvis.mass"            = { value = 7.752, nominal = 7.752 }' in text
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     joint=arrays(np.float64, len(JP_NAMES), elements=FINITE),
     inertial=arrays(np.float64, len(IP_NAMES), elements=FINITE),

@@ -18,7 +18,7 @@ from tests.derivatives import Array, perturbed_parameters, random_trial
 
 
 @given(st.integers(6, 40), st.integers(30, 120), st.integers(0, 2**31))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_spline_and_derivatives_are_scipys(nodes: int, frames: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.5, 1.5, frames)) / 100.0
@@ -103,7 +103,7 @@ def test_gaps_leave_the_rest_alone() -> None:
 
 
 @given(st.floats(-np.pi, np.pi), st.integers(0, 2**31))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)

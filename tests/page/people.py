@@ -91,7 +91,7 @@ def walking_trial(model, true: TrueMotion, name, wrench):
         valid = np.ones(len(time), dtype=bool)
         valid[150:] = False
         loaded = wrench[:, :, 1] > 20.0
-        reactions = GroundReactions(wrench, valid, loaded, loaded, ())
+        reactions = GroundReactions(wrench=wrench, valid=valid, loaded=loaded, resting=loaded, notes=())
     recording = Recording("walk.c3d", time, model.markers.labels, measured, plates)
     errors = MarkerErrors(
         model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from gaitcal.cli import app
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.results.calibration import load_result
+from gaitcal.results.saved import load_result
 from tests.synthetic_studies import write_synthetic_study
 
 RUNNER = CliRunner()

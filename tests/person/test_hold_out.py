@@ -16,7 +16,7 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.hold_out import FOLDS, fold_of_frame, hold_out, without
 from gaitcal.person.joint_parameters import parameters_for
 from gaitcal.person.prepare import PreparedTrial, prepare_trial
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Role, Study, nominal_of
 from gaitcal.synthetic.measurements import marker_noise
 from tests.checks.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study
@@ -31,9 +31,9 @@ def study() -> Study:
     trials = []
     for trial in sound.trials:
         markers = trial.recording.markers.copy()
-        if trial.role != "static":
+        if trial.role is not Role.STATIC:
             markers += marker_noise(trial.recording.time, markers.shape[1], rng, 0.002)
-        if trial.role == "joint":
+        if trial.role is Role.JOINT:
             markers[:, shank] += [0.012, 0.0, 0.0]
         trials.append(replace(trial, recording=replace(trial.recording, markers=markers)))
     settings = sound.settings.model_copy(update={"ip": "none", "nodes_per_second": 10.0})

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.inverse_dynamics import GeneralisedForces
-from gaitcal.person import residual_limits as rules
-from gaitcal.person.residual_limits import residual_limits
-from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.dynamics import residual_limits as rules
+from gaitcal.dynamics.residual_limits import residual_limits
+from gaitcal.person.result import Calibration, Stage, TrialResult
 from gaitcal.person.warnings import disagreements, large_residuals
+from gaitcal.study.settings import Mode
 from tests.fake_result import fake_calibration
 
 
@@ -22,17 +22,17 @@ def whole() -> Calibration:
 
 def with_residual(trial: TrialResult, force: float, moment: float) -> TrialResult:
     """Residuals of the last step with these magnitudes in every frame (N, N·m), along x and z."""
-    assert trial.loads is not None and trial.loads.jp_ip is not None
-    last: GeneralisedForces = trial.loads.jp_ip
+    assert trial.loads is not None
+    last = trial.loads.final
     x, z = (np.tile(axis, (len(last.residual_force), 1)) for axis in ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
     last = replace(last, residual_force=force * x, residual_moment=moment * z)
-    return replace(trial, loads=replace(trial.loads, jp_ip=last))
+    return replace(trial, loads=replace(trial.loads, moments={**trial.loads.moments, Stage.JP_IP: last}))
 
 
 def test_residuals_are_told_above_the_limits_of_the_report_and_not_below(whole: Calibration) -> None:
     trial, parameters = whole.trial("walk"), whole.model.parameters
     assert trial.loads is not None
-    limits = residual_limits(parameters, trial, trial.loads)
+    limits = residual_limits(parameters, trial.body.q, trial.loads.reactions, trial.recording.plates)
 
     def told(force: float, moment: float) -> list[str]:
         return list(large_residuals([with_residual(trial, force * limits.force, moment * limits.moment)], parameters))
@@ -67,8 +67,8 @@ def test_the_other_mode_is_no_cure_for_itself(whole: Calibration) -> None:
     worse = replace(
         knee, final=replace(knee.final, errors=replace(knee.final.errors, distance=3.0 * knee.final.errors.distance))
     )
-    assert list(disagreements([knee], "sequential")) == []
-    (told,) = disagreements([worse], "sequential")
+    assert list(disagreements([knee], Mode.SEQUENTIAL)) == []
+    (told,) = disagreements([worse], Mode.SEQUENTIAL)
     assert told.startswith("knee: ") and told.endswith("mode = 'simultaneous' weighs them together")
-    (told,) = disagreements([worse], "simultaneous")
+    (told,) = disagreements([worse], Mode.SIMULTANEOUS)
     assert "disagree" in told and "simultaneous" not in told

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitcal.recording import Recording, read_recording
-from gaitcal.recording.force_plate import empty_samples, plate_frame, wrench_type_3
+from gaitcal.recording.force_plate import centre_on_ground, empty_samples, plate_frame, wrench_type_3
 from tests.recording.recordings import CORNERS_MM, standing_points_mm, write_raw_c3d
 
 FRAMES, RATIO = 100, 10
@@ -164,7 +164,10 @@ def test_the_offset_of_the_empty_plate_is_found_removed_and_told(tmp_path: Path)
     recording = read_plate(tmp_path, 2, truth.sensor_channels(ARM) + offset[:, None] + noise, 1e3 * ARM)
     assert any("offset of the empty plate removed, 1" in note for note in recording.notes)
     (plate,) = recording.plates
-    assert np.abs(plate.force - truth.laboratory_wrench()[:, :3]).max() < 3  # N, six standard deviations
+    away = plate.wrench() - truth.laboratory_wrench()
+    assert np.abs(away[:, :3]).max() < 3  # N, six standard deviations
+    middle = plate.corners.mean(axis=0)
+    assert np.abs(away[:, 3:] - np.cross(middle, away[:, :3])).max() < 0.2  # N·m about the middle of the plate
 
 
 def test_a_plate_never_empty_keeps_its_offset_and_says_so(tmp_path: Path) -> None:
@@ -223,3 +226,10 @@ def test_empty_stretches_leave_out_landing_and_lift_off() -> None:
     empty = empty_samples(vertical, 1000.0)
     assert empty[100]
     assert not empty[485:].any()  # EDGE_S before the step, the step, and a stretch shorter than QUIET_S
+
+
+@pytest.mark.parametrize("height", [0.0, -0.3])
+def test_centre_on_the_ground_is_where_force_and_free_moment_act(height: float) -> None:
+    force, point, free = np.array([40.0, 700.0, -90.0]), np.array([0.4, height, -0.2]), np.array([0.0, 7.0, 0.0])
+    wrench = np.hstack([force, np.cross(point, force) + free])
+    np.testing.assert_allclose(centre_on_ground(wrench, height), point, atol=1e-15)

@@ -91,6 +91,17 @@ def test_points_unknown_without_force_do_not_spoil_the_wrench(tmp_path: Path) ->
     assert any("1 samples without force" in note for note in forces.notes)
 
 
+def test_a_force_without_a_point_is_not_put_at_the_origin(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+    rows[1, 3:6] = np.nan
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, rows))
+    forces = read_forces(path)
+    assert np.isnan(forces.plates[0].point[1]).all()
+    assert not any("without force" in note for note in forces.notes)
+
+
 @pytest.mark.parametrize(
     "names, message",
     [

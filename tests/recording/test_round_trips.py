@@ -27,7 +27,7 @@ from gaitcal.recording.labels import clean, common_prefix, is_unlabelled
 from gaitcal.recording.trc import parse_trc
 from tests.recording.recordings import body, loaded_body
 
-QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12).filter(
     lambda name: clean(name) == name and not is_unlabelled(name)
@@ -43,7 +43,9 @@ def times(draw: st.DrawFn, largest: int = 6) -> np.ndarray:
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
     time = draw(times())
-    labels = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)))
+    labels = draw(
+        st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)[0])
+    )
     markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))
     gaps = draw(arrays(np.bool_, (len(time), len(labels)))) | (markers == 0).all(axis=2)
     return Recording("drawn", time, tuple(labels), np.where(gaps[:, :, None], np.nan, markers))

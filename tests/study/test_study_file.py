@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from gaitcal.errors import InputError
 from gaitcal.files.toml import MAX_BYTES
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, Subject, Trial, load_study_file
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, load_study_file
 
 STUDY = """\
 [subject]
@@ -74,7 +74,7 @@ def test_reads_everything_and_resolves_paths_from_its_own_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     study = load(folder, STUDY)
-    assert study.subject == Subject(name="subject01", mass_kg=72.6, height_m=1.803, sex="male")
+    assert study.subject == SubjectTable(name="subject01", mass_kg=72.6, height_m=1.803, sex="male")
     assert study.markers.rename == {"RASI": "R.ASIS"}
     assert study.static is study.trials[0]
     walk = study.trials[2]
@@ -106,7 +106,7 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
 
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
-        subject=Subject(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
+        subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
         markers=Markers(set="gait2354", weights={"Top.Head": 0.0}),
         trial=(Trial(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
     )
@@ -153,6 +153,7 @@ FAULTS = {
     "flag as text": ("nodes = 20", 'jp = "yes"', ["calibration.jp", "true or false"]),
     "filter word": ("nodes = 20", 'force_filter_hz = "match"', ["calibration.force_filter_hz", "'matched' or 'none'"]),
     "joint step without ip": ("nodes = 20", 'ip = "none"\njoint_step = true', ["calibration.joint_step", "ip other"]),
+    "joint step without jp": ("nodes = 20", "jp = false\njoint_step = true", ["calibration.joint_step", "jp = true"]),
     "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
     "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
     "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
@@ -270,7 +271,7 @@ FRAGMENTS += [
 ]
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     edits=st.lists(
         st.tuples(

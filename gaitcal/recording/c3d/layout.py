@@ -1,15 +1,14 @@
-"""What a C3D file says in its first blocks, checked before a parser is let loose on it.
+"""What the first blocks of a C3D file say of its layout: checked before a parser is let loose on it, and followed
+where the parser goes astray.
 
 Layout (C3D user guide, www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the parameters, byte 2
 is 0x50; then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last frame, 7-8 scale (float; negative:
 data are floats), 9 first data block, 10 analog samples a frame. Byte 4 of the parameter section is the processor:
 84 Intel, 85 DEC, 86 MIPS.
 
-The data section of a C3D file laid out after its header alone.
-
 ezc3d takes the layout of a frame from the parameters. Old files may lack ANALOG:RATE or ANALOG:USED, and are then
 read askew, without complaint: the analog values of one frame pass for points of the next. Where the header accounts
-for the length of the file and the parameters do not, the header is right.
+for the length of the file and the parameters do not, the header is right, and `read_samples` follows it.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import numpy as np
 
 from gaitcal.errors import InputError
 from gaitcal.recording.recording import Array
-from gaitcal.recording.text_file import require_file
+from gaitcal.recording.text_file import readable_size
 
 BLOCK = 512
 C3D_KEY = 0x50
@@ -32,7 +31,7 @@ INTEL, DEC, MIPS = 84, 85, 86
 HEADER_BYTES = 24
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class C3DHeader:
     """The first block of a C3D file, and the size of the file."""
 
@@ -65,7 +64,7 @@ class C3DHeader:
 
 def check_c3d_header(path: Path) -> C3DHeader:
     """The header; InputError where it is no C3D, is cut short, or has an encoding we do not read."""
-    size = require_file(path)
+    size = readable_size(path)
     try:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
@@ -107,6 +106,7 @@ def _header(size: int, head: bytes, processor: int) -> C3DHeader:
 
 
 def _checked(path: Path, header: C3DHeader) -> C3DHeader:
+    """The header, unless it contradicts itself or the length of the file."""
     if header.frames < 1:
         found = f"frame {header.first_frame} is its first and {header.last_frame} its last"
         raise InputError(found, source=path, field="header")
@@ -143,6 +143,7 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
         raw = np.fromfile(path, dtype=kind, count=length, offset=header.start).astype(np.float64)
     except OSError as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
+    # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
     quads = rows[:, : 4 * header.points].reshape(header.frames, header.points, 4)
     points = quads[:, :, :3] * (1.0 if header.is_float else header.scale)
@@ -159,5 +160,6 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
 
 
 def _per_channel(group: Mapping[str, Any], name: str, count: int, default: float) -> Array:
+    """(count, 1) of an ANALOG parameter, completed where it names too few channels."""
     given = np.asarray(group.get(name, []), dtype=np.float64).ravel()[:count]
     return np.concatenate([given, np.full(count - len(given), default)])[:, None]

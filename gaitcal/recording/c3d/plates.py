@@ -32,7 +32,7 @@ DOUBTFUL = 0.2
 """Share of centres of pressure outside the plate from which the user is told."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MeasuredPlate:
     """A plate before the vertical is known: wrench about the middle of its surface, in the axes of the file."""
 
@@ -72,12 +72,12 @@ def measured_plates(
     for index in range(count):
         name = f"Plate {index + 1}"
         try:
-            plate, told = _plate(parameters, index, analogs, first, rate, metres)
+            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres)
         except ValueError as fault:
             notes.append(f"{name} left out: {fault}.")
             continue
         plates.append(plate)
-        notes += [f"{name}: {note}." for note in told]
+        notes += [f"{name}: {note}." for note in plate_notes]
     return tuple(plates), tuple(notes)
 
 
@@ -126,8 +126,8 @@ def _plate(
         notes.append("never empty, so that its offset is unknown and was left in")
     elif np.linalg.norm(empty[:3]) > OFFSET_TOLD_N:
         force, moment = force - empty[:3], moment - empty[3:]
-        told = ", ".join(f"{value:.1f}" for value in empty[:3])
-        notes.append(f"offset of the empty plate removed, {told} N in its own axes")
+        removed = ", ".join(f"{value:.1f}" for value in empty[:3])
+        notes.append(f"offset of the empty plate removed, {removed} N in its own axes")
     share = outside_share(force, moment, frame)
     if share > DOUBTFUL:
         notes.append(
@@ -135,7 +135,8 @@ def _plate(
             f"{1e3 * OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and CHANNEL"
         )
     turn = frame.rotation.T
-    return MeasuredPlate(str(index + 1), time, force @ turn, moment @ turn, frame), notes
+    plate = MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame)
+    return plate, notes
 
 
 def _wrench(

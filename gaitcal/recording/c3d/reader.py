@@ -54,21 +54,19 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     if frames < 1:
         raise InputError("found no frame of points; at least one is needed", source=path)
     first = _first_frame(parameters, int(raw["first_frame"]))
-    keep, labels, told = _markers(path, parameters, points.shape[1])
-    notes += told
+    keep, labels, label_notes = _markers(path, parameters, points.shape[1])
+    notes += label_notes
     markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / PER_METRE[metres]
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
     if absurd.any():
         notes += (f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",)
         markers[absurd] = np.nan
-    markers, told = zeros_to_missing(markers)
-    notes += told
+    markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
-    plates, told_plates = measured_plates(parameters, analogs, first * ratio, rate * ratio, metres)
-    notes += told_plates
+    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, metres)
     vertical = find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
-    standing, told_plates = stand_up(plates, vertical.direction)
-    notes += told_plates
+    standing, turn_notes = stand_up(plates, vertical.direction)
+    notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
     recording = Recording(str(path), time, labels, markers, standing, notes)
     turn = UP_TO_Y[vertical.axis, vertical.sign]
@@ -108,13 +106,13 @@ def _unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str
 
 def _texts(group: Mapping[str, Any], name: str) -> list[str]:
     """A list of text with its continuations NAME2, NAME3, ... (255 entries each)."""
-    found: list[str] = []
+    texts: list[str] = []
     for number in range(1, 100):
         part = group.get(name if number == 1 else f"{name}{number}")
         if part is None or not all(isinstance(text, str) for text in part):
             break
-        found += list(part)
-    return found
+        texts += list(part)
+    return texts
 
 
 def _markers(
@@ -131,7 +129,7 @@ def _markers(
     if not named:
         raise InputError(f"found {count} trajectories, none with a name; labelled markers are needed", source=path)
     listed = _listed_as_computed(group)
-    prefix = common_prefix([labels[i] for i in named if labels[i] not in listed])
+    prefix, prefix_notes = common_prefix([labels[i] for i in named if labels[i] not in listed])
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
     by_spelling = computed_points(list(spelt.values()))
     keep = [i for i in named if labels[i] not in listed and spelt[i] not in by_spelling]
@@ -140,12 +138,8 @@ def _markers(
         notes += (f"{len(dropped)} computed points, not markers, left out: {', '.join(dropped)}.",)
     if not keep:
         raise InputError(f"all {len(named)} named points are computed ones; markers are needed", source=path)
-    if prefix:
-        notes += (f"Prefix '{prefix}' taken off the marker names.",)
-    names, renamed = unique(spelt[i] for i in keep)
-    if renamed:
-        notes += (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",)
-    return keep, names, notes
+    names, repetition_notes = unique(spelt[i] for i in keep)
+    return keep, names, notes + prefix_notes + repetition_notes
 
 
 def _listed_as_computed(group: Mapping[str, Any]) -> set[str]:

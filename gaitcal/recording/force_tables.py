@@ -1,4 +1,4 @@
-"""Column names of force tables, in all the ways in which programs spell them.
+"""Ground reactions in tables: which columns are which plate's, in all the ways in which programs spell their names.
 
 A name is taken apart into what it measures (force, point, moment), its axis, and the rest, which says which plate:
 
@@ -11,18 +11,27 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.recording.force_plate import pushes_down, turned_round
+from gaitcal.recording.force_plate import UP, pushes_down, turned_round
 from gaitcal.recording.recording import Array, ForcePlate
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
 WORDS = {"force": "force", "grf": "force", "point": "point", "cop": "point", "torque": "moment", "moment": "moment"}
 FILLERS = frozenset(["ground", "reaction"])
-UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Ground reactions of one trial from a file of their own."""
+
+    source: str
+    plates: tuple[ForcePlate, ...]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -107,3 +116,21 @@ def build_plate(
         plate = turned_round(plate)
         notes += (f"Plate {name}: its force pointed down; force and moment were turned round to act on the body.",)
     return plate, notes
+
+
+def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Array]:
+    """Times (ns,) of a table of all plates, and its values (ns, 9 * plates): force, point, moment of each.
+
+    A plate that begins later or ends sooner than another has NaN there. InputError where plates are sampled at
+    different times, as one table has one time column.
+    """
+    if not plates:
+        raise InputError("there are no force plates to write", source=target)
+    time = np.unique(np.concatenate([plate.time for plate in plates]))
+    values = np.full((len(time), 9 * len(plates)), np.nan)
+    for number, plate in enumerate(plates):
+        rows = np.searchsorted(time, plate.time)
+        if rows[-1] - rows[0] + 1 != len(rows):
+            raise InputError("the plates are sampled at different times; a table needs the same for all", source=target)
+        values[rows, 9 * number : 9 * number + 9] = np.hstack([plate.force, plate.point, plate.moment])
+    return time, values

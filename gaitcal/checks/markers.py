@@ -1,0 +1,208 @@
+"""Markers of the set in a trial: missing, unknown, named twice, seldom or never seen, held still, flattened."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.checks.evidence import LIGHT, TrialEvidence
+from gaitcal.checks.finding import Finding, Severity, listed
+from gaitcal.model.linkage import LEG_SEGMENTS
+from gaitcal.recording import marker_gaps
+from gaitcal.recording.intervals import runs, spans
+
+Array = NDArray[np.float64]
+
+SAME_M = 1e-4
+"""Two markers always nearer than this are one trajectory under two names."""
+LONG_S = 0.2
+"""A gap longer than this hides a part of a step."""
+HALF = 0.5
+"""Share of the frames, or of the markers."""
+FROZEN_S = 0.1
+"""A position repeated bit for bit for so long, while others move, is held by software."""
+MOVED_M = 0.01
+"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
+must a marker have moved in one coordinate for another, which never changes, to be odd."""
+
+
+def missing(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers of the set that the trial lacks, with the label that may be meant; and segments that lose too many."""
+    absent = [label for label in trial.expected if label not in trial.place]
+    if not absent:
+        return
+    strangers = _unknown(trial)
+    names = []
+    for label in absent:
+        close = difflib.get_close_matches(label, strangers, n=1, cutoff=0.6)
+        names.append(f"'{label}' (is it '{close[0]}'?)" if close else f"'{label}'")
+    cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
+    found = f"{len(absent)} markers of the set are not in the file: {listed(names, 8)}"
+    harmless = trial.is_isolated or all(trial.weight(label) <= LIGHT for label in absent)
+    yield trial.finding(Severity.INFO if harmless else Severity.WARNING, "labels", found, cure)
+
+
+def too_few(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the first segment of the part that is fitted has three markers."""
+    if trial.is_static or trial.model is None:
+        return
+    labels, _ = trial.templates.get("pelvis", ((), np.empty((0, 3))))
+    seen = [m for m in labels if trial.weight(m) > 0 and trial.ever_seen(m)]
+    if len(seen) >= 3:
+        return
+    have = ", ".join(seen) or "none"
+    yield trial.error(
+        "labels",
+        f"found {len(seen)} markers of the pelvis with weight ({have}); allowed: at least 3",
+        "label them in this trial, or name others of the pelvis in the marker set",
+    )
+
+
+def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers with weight whose label is in the file without a single position."""
+    empty = [m for m in trial.present if not trial.ever_seen(m)]
+    if empty:
+        names = listed([f"'{m}'" for m in empty])
+        yield trial.error(
+            "labels",
+            f"{names} named in the file, but never seen: found 0 of {len(trial.seen)} frames; allowed: at least 1",
+            f'take the empty columns out of the file, or give the marker no weight: weights = {{ "{empty[0]}" = 0 }} '
+            "under [markers]",
+        )
+
+
+def unknown(trial: TrialEvidence) -> Iterator[Finding]:
+    """Labels that the marker set does not know: they are not used."""
+    strangers = _unknown(trial)
+    if strangers:
+        cure = "nothing, if they are meant to be left out"
+        yield trial.info("labels", f"{len(strangers)} labels unknown to the set: {listed(strangers)}", cure)
+
+
+def _unknown(trial: TrialEvidence) -> list[str]:
+    known = set(trial.marker_set.labels)
+    return [label for label in trial.recording.labels if label not in known]
+
+
+def doubled(trial: TrialEvidence) -> Iterator[Finding]:
+    """Labels that occur twice, and trajectories that have two names."""
+    twice = [label for label in trial.recording.labels if "#" in label and label.rpartition("#")[0] in trial.place]
+    if twice:
+        yield trial.warning(
+            "labels",
+            f"labels that occur twice: {listed([label.rpartition('#')[0] for label in twice])}; the first was taken",
+            "give every marker a label of its own",
+        )
+    same = list(_one_trajectory(trial))
+    if same:
+        yield trial.error(
+            "labels",
+            f"one trajectory under two labels: {listed(same)}",
+            "one of the two is wrong: label the trial again, or give it no weight",
+        )
+
+
+def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
+    if not trial.is_gait or trial.model is None:
+        return
+    seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
+    markers = trial.model.markers
+    wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
+    for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
+        if weight > 0:
+            wanted.setdefault(segment, []).append(label)
+    bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
+    if bare:
+        torques = "; no torque is valid" if not set(LEG_SEGMENTS).isdisjoint(bare) else ""
+        yield trial.warning(
+            "labels",
+            f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
+            "label them in this trial, or see [markers] rename and weights of the study",
+        )
+
+
+def _one_trajectory(trial: TrialEvidence) -> Iterator[str]:
+    """Pairs of markers that lie on each other in some twenty frames of the trial."""
+    labels = [label for label in trial.marker_set.labels if label in trial.place and trial.weight(label) > 0]
+    some = slice(None, None, max(1, len(trial.seen) // 20))
+    for i, label in enumerate(labels):
+        for other in labels[:i]:
+            apart = np.abs(trial.path(label)[some] - trial.path(other)[some])
+            apart = apart[np.isfinite(apart).all(axis=1)]
+            if len(apart) >= 3 and float(apart.max()) < SAME_M:
+                yield f"'{other}' and '{label}'"
+
+
+def gaps(trial: TrialEvidence) -> Iterator[Finding]:
+    """Long gaps, and markers that are missing most of the time."""
+    used = {m for m in trial.present if trial.ever_seen(m)}
+    markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
+    rare = [f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF]
+    if rare:
+        cure = "they say little of this trial; label it further, or look at the camera setup"
+        yield trial.warning("gaps", f"seen in less than half of the frames: {listed(rare)}", cure)
+    long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > LONG_S), key=lambda g: -g.longest_gap)
+    if long:
+        longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
+        cure = "gaps get no weight and are not filled; the rest of the segment carries it"
+        yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure)
+    pelvis = trial.pelvis
+    if pelvis is not None and not pelvis.determined.all():
+        lost = runs(~pelvis.determined)
+        share = 100 * float(np.mean(~pelvis.determined))
+        yield trial.warning(
+            "gaps",
+            f"fewer than three pelvis markers in {share:.0f} % of the frames ({spans(trial.recording.time, lost)})",
+            "set time = [start, end] to the part where the pelvis is seen",
+        )
+
+
+def frozen(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers that repeat their position bit for bit while the others move."""
+    x = trial.recording.markers
+    if len(x) < 5:
+        return
+    same = (x[1:] == x[:-1]).all(axis=2)
+    shortest = max(4, round(FROZEN_S * trial.recording.rate))
+    labels, when = [], []
+    for label in trial.present:
+        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
+        if held:
+            labels.append(label)
+            when += held
+    if labels:
+        yield trial.warning(
+            "frozen",
+            f"positions repeated bit for bit while others move: {listed(labels)} ({spans(trial.recording.time, when)})",
+            "software held the last value over a gap: export gaps as gaps, or give the marker no weight",
+        )
+
+
+def _others_move(x: Array, run: slice) -> bool:
+    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at its beginning."""
+    moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
+    moved = moved[np.isfinite(moved)]
+    return bool(len(moved)) and float(np.median(moved)) > MOVED_M
+
+
+def flat(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers with a coordinate that never changes."""
+    labels = []
+    for label in trial.present:
+        x = trial.path(label)[trial.seen[:, trial.place[label]]]
+        if len(x) <= 10:
+            continue
+        way = np.ptp(x, axis=0)
+        # A segment that is held still moves by rounding alone: there a coordinate without a change says nothing.
+        if (way == 0).any() and way.max() > MOVED_M:
+            labels.append(label)
+    if 0 < len(labels) < HALF * len(trial.present):
+        yield trial.warning(
+            "frozen",
+            f"one coordinate never changes: {listed(labels)}",
+            "a column of the file is constant: export the trial again",
+        )

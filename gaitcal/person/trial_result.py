@@ -1,0 +1,121 @@
+"""The result of one trial, from its motions with every model: moments, standard errors, marker errors.
+
+A calibration assembles its own trials here, and `gaitcal dynamics` every further trial of the calibrated person.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gaitcal.calibration.torque_errors import (
+    MarkerMoves,
+    coordinate_standard_errors,
+    marker_moves,
+    torque_standard_errors,
+)
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import TorqueErrors, moments_of
+from gaitcal.model.inertial_parameters import impossible_bodies
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.person.hold_out import HeldOut
+from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
+from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import StudyTrial
+
+
+def trial_result(
+    trial: PreparedTrial,
+    stages: Mapping[Stage, tuple[Parameters, Motion]],
+    body: Motion,
+    *,
+    fitted_with: Parameters,
+    reactions: GroundReactions | None,
+    uncertainty: Uncertainty,
+    bwh: float,
+    held_out: HeldOut | None = None,
+) -> TrialResult:
+    """Assemble the result of a tracked trial.
+
+    Parameters
+    ----------
+    stages : the models that were reached, in their order, each with the motion that its moments are of.
+    body : whole-body motion with the last of them.
+    fitted_with : the parameters at the end of an isolated trial's own phase.
+    reactions : None without force plates.
+    uncertainty : of the last model.
+    bwh : body weight times height, N·m.
+    """
+    final, _ = stages[max(stages, key=list(Stage).index)]
+    calibrated = last = body
+    if trial.joint is not None:
+        calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
+    moves = None if trial.joint else marker_moves(trial.body, body.nodes, final, uncertainty.joint)
+    loads = None
+    if reactions is not None:
+        moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}
+        loads = LoadedTrial(reactions, moments, _torque_errors(trial.body, body, final, reactions, uncertainty, moves))
+    return TrialResult(
+        name=trial.name,
+        role=trial.role,
+        joint=trial.joint,
+        recording=trial.recording,
+        nominal=stages[Stage.NOMINAL][1],
+        calibrated=calibrated,
+        final=last,
+        floor=rigid_floor(trial.fitted),
+        body=body,
+        loads=loads,
+        coordinate_errors=None if moves is None else coordinate_standard_errors(trial.body, moves),
+        held_out=held_out,
+    )
+
+
+def _torque_errors(
+    problem: TrialProblem,
+    motion: Motion,
+    parameters: Parameters,
+    reactions: GroundReactions,
+    uncertainty: Uncertainty,
+    moves: MarkerMoves | None,
+) -> TorqueErrors | None:
+    """Standard errors of the final moments; None for impossible bodies, whose mass matrix has no meaning."""
+    if impossible_bodies(parameters.inertial):
+        return None
+    errors = torque_standard_errors(
+        problem, motion.nodes, parameters, reactions.wrench, uncertainty.joint, uncertainty.inertial, moves
+    )
+    return TorqueErrors(errors[:, : len(COORDINATES)], errors[:, len(COORDINATES) :])
+
+
+def analyse(
+    model: SubjectModel, trial: StudyTrial, settings: CalibrationSettings, uncertainty: Uncertainty
+) -> TrialResult:
+    """Track one further gait trial with a calibrated model and compute its torques.
+
+    Parameters
+    ----------
+    model : calibrated, as `gaitcal.load_model` returns it.
+    trial : markers named as in the model; with force plates if torques are wanted.
+    settings : of the calibration (splines and force filter).
+    uncertainty : of the calibration, for standard errors.
+    """
+    prepared = prepare_trial(trial, model, settings)
+    nominal = tracked_motion(prepared.body, model.nominal)
+    motion = tracked_motion(prepared.body, model.parameters)
+    reactions = None
+    if prepared.recording.plates:
+        reactions = measured_reactions(prepared, model, model.parameters, motion, settings)
+    return trial_result(
+        prepared,
+        {Stage.NOMINAL: (model.nominal, nominal), Stage.JP_IP: (model.parameters, motion)},
+        motion,
+        fitted_with=model.parameters,
+        reactions=reactions,
+        uncertainty=uncertainty,
+        bwh=model.subject.bwh,
+    )

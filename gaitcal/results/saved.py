@@ -1,0 +1,99 @@
+"""What a result folder of `gaitcal calibrate` keeps for further trials: model, labels, settings, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from gaitcal.calibration.influence import Influence
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.model_file import load_model
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.person.result import Uncertainty
+from gaitcal.study.settings import CalibrationSettings
+
+MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedResult:
+    """A calibrated person, and how the labels of their recordings are read."""
+
+    model: SubjectModel
+    model_file: Path
+    marker_set: MarkerSet
+    """With the weights of the model."""
+    rename: Mapping[str, str]
+    """Label in the files -> label in the marker set."""
+    settings: CalibrationSettings
+    uncertainty: Uncertainty
+
+
+def load_result(folder: Path) -> SavedResult:
+    """Read a result folder.
+
+    Raises
+    ------
+    InputError
+        It is none, or one of its files cannot be read.
+    """
+    model = load_model(folder / MODEL)
+    manifest = read_object(folder / MANIFEST)
+    settings = manifest.get("settings")
+    if not isinstance(settings, dict):
+        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
+    known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
+    rename = manifest.get("rename")
+    return SavedResult(
+        model=model,
+        model_file=folder / MODEL,
+        marker_set=_marker_set(folder, manifest, model),
+        rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
+        settings=CalibrationSettings.model_validate(known),
+        uncertainty=load_uncertainty(folder / UNCERTAINTY),
+    )
+
+
+def _marker_set(folder: Path, manifest: Mapping[str, object], model: SubjectModel) -> MarkerSet:
+    """As it was saved; of results that saved none, the built-in set, or what the model tells of one's own."""
+    weights = dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
+    if (folder / MARKER_SET).exists():
+        return load_marker_set(folder / MARKER_SET).with_weights(weights)
+    name = str(manifest.get("marker_set"))
+    if name in built_in_sets():
+        return load_marker_set(name).with_weights(weights)
+    tracking: dict[str, tuple[str, ...]] = {}
+    for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
+        tracking[segment] = (*tracking.get(segment, ()), label)
+    return MarkerSet(name, "of the model", {}, tracking, weights=weights)
+
+
+def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
+    """What further trials need for standard errors: influences on the joint parameters, spread of the inertial."""
+    arrays: dict[str, np.ndarray] = {}
+    if uncertainty.joint is not None:
+        arrays["joint_free"] = np.array(uncertainty.joint.free, dtype=str)
+        arrays["joint_clusters"] = np.array(uncertainty.joint.clusters, dtype=str)
+        arrays["joint"] = uncertainty.joint.parameters
+    if uncertainty.inertial is not None:
+        arrays["inertial"] = uncertainty.inertial
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+
+
+def load_uncertainty(path: Path) -> Uncertainty:
+    """Read back what `save_uncertainty` wrote."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            joint = None
+            if "joint" in stored:
+                names = tuple(str(n) for n in stored["joint_free"])
+                joint = Influence(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
+            return Uncertainty(joint, stored.get("inertial"))
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None
