@@ -11,7 +11,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import MOST_POINTS, Layout, thinned
-from gaitcal.model.linkage import COORDINATE_INDEX
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import Subject
 from tests.page.people import subject_model
 
@@ -68,9 +68,20 @@ def numbers(by_cycle: bool) -> MomentNumbers:
     before = tau.copy()
     before[:, KNEE] -= 0.1 * MASS
     none = np.zeros((len(TIME), 2))
-    final, nominal = (Moments(t, none, none, none) for t in (tau, before))
-    errors = TorqueErrors(np.full_like(tau, 4.0), none)
     model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
+    final, nominal = (
+        Moments(
+            coordinates=COORDINATES,
+            time=TIME,
+            tau=moments,
+            knee_adduction=none,
+            residual_force=none,
+            residual_moment=none,
+            bwh=model.subject.bwh,
+        )
+        for moments in (tau, before)
+    )
+    errors = TorqueErrors(np.full_like(tau, 4.0), none)
     of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)
     return next(n for n in of_all if n.name == "knee_angle_r")
 
