@@ -52,12 +52,25 @@ def mujoco_answers(mujoco: Any, path: Path, labels: tuple[str, ...], states: Seq
 
 
 def urdf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
-    """Pinocchio's own reader and RNEA on `model.urdf`, ground reactions on the feet."""
+    """Pinocchio's own reader and RNEA on `model.urdf`."""
     peer = pin.buildModelFromUrdf(str(path))
-    peer.gravity.linear = np.array([0.0, -9.81, 0.0])
-    data = peer.createData()
     assert tuple(peer.names)[1:] == COORDINATES
     frames = [peer.getFrameId(f"marker_{safe_name(label)}", pin.FrameType.BODY) for label in labels]
+    return _pinocchio_answers(peer, frames, states)
+
+
+def mjcf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
+    """Pinocchio's own reader and RNEA on `model.xml`."""
+    peer = pin.buildModelFromMJCF(str(path))
+    frames = [peer.getFrameId(safe_name(label), pin.FrameType.OP_FRAME) for label in labels]
+    return _pinocchio_answers(peer, frames, states)
+
+
+def _pinocchio_answers(peer: pin.Model, frames: list[int], states: Sequence[State]) -> Answers:
+    """With y up and ground reactions on the feet; `frames` are those of the markers."""
+    peer.gravity.linear = np.array([0.0, -9.81, 0.0])
+    data = peer.createData()
+    assert max(*frames, *(peer.getFrameId(foot, pin.FrameType.BODY) for foot in FEET)) < peer.nframes, "all are there"
     feet = [peer.frames[peer.getFrameId(foot, pin.FrameType.BODY)].parentJoint for foot in FEET]
     tau, markers = [], []
     for state in states:

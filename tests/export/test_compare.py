@@ -145,6 +145,29 @@ def in_old_format(tree: ET.ElementTree) -> None:
         socket.tag, socket.text = "body", (socket.text or "").rpartition("/")[2]
 
 
+@pytest.mark.parametrize(("low", "high", "moved"), [(-0.3, 2.5, False), (-2.5, 0.3, True)])
+def test_a_rolling_knee_is_swept_the_way_it_bends(
+    published: SubjectModel, tmp_path: Path, low: float, high: float, moved: bool
+) -> None:
+    """A knee that slides with negative angles only: its axis is another one where those are the flexion."""
+    write_osim(published, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    (knee,) = [j for j in tree.iter("CustomJoint") if j.get("name") == "knee_r"]
+    (coordinate,) = knee.iter("Coordinate")
+    put(coordinate, "range", np.array([low, high]))
+    (slide,) = [axis for axis in knee.iter("TransformAxis") if axis.get("name") == "translation1"]
+    words, constant = slide.find("coordinates"), slide.find("Constant")
+    assert words is not None and constant is not None
+    words.text = "knee_angle_r"
+    slide.remove(constant)
+    function = ET.SubElement(slide, "PiecewiseLinearFunction")
+    ET.SubElement(function, "x").text, ET.SubElement(function, "y").text = "-2 0 2", "0.02 0 0"
+    tree.write(tmp_path / "m.osim")
+    named = as_dict(compare(published, tmp_path / "m.osim"))
+    sup = named["knee_r axis in thigh_r, sup"].difference
+    assert (abs(sup) > 1.0) is moved, "mm"
+
+
 @pytest.mark.parametrize("change", [in_other_frames, in_old_format])
 def test_other_frames_and_formats(
     published: SubjectModel, tmp_path: Path, change: Callable[[ET.ElementTree], None]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
+from gaitcal.compare import read_osim
 from gaitcal.errors import InputError
 from gaitcal.export import write_mjcf, write_osim, write_urdf
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import (
     FORCE_TOLERANCE,
@@ -23,10 +28,11 @@ from tests.export.mechanics import (
     random_states,
 )
 from tests.export.opensim_model import OpenSimModel
-from tests.export.peers import Answers, mujoco_answers, opensim_answers, urdf_answers
+from tests.export.peers import Answers, mjcf_answers, mujoco_answers, opensim_answers, urdf_answers
 
-URDF_TOLERANCE = 1e-9
+PINOCCHIO_TOLERANCE = 1e-9
 """N, N·m: the same library on both sides, so only rounding of the placements differs."""
+INERTIA = ("mass", "mass_center", "inertia")
 ARM = ("arm_flex_r", "arm_add_r", "elbow_flex_r")
 
 
@@ -76,7 +82,43 @@ def test_urdf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
     write_urdf(model, tmp_path / "model.urdf")
     answers = urdf_answers(tmp_path / "model.urdf", model.markers.labels, states)
-    assert_same(model, states, answers, URDF_TOLERANCE)
+    assert_same(model, states, answers, PINOCCHIO_TOLERANCE)
+
+
+@pytest.mark.parametrize("seed", VARIANTS)
+def test_mjcf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
+    model, states = variant(published, seed), random_states(abs(seed))
+    write_mjcf(model, tmp_path / "model.xml")
+    assert_same(model, states, mjcf_answers(tmp_path / "model.xml", model.markers.labels, states), PINOCCHIO_TOLERANCE)
+
+
+@pytest.mark.parametrize("seed", VARIANTS)
+def test_osim_places_every_marker_and_mass(published: SubjectModel, tmp_path: Path, seed: int) -> None:
+    """Read back without OpenSim: the same bodies in the same places are the same mechanical system."""
+    model = variant(published, seed)
+    write_osim(model, tmp_path / "model.osim")
+    peer = read_osim(tmp_path / "model.osim")
+    for state in random_states(abs(seed)):
+        poses = {"ground": pin.SE3.Identity()}
+        for joint in peer.joints.values():
+            values = dict(zip(COORDINATES, state.q, strict=True))
+            poses[joint.child] = poses[joint.parent] * peer.joint_pose(joint, values)
+        markers = [poses[body].act(place) for body, place in peer.markers.values()]
+        np.testing.assert_allclose(markers, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE)
+    bodies = ET.parse(tmp_path / "model.osim").getroot().iter("Body")
+    inertias = {
+        body.get("name"): [float(x) for tag in INERTIA for x in (body.findtext(tag) or "").split()] for body in bodies
+    }
+    rows = table(model.parameters.inertial)
+    for segment, row in zip(MASSIVE_SEGMENTS, rows, strict=True):
+        assert inertias.pop(segment) == [*row, 0.0, 0.0, 0.0]
+    assert inertias == {"talus_r": [0.0] * 10, "talus_l": [0.0] * 10}
+
+
+def test_osim_locks_what_is_held_at_zero(published: SubjectModel, tmp_path: Path) -> None:
+    write_osim(replace(published, frozen=ARM), tmp_path / "model.osim")
+    joints = read_osim(tmp_path / "model.osim").joints.values()
+    assert {c.name for joint in joints for c in joint.coordinates if c.locked} == set(ARM)
 
 
 @pytest.mark.peers

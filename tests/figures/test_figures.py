@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,13 +13,16 @@ from matplotlib.collections import PolyCollection
 
 from gaitcal.dynamics.residual_limits import residual_limits
 from gaitcal.figures.calibration import charts_of, write_figures
-from gaitcal.figures.chart import chart_figure, panel_figure
-from gaitcal.figures.style import plain
-from gaitcal.gait.moments import moment_names
+from gaitcal.figures.chart import Panel, chart_figure, panel_figure
+from gaitcal.figures.forces import forces_chart
+from gaitcal.figures.parameters import parameters_chart
+from gaitcal.figures.style import SIDE_COLOURS, plain
+from gaitcal.gait.moments import moment_names, moment_of
 from gaitcal.gait.words import coordinate_words, explained, joint_words, parameter_words, segment_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
+from gaitcal.person.parameter_words import Group, Row
 from gaitcal.person.result import Calibration
 from gaitcal.results.summary import summary
 from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
@@ -79,6 +83,51 @@ def test_angles_have_the_band_of_their_standard_error(whole: Calibration) -> Non
         assert np.ptp(corners[at, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-6)
     without = charts_of(fake_calibration(errors=False)).gait[0].angles
     assert "±1 standard error" not in [key.label for key in without.keys]
+
+
+def lines_of(panel: Panel, width: float) -> dict[str, np.ndarray]:
+    """Side -> what is drawn of it in a line of that width."""
+    sides = {colour: side for side, colour in SIDE_COLOURS.items()}
+    lines = [line for line in panel_figure(panel).axes[0].lines if line.get_linewidth() == width]
+    return {sides[str(line.get_color())]: np.asarray(line.get_ydata()) for line in lines if line.get_color() in sides}
+
+
+def test_forces_are_percent_of_body_weight_along_their_axes(whole: Calibration) -> None:
+    walk = whole.trial("walk")
+    assert walk.loads is not None
+    wrench = walk.loads.reactions.wrench.copy()
+    wrench[:, 0, :3] = np.array([0.1, 1.0, -0.05]) * whole.model.subject.weight
+    loads = replace(walk.loads, reactions=replace(walk.loads.reactions, wrench=wrench))
+    for panel, percent in zip(forces_chart(whole, walk, loads, "w").panels, (100.0, 10.0, -5.0), strict=True):
+        assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(percent), panel.label
+
+
+def test_moments_are_per_body_mass(whole: Calibration) -> None:
+    view = charts_of(whole).gait[0]
+    assert view.moments is not None and view.trial.loads is not None
+    hip = next(p for p in view.moments.panels if p.label.startswith("Hip flexion"))
+    moment = moment_of(view.trial.loads.final, "hip_flexion_r") / whole.model.subject.mass
+    expected = view.layout.lay("r", np.where(view.trial.loads.reactions.valid, moment, np.nan))[1]
+    assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_moved_parameter_is_drawn_with_its_standard_error() -> None:
+    def row(side: str, error: float | None) -> Row:
+        return Row(
+            name=f"hip_{side}.pelvis.ant", words="hip centre in the pelvis, forward", place="", direction="forward",
+            unit="mm", nominal=10.0, fitted=13.0, error=error, status="fitted",
+        )  # fmt: skip
+
+    chart = parameters_chart((Group("Hip", (row("r", 2.0),), (row("l", None),), 0),))
+    assert chart is not None
+    bars = {
+        str(line.get_color()): (list(line.get_xdata()), list(line.get_ydata()))
+        for line in panel_figure(chart.panels[0]).axes[0].lines
+        if line.get_linewidth() == 1.2
+    }
+    assert bars[SIDE_COLOURS["r"]][0] == pytest.approx([1.0, 5.0])
+    assert bars[SIDE_COLOURS["l"]][0] == pytest.approx([3.0, 3.0])
+    assert bars[SIDE_COLOURS["r"]][1][0] < 0.0 < bars[SIDE_COLOURS["l"]][1][0], "the right side above the left one"
 
 
 def test_all_axes_have_units(whole: Calibration) -> None:

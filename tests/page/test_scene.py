@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, SEGMENTS
+from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
 from gaitcal.model.parameters import published_subject
 from gaitcal.page import Scene, person_scene
 from gaitcal.page.body_fit import MESHES, fitted_meshes
@@ -103,6 +104,25 @@ def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
         assert centre_1 == pytest.approx(centre_2, abs=EXACT)
         if not name.startswith("shoulder"):  # two axes: one is fixed in the trunk, the other in the arm
             assert axis_1 == pytest.approx(axis_2, abs=EXACT, nan_ok=True)
+
+
+@pytest.mark.parametrize("joint", ["knee_r", "knee_l", "subtalar_r", "subtalar_l", "shoulder_r", "elbow_l"])
+def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
+    """The first coordinate of a joint turns the child about the axis in the parent, the last about that in itself."""
+    model = subject_model()
+    chain = Chain("pelvis", SEGMENTS)
+    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    marks = {m.segment: m.fitted_axis for m in joint_marks(model.nominal, model.parameters, {}) if m.joint == joint}
+    (linked,) = [j for j in JOINTS if j.name == joint]
+    names = [e.name for e in linked.elements if e.source is Source.COORDINATE]
+    parent, child = (chain.segments.index(s) for s in (linked.parent, linked.child))
+    for segment, name in ((linked.parent, names[0]), (linked.child, names[-1])):
+        q = np.zeros((2, len(COORDINATES)))
+        q[1, COORDINATES.index(name)] = 0.3
+        axes, _ = segment_poses(chain, constants, forward(chain, constants, q))  # rows: axes of a segment, laboratory
+        before, after = (axes[parent, :, :, k] @ axes[child, :, :, k].T for k in (0, 1))
+        turn = after @ before.T if segment == linked.parent else before.T @ after
+        assert Rotation.from_matrix(turn).as_rotvec() == pytest.approx(0.3 * marks[segment], abs=1e-9), segment
 
 
 def test_standard_errors_become_clouds_and_cones() -> None:

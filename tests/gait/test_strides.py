@@ -1,0 +1,104 @@
+"""What is drawn of a trial, and the numbers of its moments, on strides and moments made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
+from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
+from gaitcal.gait.moments import MomentNumbers, moment_numbers
+from gaitcal.gait.strides import MOST_POINTS, Layout, thinned
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
+from gaitcal.model.subject_model import Subject
+from tests.page.people import subject_model
+
+TIME = np.arange(0.0, 3.001, 0.01)
+CYCLES = {
+    "r": (GaitCycle(0.0, 1.0, 0.62), GaitCycle(1.0, 2.0, 1.6), GaitCycle(2.0, 3.0, None)),
+    "l": (GaitCycle(0.5, 1.5, 1.1),),
+}
+DOWN = {"r": ((0.0, 0.62),), "l": ()}
+MASS, HEIGHT = 80.0, 1.75
+KNEE = COORDINATE_INDEX["knee_angle_r"]
+
+
+def layout(by_cycle: bool = True) -> Layout:
+    """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after 2.1 s."""
+    return Layout(TIME, (TIME > 0.9) & (TIME < 2.1), DOWN, CYCLES if by_cycle else {})
+
+
+def test_stance_ends_at_the_first_toe_off_inside_the_cycle() -> None:
+    cycles = gait_cycles(FootEvents(np.array([0.0, 1.0, 2.0]), np.array([0.6, 0.8, 2.5])))
+    assert cycles[0].stance == pytest.approx(60.0)
+    assert cycles[1].toe_off is None and cycles[1].stance is None
+
+
+def test_stance_is_drawn_from_strike_to_toe_off() -> None:
+    assert layout().stances("r") == [pytest.approx((0.0, 60.0))]
+    assert layout().stances("") == [pytest.approx((0.0, 60.0))], "the trunk over the right cycle"
+    assert layout().stances("l") == [pytest.approx((0.0, 60.0))]
+    assert layout(by_cycle=False).stances("r") == [(0.0, 0.62)] and layout(by_cycle=False).stances("l") == []
+
+
+def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> None:
+    values = TIME**2
+    percent, main = layout().lay("r", values)
+    at = np.linspace(1.0, 2.0, POINTS)
+    assert percent == pytest.approx(np.linspace(0.0, 100.0, POINTS))
+    assert main == pytest.approx(at**2, abs=1e-4)  # linear between frames 10 ms apart
+    others = layout().others("r", values)
+    assert [y[0] for _, y in others] == pytest.approx([0.0, 4.0]), "the first and the third stride"
+    assert layout(by_cycle=False).others("r", values) == []
+    assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
+
+
+def test_against_time_a_long_trial_is_thinned() -> None:
+    x, y = thinned(np.linspace(0.0, 50.0, 5001), np.linspace(0.0, 100.0, 5001))
+    assert len(x) == MOST_POINTS and y == pytest.approx(2 * x)
+    assert thinned(TIME, TIME) == (TIME, TIME)
+
+
+def numbers(by_cycle: bool) -> MomentNumbers:
+    """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
+    tau = np.zeros((len(TIME), 27))
+    tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
+    before = tau.copy()
+    before[:, KNEE] -= 0.1 * MASS
+    none = np.zeros((len(TIME), 2))
+    model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
+    final, nominal = (
+        Moments(
+            coordinates=COORDINATES,
+            time=TIME,
+            tau=moments,
+            knee_adduction=none,
+            residual_force=none,
+            residual_moment=none,
+            bwh=model.subject.bwh,
+        )
+        for moments in (tau, before)
+    )
+    errors = TorqueErrors(np.full_like(tau, 4.0), none)
+    of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)
+    return next(n for n in of_all if n.name == "knee_angle_r")
+
+
+def test_peaks_of_a_moment_over_the_drawn_stride() -> None:
+    knee = numbers(by_cycle=True)
+    assert knee.highest is not None and knee.lowest is not None
+    assert (knee.highest.value, knee.highest.at) == pytest.approx((1.0, 25.0))
+    assert (knee.lowest.value, knee.lowest.at) == pytest.approx((-1.0, 75.0))
+    assert knee.highest.error == pytest.approx(4.0 / MASS)
+    assert knee.highest.bwh == pytest.approx(100.0 / (9.81 * HEIGHT), rel=1e-3)
+    against_time = numbers(by_cycle=False)
+    assert against_time.highest is not None
+    assert against_time.highest.at == pytest.approx(1.25)
+
+
+def test_the_change_of_a_moment() -> None:
+    knee = numbers(by_cycle=True)
+    assert (knee.change, knee.peak, knee.change_of_peak) == pytest.approx((0.1, 1.0, 10.0))
+    assert knee.change_bwh == pytest.approx(10.0 / (9.81 * HEIGHT), rel=1e-3)

@@ -1,0 +1,106 @@
+"""What the page says of the numbers: verdicts, largest changes, signs, and the order of markers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.figures.calibration import charts_of
+from gaitcal.figures.fit import RmsErrors
+from gaitcal.model.linkage import COORDINATE_INDEX
+from gaitcal.page.answers import Answer, answers
+from gaitcal.page.report import number
+from gaitcal.page.trials import trial_fits
+from gaitcal.person.parameter_words import blind_spots, joint_groups, range_of_motion
+from gaitcal.person.result import Calibration, Stage
+from tests.fake_result import fake_calibration
+
+
+@pytest.fixture(scope="module")
+def whole() -> Calibration:
+    return fake_calibration()
+
+
+def answered(calibration: Calibration) -> dict[str, Answer]:
+    return {a.question: a for a in answers(calibration, charts_of(calibration).gait)}
+
+
+def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
+    """Other generalised forces with the calibrated model, in the one gait trial."""
+    walk, *others = calibration.trials
+    assert walk.loads is not None
+    moments = {**walk.loads.moments, Stage.JP_IP: replace(walk.loads.final, **changes)}
+    assert walk.loads.final is walk.loads.moments[Stage.JP_IP]
+    return replace(calibration, trials=(replace(walk, loads=replace(walk.loads, moments=moments)), *others))
+
+
+@pytest.mark.parametrize(("floor", "verdict"), [(1.0, "good"), (0.7, "fair"), (0.5, "poor")])
+def test_the_verdict_follows_from_error_over_floor(whole: Calibration, floor: float, verdict: str) -> None:
+    """6 mm over a floor of 5 mm times `floor`."""
+    walk, *others = whole.trials
+    nearer = replace(walk.floor, distance=floor * walk.floor.distance)
+    person = replace(whole, trials=(replace(walk, floor=nearer), *others))
+    answer = answered(person)["Does the model follow the markers?"]
+    assert answer.verdict == verdict
+    assert f"this is {6.0 / (5.0 * floor):.2f} times that" in answer.text
+
+
+def test_a_ratio_is_error_over_floor() -> None:
+    fit = RmsErrors(label="leg", nominal=9.0, calibrated=6.0, floor=4.0)
+    assert fit.ratio == pytest.approx(1.5)
+    assert replace(fit, rigid=False).ratio is None
+
+
+def test_the_largest_change_is_told(whole: Calibration) -> None:
+    walk = whole.trials[0]
+    assert walk.loads is not None
+    tau = walk.loads.final.tau.copy()
+    tau[:, COORDINATE_INDEX["hip_adduction_l"]] *= 2.0
+    answer = answered(with_final(whole, tau=tau))["Did calibration change the joint moments?"]
+    assert "left hip adduction" in answer.text
+
+
+@pytest.mark.parametrize(("part", "factor"), [("residual_force", 20.0), ("residual_moment", 20.0)])
+def test_one_residual_above_its_limit_is_above_the_limits(whole: Calibration, part: str, factor: float) -> None:
+    assert answered(whole)["Do motion and ground forces agree?"].verdict == "within the limits"
+    final = whole.trials[0].loads
+    assert final is not None
+    larger = with_final(whole, **{part: factor * getattr(final.final, part)})
+    assert answered(larger)["Do motion and ground forces agree?"].verdict == "above the limits"
+
+
+def test_numbers_are_set_with_minus_signs_and_thin_spaces() -> None:
+    assert number(-1234.56) == "\N{MINUS SIGN}1\u202f234.6"
+    assert number(0.04, 1, True) == "0.0" and number(0.06, 1, True) == "+0.1" and number(-0.04) == "0.0"
+    assert number(None) == number(float("nan")) == "\N{EN DASH}"
+
+
+def test_markers_with_little_weight_come_last_and_the_worst_first(whole: Calibration) -> None:
+    walk, *others = whole.trials
+    errors = walk.calibrated.errors
+    size = np.linspace(1.0, 2.0, len(errors.labels))
+    weight = np.ones(len(errors.labels))
+    weight[-1] = 0.5
+    weighted = replace(walk.calibrated, errors=replace(errors, distance=errors.distance * size, weight=weight))
+    person = replace(whole, trials=(replace(walk, calibrated=weighted), *others))
+    assert [m.label for m in trial_fits(person)[0].markers] == [*reversed(errors.labels[:-1]), errors.labels[-1]]
+
+
+def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
+    rows = {row.name: row for group in joint_groups(whole) for row in (*group.right, *group.left)}
+    assert rows["hip_l.pelvis.ant"].change == pytest.approx(4.0)  # mm
+    assert (rows["hip_l.pelvis.ant"].side, rows["hip_l.pelvis.ant"].part) == ("l", "hip")
+
+
+@pytest.mark.parametrize(("share", "advice"), [(0.01, "are needed. Add an isolated trial"), (1.0, "do not move it in")])
+def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, advice: str) -> None:
+    """The subtalar joint moves by some 34 degrees, or by a hundredth of that."""
+    walk = whole.trials[0]
+    still = replace(walk.calibrated, nodes=share * walk.calibrated.nodes)
+    person = replace(whole, trials=(replace(walk, calibrated=still),))
+    angle = np.degrees(walk.body.q[:, COORDINATE_INDEX["subtalar_angle_r"]])
+    assert range_of_motion(person, "subtalar_r") == pytest.approx(share * np.ptp(angle))
+    (sentence,) = [text for text in blind_spots(person) if "subtalar" in text]
+    assert advice in sentence
