@@ -126,7 +126,7 @@ def gait_equations(parameters: Parameters, nodes: Array, scale: TorqueScale = To
 
 
 def pelvis_width(model: SubjectModel) -> float:
-    """M between the hip centres."""
+    """Distance of the hip centres, m."""
     return float(np.linalg.norm(model.landmarks["hjc_r"][1] - model.landmarks["hjc_l"][1]))
 
 

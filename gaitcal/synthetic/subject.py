@@ -42,7 +42,7 @@ PLATE_X, PLATE_Z = (-0.7, 1.9), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
-def true_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
+def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
     """The nominal subject with its static-only markers, or one drawn within the published bounds around it."""
     nominal = published_model(static_only=True)
     parameters = _perturbed(nominal.parameters, rng) if perturb else nominal.parameters
@@ -78,7 +78,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     """
     folder = Path(out)
     person, noise_waves = _generators(seed)
-    model, tracking = true_model(person, perturb=perturb), published_model().markers.labels
+    model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
     trials = {"static": static_motion(), **{joint: isolated_motion(joint) for joint in ISOLATED_JOINTS}}
     trials["gait"] = gait_motion()
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
@@ -101,7 +101,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
 
 def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:
     """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
-    model = true_model(_generators(seed)[0], perturb=True)
+    model = synthetic_model(_generators(seed)[0], perturb=True)
     return model.parameters, _on_the_floor(model, gait_motion())
 
 

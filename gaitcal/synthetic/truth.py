@@ -39,7 +39,7 @@ def in_static_frames(model: SubjectModel) -> Parameters:
     posture = static_posture(still, marker_set, slice(0, 1))
     legs = lower_body(posture, model.subject.height, HipCentre.BELL)
     frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
-    inertial = _inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
+    inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
     return Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
 
 
@@ -116,7 +116,7 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
     return out
 
 
-def _inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
+def inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
     """(84,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
     out = table(inertial).copy()
     for row, segment in zip(out, MASSIVE_SEGMENTS, strict=True):

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import pandas as pd
 import pytest
 
 from gaitcal.montecarlo.leg_torques import TORQUES
-from gaitcal.montecarlo.settings import PUBLISHED_LEVELS, ReactionFrame, Varied
+from gaitcal.montecarlo.settings import PUBLISHED_LEVELS, MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.reproduction import reproduce
 from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.disturbance_claims import Disturbances, disturbance_claims
 from gaitcal.reproduction.reproduce import ReproductionSettings, _disturb
@@ -91,6 +96,23 @@ def test_too_few_draws_do_not_refute_convergence() -> None:
     for draws, expected in ((500, Verdict.NOT_RUN), (5000, Verdict.FAILS)):
         found = disturbance_claims(Disturbances(_table(settles=3.0), _wide(), draws))
         assert _of(found, "settle within 2 %") == {expected}
+
+
+def test_the_four_sets_have_the_published_bounds_and_inertial_parameters_alone_wider_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[object, ...]] = []
+
+    def study(case: object, folder: Path | None, **options: Any) -> SimpleNamespace:
+        asked.append((folder, options["settings"], options["plan"]))
+        return SimpleNamespace(statistics=len(asked))
+
+    monkeypatch.setattr(reproduce, "monte_carlo", study)
+    assert _disturb(ReproductionSettings(seed=3, draws=7), Path("kept"), lambda _: None) == Disturbances(1, 2, 7)
+    assert asked == [
+        (Path("kept/published"), MonteCarloSettings(seed=3), Plan(draws=7)),
+        (Path("kept/inertial50"), MonteCarloSettings(seed=3, inertial_percent=50.0), Plan((Varied.IP,), (100,), 7)),
+    ]
 
 
 @pytest.mark.slow

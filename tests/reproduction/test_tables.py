@@ -77,6 +77,16 @@ def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
     assert (row.published, row.ours) == (-0.84, pytest.approx(sum(errors) / 2))
 
 
+def test_minima_from_zero_and_from_the_truth_are_compared(clean: SeedResult, draws: list[SeedResult]) -> None:
+    def ended(draw: SeedResult, cost: float) -> SeedResult:
+        hip = replace(draw.joints["hip"], cost=cost, cost_from_truth=1.0)
+        return replace(draw, joints={**draw.joints, "hip": hip})
+
+    rows = table_one_rows(clean, [ended(draws[0], 1.00005), ended(draws[1], 1.001)])
+    (row,) = (r for r in rows if "same minimum" in r.row and r.column == "hip")
+    assert (row.published, row.ours, row.unit) == (None, 50.0, "%")
+
+
 def test_tables_three_and_four(clean: SeedResult, draws: list[SeedResult]) -> None:
     rows = table_three_rows(clean, draws)
     first = [r for r in rows if r.row == "synthetic without noise, correct seed"]

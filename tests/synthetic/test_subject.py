@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.model.joint_parameters import JP_TO_SI
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical, table
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_TO_SI, Kind
 from gaitcal.model.nominal import HipCentre, nominal_model
+from gaitcal.model.parameters import published_subject
+from gaitcal.model.segment_frames import Frame
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.tables import parameter_table
 from gaitcal.study.study import Study
-from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth import joint_parameters_in, segment_frames
+from gaitcal.synthetic.subject import CLEARANCE, synthesize, synthetic_model
+from gaitcal.synthetic.truth import inertial_parameters_in, joint_parameters_in, segment_frames
 from tests.derivatives import perturbed_parameters
 
 
@@ -24,6 +28,44 @@ def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
     q = rng.normal(0, 0.3, 27)
     told = joint_parameters_in(parameters, q, segment_frames(parameters, q))
     np.testing.assert_allclose(told, parameters.joint, atol=1e-12)
+
+
+def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
+    rng = np.random.default_rng(2)
+    inertial = published_subject().inertial
+
+    def frames() -> dict[str, Frame]:
+        return {s: Frame(np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)) for s in MASSIVE_SEGMENTS}
+
+    one, other = frames(), frames()
+    before, after = table(inertial), table(inertial_parameters_in(inertial, one, other))
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        assert after[k, 0] == before[k, 0]
+        np.testing.assert_allclose(other[segment].point(after[k, 1:4]), one[segment].point(before[k, 1:4]), atol=1e-12)
+        laboratory = one[segment].rotation @ np.diag(before[k, 4:7]) @ one[segment].rotation.T
+        for moment, axis in zip(after[k, 4:7], other[segment].rotation.T, strict=True):
+            assert moment == pytest.approx(axis @ laboratory @ axis)
+
+
+def test_a_drawn_person_is_within_the_published_bounds() -> None:
+    nominal = published_subject()
+    people = [synthetic_model(np.random.default_rng(seed), perturb=True) for seed in range(20)]
+    joint = np.array([(p.parameters.joint - nominal.joint) / JP_TO_SI for p in people])
+    positions = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+    for change in (joint[:, positions], joint[:, ~positions]):
+        assert 9.9 < np.abs(change).max() <= 10.0  # mm, degrees
+    known = nominal.inertial != 0.0
+    ratio = np.array([p.parameters.inertial[known] / nominal.inertial[known] for p in people])
+    assert 0.099 < np.abs(ratio - 1.0).max() <= 0.1 + 1e-12
+    assert all(is_physical(p.parameters.inertial).all() for p in people)
+    assert all(p.subject.mass == pytest.approx(p.parameters.mass) for p in people)
+
+
+def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
+    study = Study.load(synthesize(tmp_path / "study", seed=6, perturb=True))
+    for trial in study.trials:
+        feet = [k for k, label in enumerate(trial.recording.labels) if re.search("Heel|Toe|Midfoot", label)]
+        assert trial.recording.markers[:, feet, 1].min() == pytest.approx(CLEARANCE, abs=1e-6), trial.name
 
 
 def test_same_seed_same_files(tmp_path: Path) -> None:
