@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.far_start import SharedTrials
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
@@ -30,8 +30,6 @@ from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)
 """A little damped at first: markers and loads pull apart where phases 1 and 2 ended."""
@@ -46,7 +44,7 @@ class CombinedTrial:
     """(nn, nq) where phases 1 and 2 ended."""
     wrench: Array | None = None
     """(nf, 2, 6) ground reactions of a whole-body trial; None: markers only."""
-    valid: NDArray[np.bool_] | None = None
+    valid: BoolArray | None = None
     """(nf,) frames whose residual counts; None: all."""
 
 
@@ -204,7 +202,7 @@ class _MarkersAndLoads(SharedTrials):
 def _with_loads(
     markers: NormalEquations,
     basis: SplineBasis,
-    valid: NDArray[np.bool_],
+    valid: BoolArray,
     load: RootResidual,
     by_theta: Array,
     weight: Array,

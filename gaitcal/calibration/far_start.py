@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import ArrowEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.track import NOTHING_LEFT_M
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
 """Every step on its own matrix: far away none serves twice."""

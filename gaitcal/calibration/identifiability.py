@@ -13,14 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.influence import MarkerEvidence
 from gaitcal.calibration.joint_calibration import JointFit
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 LARGEST_POSITION = 0.020
 """m, standard error above which a joint position counts as not determined."""

@@ -23,15 +23,13 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.model.inertial_parameters import IP_NAMES, InertialSet, dynamic_jacobian, dynamic_parameters
-
-Array = NDArray[np.float64]
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""

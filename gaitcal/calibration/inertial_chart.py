@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.inertial_parameters import InertialSet, is_physical, table
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-
-Array = NDArray[np.float64]
 
 
 class TorqueScale(Enum):
@@ -88,7 +86,7 @@ class LoadedMotion:
     acceleration: Array
     wrench: Array
     """(nf, 2, 6) about the laboratory origin."""
-    valid: NDArray[np.bool_]
+    valid: BoolArray
     """(nf,)."""
 
 

@@ -35,9 +35,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointFit
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.chain import ChainConstants
@@ -47,8 +47,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""

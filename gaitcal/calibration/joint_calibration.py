@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitcal.calibration.identifiability import in_words, small_turns, unmoved_parameters, unseen_parameters
 from gaitcal.calibration.influence import (
@@ -31,9 +30,6 @@ from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
-
 
 PRIORS_OWN = 0.5
 """Where less than this part of the noise is found that priors were weighed against, they may have made most of it

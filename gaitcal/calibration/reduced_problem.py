@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import Elimination, eliminate
@@ -32,8 +32,6 @@ from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""

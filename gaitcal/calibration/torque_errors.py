@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
 from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
@@ -29,8 +29,6 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 
 def torque_standard_errors(

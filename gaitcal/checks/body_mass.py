@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import Feet, feet_of, overhang, steps
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding
@@ -20,9 +20,6 @@ from gaitcal.model.build import GRAVITY
 from gaitcal.recording import resample_wrench, still_window
 from gaitcal.recording.force_plate import BODY_N
 from gaitcal.recording.intervals import duration, runs, spans
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 DIFFERENCE = 0.05
 """Of the mass, from which it is told; over strides, beside what the velocities may be wrong by."""

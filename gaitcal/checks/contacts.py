@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding
 from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
@@ -17,9 +17,6 @@ from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding, Severity, listed
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.intervals import runs, spans
-
-Array = NDArray[np.float64]
 
 ALONG_DEG = 50.0
 """Angle between facing and going above which the person does not walk forwards."""

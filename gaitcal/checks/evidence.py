@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.finding import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -15,9 +15,6 @@ from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, StudyTrial
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from itertools import combinations, zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.checks.finding import Finding, listed
 from gaitcal.recording.intervals import runs, spans
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""

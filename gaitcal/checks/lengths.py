@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding
-
-Array = NDArray[np.float64]
 
 SIZE = (0.05, 4.0)
 """Size of the cloud of markers, in body heights, outside which the unit of length must be wrong. One shank with its

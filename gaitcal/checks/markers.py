@@ -6,15 +6,13 @@ import difflib
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.checks.finding import Finding, Severity, listed
 from gaitcal.model.linkage import LEG_SEGMENTS
 from gaitcal.recording import marker_gaps
 from gaitcal.recording.intervals import runs, spans
-
-Array = NDArray[np.float64]
 
 SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""

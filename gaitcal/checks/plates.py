@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.checks.contacts import Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding
@@ -24,8 +24,6 @@ from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
-
-Array = NDArray[np.float64]
 
 OFFSET_N = 15.0
 """Reading of an empty plate that a file of forces should not have."""

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from gaitcal.compare.leg_geometry import Axis, LegGeometry, leg_bodies, our_leg, peer_leg
 from gaitcal.compare.osim_reader import read_osim
@@ -26,8 +25,6 @@ from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = ("ant", "sup", "lat")
 

@@ -17,13 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.compare.peer_model import PeerJoint, PeerModel
 from gaitcal.export.joint_frames import joint_frames
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 KNEE_SWEEP = math.radians(60.0)
 """Flexion over which a peer's knee axis is taken: what walking uses."""

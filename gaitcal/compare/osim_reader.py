@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.compare.peer_model import (
     Function,
     PeerAxis,
@@ -21,8 +21,6 @@ from gaitcal.compare.peer_model import (
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import from_body_fixed_xyz
 from gaitcal.export.xml_text import original_name
-
-Array = NDArray[np.float64]
 
 _X, _Y, _Z = (np.eye(3)[i] for i in range(3))
 _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {

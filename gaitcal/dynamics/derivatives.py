@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, pelvis_axes, pelvis_residual, root_wrench
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain
@@ -25,8 +25,6 @@ from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

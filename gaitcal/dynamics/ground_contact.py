@@ -13,17 +13,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SIDE_WORDS = ("right", "left")
 RESTING = 0.4

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import (
     SPLINE_ENDS,
     FootPoints,
@@ -34,8 +34,6 @@ from gaitcal.motion.spline import DEGREE
 from gaitcal.motion.trial_problem import cutoff
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording
-
-BoolArray = NDArray[np.bool_]
 
 PELVIS_UP = COORDINATES.index("pelvis_ty")
 CONTRADICTION = 0.25
@@ -106,7 +104,7 @@ def reactions_of_motion(
     )
 
 
-def _contradictions(wrench: NDArray[np.float64], valid: BoolArray, parameters: Parameters, motion: Motion) -> list[str]:
+def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, motion: Motion) -> list[str]:
     """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
 
     To leave them out would make every residual look small by construction.

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import InputError
 from gaitcal.model.build import LinkageModel, build_linkage
 from gaitcal.model.chain import Chain
@@ -30,8 +30,6 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-
-Array = NDArray[np.float64]
 
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
@@ -74,7 +72,7 @@ class Moments:
             raise ValueError(f"'{coordinate}' is a force, not a torque")
         return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
 
-    def residual_rms(self, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
         """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""
         force, moment = (np.sqrt(np.mean(r[valid] ** 2)) for r in (self.residual_force, self.residual_moment))
         return float(force), float(moment)
@@ -142,7 +140,7 @@ def unloaded_forces(linkage: LinkageModel, data: pin.Data, q: Array, v: Array, a
     return tau
 
 
-def joint_regressor(linkage: LinkageModel, rows: NDArray[np.intp], q: Array, v: Array, a: Array) -> Array:
+def joint_regressor(linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a: Array) -> Array:
     """(nf, nr, 12, 10) some rows of RNEA per dynamic parameter of each massive segment, from coordinates (nf, 27).
 
     Parameters are those in the frame of the joint that carries the segment, as Pinocchio has them: a block of ten

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.recording.force_plate import OUTSIDE_M
 from gaitcal.recording.recording import ForcePlate
-
-Array = NDArray[np.float64]
 
 OVERHANG_M = 0.02
 """How far an end of a resting foot may lie outside the plate."""

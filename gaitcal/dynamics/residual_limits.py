@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.model.build import build_linkage
 from gaitcal.model.parameters import Parameters
 from gaitcal.recording.recording import ForcePlate
-
-Array = NDArray[np.float64]
 
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
 MOST_FRAMES = 50
@@ -60,7 +58,7 @@ class ResidualMagnitudes:
     """N·m."""
 
 
-def residual_magnitudes(name: str, moments: Moments, valid: NDArray[np.bool_]) -> ResidualMagnitudes:
+def residual_magnitudes(name: str, moments: Moments, valid: BoolArray) -> ResidualMagnitudes:
     """Magnitudes of a residual in every frame, and its figures over the valid frames (nf,), of which there are some."""
     force, moment = (np.linalg.norm(r, axis=1) for r in (moments.residual_force, moments.residual_moment))
     rms_force, rms_moment = moments.residual_rms(valid)

@@ -23,15 +23,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.build import constant_motion
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 GROUND = "ground"
 """The laboratory: y up, x forward, z right."""

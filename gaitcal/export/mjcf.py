@@ -18,10 +18,9 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import (
     COORDINATE_RANGES,
@@ -36,8 +35,6 @@ from gaitcal.model.build import GRAVITY
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.linkage import Element
 from gaitcal.model.subject_model import SubjectModel
-
-Array = NDArray[np.float64]
 
 TALUS_MASS = 1e-12
 """kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""

@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
 from gaitcal.export.osim import DOCUMENT_VERSION
@@ -22,8 +22,6 @@ from gaitcal.files.atomic import atomic_text
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
 from gaitcal.recording import StorageTable
 from gaitcal.recording.force_plate import point_and_torque
-
-Array = NDArray[np.float64]
 
 MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart, Panel
 from gaitcal.figures.style import (
     FAINT,
@@ -29,8 +29,6 @@ from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import SIDE_WORDS, coordinate_words, split_side
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-
-Array = NDArray[np.float64]
 
 LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
 """Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""

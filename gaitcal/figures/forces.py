@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes
 from gaitcal.figures.chart import Chart, Panel, Size
@@ -27,8 +27,6 @@ from gaitcal.figures.style import (
 from gaitcal.gait.strides import thinned
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.recording.intervals import runs
-
-Array = NDArray[np.float64]
 
 AXES = (("Vertical", "up", 1), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
 INVALID = "#f7e3c4"
@@ -52,7 +50,7 @@ def forces_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
     )
 
 
-def shade_invalid(axes: Axes, time: Array, valid: NDArray[np.bool_]) -> None:
+def shade_invalid(axes: Axes, time: Array, valid: BoolArray) -> None:
     """Tint the stretches in which torques are not known."""
     for run in runs(~valid):
         axes.axvspan(

@@ -15,13 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.recording.intervals import runs
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SAME_EVENT = 0.2
 """s: an event of the motion this near to one of a plate is the same event."""

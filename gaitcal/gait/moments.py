@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
 from gaitcal.model.subject_model import SubjectModel
-
-Array = NDArray[np.float64]
 
 
 def moment_names(model: SubjectModel) -> list[str]:

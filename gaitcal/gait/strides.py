@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.gait.cycles import (
@@ -23,9 +23,6 @@ from gaitcal.gait.cycles import (
 )
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MOST_POINTS = 400
 """A plot against time shows no more: about one a pixel."""

@@ -19,14 +19,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-
-Array = NDArray[np.float64]
 
 FOOT_CENTRE_UP = 0.0004 / 1.70
 """Height of the foot's mass centre above the heel-toe line over body height: not zero, as costs divide by it."""

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """m/s^2, downwards along -y."""

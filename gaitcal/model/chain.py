@@ -17,13 +17,10 @@ from functools import cached_property, lru_cache
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -144,8 +141,8 @@ class Chain:
         self._passed = [passed[name] for name in self.free]
         self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
         self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
-        self.parameter_rotates: NDArray[np.bool_] = np.array([w[-1].element.rotates for _, w in self._passed], bool)
-        self.coordinate_rotates: NDArray[np.bool_] = np.array([e.rotates for e in self.elements], bool)
+        self.parameter_rotates: BoolArray = np.array([w[-1].element.rotates for _, w in self._passed], bool)
+        self.coordinate_rotates: BoolArray = np.array([e.rotates for e in self.elements], bool)
         self.coordinate_axis: IntArray = np.array([e.axis for e in self.elements], dtype=np.intp)
         self.coordinate_slides: IntArray = np.flatnonzero(~self.coordinate_rotates)
         self.parameter_slides: IntArray = np.flatnonzero(~self.parameter_rotates)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SEGMENTS
-
-Array = NDArray[np.float64]
 
 MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if not s.startswith("talus"))
 """12 segments; row s of a (12, 7) table of IPs is [mass, com x y z, moment x y z]."""
@@ -155,7 +153,7 @@ def _from_pseudo(j: Array) -> Array:
     return out
 
 
-def is_physical(inertial: Array) -> NDArray[np.bool_]:
+def is_physical(inertial: Array) -> BoolArray:
     """(12,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
     rows = table(inertial)
     moments = np.sort(rows[:, 4:7], axis=1)

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINTS, Source, moved_joints
-
-Array = NDArray[np.float64]
 
 
 class Kind(Enum):

@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError, nearest
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, instead_of
 from gaitcal.recording import Recording
-
-Array = NDArray[np.float64]
 
 PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
 """Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""

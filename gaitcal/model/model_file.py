@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.files.toml import toml_value
@@ -25,8 +25,6 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 PRECISION = 60

@@ -9,8 +9,8 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
@@ -27,7 +27,6 @@ from gaitcal.recording import Recording, still_window
 
 __all__ = ["HipCentre", "nominal_model", "published_model"]
 
-Array = NDArray[np.float64]
 
 FULL_SUPPORT = 3
 """Markers that pelvis, thighs, shanks and feet need; a set that gives fewer needs them all."""

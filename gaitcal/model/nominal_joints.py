@@ -19,14 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.linkage import SIDES, ZERO_ANGLES
 from gaitcal.model.segment_frames import Frame, sign
-
-Array = NDArray[np.float64]
 
 TALOCRURAL_FRONT = np.deg2rad(7.3)
 """90 - 82.7 deg, Inman 1976."""

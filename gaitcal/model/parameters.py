@@ -6,14 +6,12 @@ import json
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import ZERO_ANGLES, Element, Source
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

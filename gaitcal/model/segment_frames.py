@@ -21,13 +21,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-
-Array = NDArray[np.float64]
 
 NOMINAL_HEIGHT = 1.70
 """m; joint widths below are the nominal subject's, between marker centres, and go with height."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitcal.arrays import Array
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.anthropometry import default_limbs
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
@@ -50,8 +50,6 @@ from gaitcal.model.segment_frames import (
     unit,
 )
 from gaitcal.model.subject_model import Subject
-
-Array = NDArray[np.float64]
 
 TRUNK_SUPPORT = 3
 """Markers with weight that a trunk needs, as its three turns are free."""

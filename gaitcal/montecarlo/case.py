@@ -15,8 +15,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError, nearest
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.model_file import load_model
@@ -30,9 +30,6 @@ from gaitcal.runtime import Progress, silent
 from gaitcal.study.study import Study
 from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
 

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import FEWEST, levels_of
-
-Array = NDArray[np.float64]
 
 IP_LIMIT = 0.25
 """%BW*H: the paper's own limit for inertial parameters at +-10 %; that of marker noise too, which the paper calls small

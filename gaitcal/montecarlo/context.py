@@ -8,8 +8,8 @@ the undisturbed case: it starts every re-fit. Torques are linear in the dynamic 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import in_segment_frames, joint_regressor
 from gaitcal.model.inertial_parameters import dynamic_parameters, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
@@ -23,8 +23,6 @@ from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
-
-Array = NDArray[np.float64]
 
 
 class MonteCarloContext:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES
@@ -20,8 +20,6 @@ from gaitcal.montecarlo.refit import refit
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.synthetic.measurements import marker_noise
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

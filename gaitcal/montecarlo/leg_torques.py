@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, unloaded_forces, with_reactions
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain, ChainConstants
@@ -29,8 +29,6 @@ from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
-
-Array = NDArray[np.float64]
 
 TORQUE_WORDS = {
     "hip_flexion": "hip flexion",

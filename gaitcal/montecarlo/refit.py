@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.montecarlo.settings import RefitSettings
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,10 @@ from dataclasses import asdict, dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, gait_parameters, leg_parameters
 from gaitcal.model.linkage import SIDES
-
-Array = NDArray[np.float64]
 
 PUBLISHED_LEVELS = (25, 50, 75, 100)
 PUBLISHED_DRAWS = 5000

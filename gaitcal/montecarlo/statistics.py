@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.draw import MEASURES, marker_column, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
-
-Array = NDArray[np.float64]
 
 PERCENTILES = (10, 25, 50, 75, 90)
 TOLERANCE_PERCENT = 2.0

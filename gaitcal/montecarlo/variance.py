@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.influence import basis_matrix
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET
@@ -33,8 +33,6 @@ from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import disturb, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
-
-Array = NDArray[np.float64]
 
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]
 

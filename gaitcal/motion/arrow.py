@@ -18,13 +18,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, IntArray
 from gaitcal.motion.banded import BandFactor, NormalEquations
 from gaitcal.motion.descent import Evaluation
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 ROUNDING = 1e-14
 """Part of its trace that is added to S: parameters that no trial sees do not move."""

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from gaitcal.arrays import Array
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
 from gaitcal.motion.spline import ORDER, SplineBasis
-
-Array = NDArray[np.float64]
 
 _NODE_PAIRS = [(a, b) for a in range(ORDER) for b in range(a + 1)]
 _HIGH = np.array([a for a, _ in _NODE_PAIRS])

@@ -21,9 +21,8 @@ from enum import Enum
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitcal.arrays import Array
 
 STALE = 0.1
 """A factor is stale when a step on it promises more than this part of what the step before promised."""

@@ -37,13 +37,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_transforms
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ALL = slice(None)
@@ -129,7 +126,7 @@ class FrameEquations:
 class VariablePairs:
     """Which pairs of variables (coordinates, then free joint parameters) of a chain move a common marker."""
 
-    def __init__(self, chain: Chain, seen: NDArray[np.bool_]) -> None:
+    def __init__(self, chain: Chain, seen: BoolArray) -> None:
         # support (variables, segments): 1 where a variable moves a segment that shows a marker
         support = chain.support * seen
         active = np.asarray(support.any(axis=1))

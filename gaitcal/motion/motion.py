@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -18,8 +18,6 @@ from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import with_one_blas_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,11 +38,11 @@ class MarkerErrors:
             return None
         return float(np.sqrt(np.nanmean(self.distance[:, kept] ** 2)))
 
-    def kept(self, *segments: str) -> NDArray[np.bool_]:
+    def kept(self, *segments: str) -> BoolArray:
         """(nm,) markers with weight that were seen at all, of some segments or all."""
         seen = np.isfinite(self.distance).any(axis=0)
         here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
-        kept: NDArray[np.bool_] = (self.weight > 0) & seen & here
+        kept: BoolArray = (self.weight > 0) & seen & here
         return kept
 
     def largest(self) -> tuple[float, str] | None:

@@ -15,11 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.motion.marker_residual import MarkerData
-
-Array = NDArray[np.float64]
 
 COLLINEAR = 1e-3
 """Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
@@ -34,7 +32,7 @@ class RigidFit:
     """(nf, 3, 3) segment to laboratory."""
     origin: Array
     """(nf, 3) m, of the segment frame."""
-    determined: NDArray[np.bool_]
+    determined: BoolArray
     """(nf,) whether at least three markers that are not on one line were seen."""
 
 
@@ -77,7 +75,7 @@ class SegmentMoments:
         by_frame = np.ascontiguousarray(rotation.transpose(2, 3, 0, 1))
         return {s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()}
 
-    def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, BoolArray]:
         """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,) whether it
         determines a rotation.
         """
@@ -114,7 +112,7 @@ def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array
     return np.einsum("mif,mj->ijf", weight[:, None] * (measured - x_mean), local), x_mean, l_mean
 
 
-def best_rotation(b: Array) -> tuple[Array, NDArray[np.bool_]]:
+def best_rotation(b: Array) -> tuple[Array, BoolArray]:
     """(3, 3, nf) rotations nearest to matrices (3, 3, nf), and (nf,) whether each is determined.
 
     Undetermined rotations are identities.
@@ -149,7 +147,7 @@ def _row_products(b: Array) -> Array:
     return out
 
 
-def _largest_root(determinant: Array, square: Array, wanted: NDArray[np.bool_]) -> Array:
+def _largest_root(determinant: Array, square: Array, wanted: BoolArray) -> Array:
     """Largest s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2 = 0, for |B| = 1: at most sqrt(3), Newton falls onto it.
 
     Only where `wanted`: an undetermined rotation has a double root, which takes Newton long.
@@ -165,7 +163,7 @@ def _largest_root(determinant: Array, square: Array, wanted: NDArray[np.bool_]) 
     return s
 
 
-def _orthonormal(rotation: Array, determined: NDArray[np.bool_]) -> Array:
+def _orthonormal(rotation: Array, determined: BoolArray) -> Array:
     """One step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error; identity elsewhere."""
     rotation = np.where(determined, rotation, np.eye(3)[:, :, None])
     gram = np.einsum("kif,kjf->ijf", rotation, rotation)

@@ -17,15 +17,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import Tracked, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 HUBER = 1.7
 CAUCHY = 2.8

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-Array = NDArray[np.float64]
+from gaitcal.arrays import Array, IntArray
 
 DEGREE = 5
 ORDER = DEGREE + 1
@@ -31,7 +30,7 @@ class SplineBasis:
     """(nf,) s."""
     knots: Array
     """(nn + 6,) s."""
-    first: NDArray[np.intp]
+    first: IntArray
     """(nf,) index of the first of the six nodes that matter at a frame."""
     value: Array
     """(nf, 6) their weights."""
@@ -52,7 +51,7 @@ class SplineBasis:
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
-    def at(self, frames: NDArray[np.intp]) -> SplineBasis:
+    def at(self, frames: IntArray) -> SplineBasis:
         """The same splines at some of the frames (increasing)."""
         return SplineBasis(
             time=self.time[frames],
@@ -102,7 +101,7 @@ def spline_basis(time: Array, nodes: int) -> SplineBasis:
     )
 
 
-def _local_weights(knots: Array, time: Array, span: NDArray[np.intp], derivative: int) -> Array:
+def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -> Array:
     """(nf, 6) weights of the six nodes for the k-th derivative.
 
     With u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), N_r the functions of degree d - 1 that matter in span i, those of degree

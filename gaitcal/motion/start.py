@@ -11,15 +11,12 @@ the turns then bring its markers nearest to where they were seen. Frames that de
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments
 from gaitcal.motion.spline import SplineBasis
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""

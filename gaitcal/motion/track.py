@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.trial_problem import TrialProblem
-
-Array = NDArray[np.float64]
 
 LARGE_BYTES = 2**27
 """Size of a normal matrix above which only one is held at a time: a trial of some 20 000 frames."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import InputError
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
@@ -23,8 +23,6 @@ from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equa
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import keep_freed_memory
-
-Array = NDArray[np.float64]
 
 FRAMES_AT_ONCE = 512
 """Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
@@ -52,7 +50,7 @@ class TrialProblem:
         return Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis)
 
     @property
-    def active(self) -> NDArray[np.bool_]:
+    def active(self) -> BoolArray:
         """(nq,) coordinates that move a marker with weight; the others stay at their start."""
         return self._pairs.active[: len(self.chain.coordinates)]
 
@@ -68,7 +66,7 @@ class TrialProblem:
         """The same trial with other joint parameters free."""
         return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free))
 
-    def places_in(self, free: Sequence[str]) -> NDArray[np.intp]:
+    def places_in(self, free: Sequence[str]) -> IntArray:
         """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
         return np.array([free.index(name) for name in self.chain.free], dtype=np.intp)
 

@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-
-Array = NDArray[np.float64]
 
 MESHES: dict[str, tuple[Array, Array]] = {
     name: (np.array(low), np.array(high))

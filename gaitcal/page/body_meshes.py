@@ -10,12 +10,9 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, IntArray
 from gaitcal.page.body_fit import MESHES
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 PACKAGE = "example-robot-data"
 _FOLDER = "robots/human_description/meshes"

@@ -16,14 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.export.joint_frames import frames_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import JOINTS, Joint
 from gaitcal.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-6
 """m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
 from gaitcal.page.joint_marks import JointMark
@@ -120,7 +121,7 @@ def _mesh(mesh: Mesh) -> dict[str, Any]:
     return {"vertices": _lengths(mesh.vertices), "triangles": _base64(mesh.triangles.astype("<u2"))}
 
 
-def _numbers(values: NDArray[np.float64]) -> list[float] | None:
+def _numbers(values: Array) -> list[float] | None:
     """None where they do not exist."""
     return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None
 

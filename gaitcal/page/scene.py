@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
@@ -28,9 +29,7 @@ from gaitcal.recording.recording import Recording
 if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-BoolArray = NDArray[np.bool_]
 
 MOST_FRAMES = 4000
 """Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
@@ -23,8 +23,6 @@ from gaitcal.motion.spline import DEGREE
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.person.robust import JointFitter, ParametersOf
-
-Array = NDArray[np.float64]
 
 FOLDS = 4
 BLOCK_SPANS = 4
@@ -75,7 +73,7 @@ def _held_out(trial: PreparedTrial, before: Array, after: Array, folds: int) -> 
     return HeldOut(_rms(before), _rms(after), folds, legs)
 
 
-def fold_of_frame(trial: PreparedTrial) -> NDArray[np.intp]:
+def fold_of_frame(trial: PreparedTrial) -> IntArray:
     """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out less often."""
     basis = trial.fitted.basis
     spans = basis.nodes - DEGREE
@@ -83,7 +81,7 @@ def fold_of_frame(trial: PreparedTrial) -> NDArray[np.intp]:
     return block % FOLDS if spans >= FOLDS * BLOCK_SPANS else np.minimum(block, FOLDS - 1)
 
 
-def without(trial: PreparedTrial, held: NDArray[np.bool_]) -> PreparedTrial:
+def without(trial: PreparedTrial, held: BoolArray) -> PreparedTrial:
     """The trial with no weight on the frames `held` (nf,)."""
 
     def masked(problem: TrialProblem) -> TrialProblem:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
@@ -22,8 +22,6 @@ from gaitcal.recording import turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, StudyTrial
-
-Array = NDArray[np.float64]
 
 WEAK_POSITION = 0.020
 """m, standard deviation of a joint position about its nominal value under the weak prior."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
@@ -22,8 +22,6 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.recording.recording import Recording
 from gaitcal.study.study import Role, Study
-
-Array = NDArray[np.float64]
 
 
 class Stage(Enum):

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.motion.motion import Motion
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-
-Array = NDArray[np.float64]
 
 COORDINATE_HEADER = (
     "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",

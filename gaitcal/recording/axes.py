@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.recording.recording import Array, ForcePlate, Recording, seen_mask
+from gaitcal.arrays import Array
+from gaitcal.recording.recording import ForcePlate, Recording, seen_mask
 
 LOADED_N = 100.0
 """Force that tells the vertical: well above any offset."""

@@ -19,11 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time
 from gaitcal.recording.labels import clean, unique
-from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing, to_cells
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)

@@ -17,10 +17,11 @@ import math
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.recording.force_plate import LOADED_N, UP, plate_from_moment
 from gaitcal.recording.intervals import runs
-from gaitcal.recording.recording import Array, ForcePlate
+from gaitcal.recording.recording import ForcePlate
 
 
 def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:

@@ -23,10 +23,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.recording.intervals import runs
-from gaitcal.recording.recording import Array, ForcePlate
+from gaitcal.recording.recording import ForcePlate
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0
@@ -125,7 +125,7 @@ def wrench_type_3(channels: Array, origin: Array) -> tuple[Array, Array]:
     return force, about_surface(force, moment, np.array([0.0, 0.0, -abs(origin[2])]))
 
 
-def empty_samples(vertical: Array, rate: float) -> NDArray[np.bool_]:
+def empty_samples(vertical: Array, rate: float) -> BoolArray:
     """(ns,) bool: where nothing stands on the plate, by a steady small reading of `vertical` (ns,) N."""
     quiet = np.abs(vertical) < UNLOADED_N
     if not quiet.any():

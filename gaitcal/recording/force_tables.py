@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.recording.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
-from gaitcal.recording.recording import Array, ForcePlate
+from gaitcal.recording.recording import ForcePlate
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}

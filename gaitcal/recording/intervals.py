@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from gaitcal.arrays import Array, BoolArray
 
 
 def runs(marked: BoolArray, shortest: int = 1) -> list[slice]:

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time
-from gaitcal.recording.recording import Array, ForcePlate
+from gaitcal.recording.recording import ForcePlate
 from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
 LONGEST_HEADER = 500

@@ -12,12 +12,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +71,7 @@ class Recording:
         return replace(self, notes=self.notes + notes)
 
 
-def seen_mask(markers: Array) -> NDArray[np.bool_]:
+def seen_mask(markers: Array) -> BoolArray:
     """(nf, nm) bool: which of markers (nf, nm, 3) were seen; a marker is seen whole or not at all."""
     return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
 

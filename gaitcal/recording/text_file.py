@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.recording.recording import Array
 
 MISSING = frozenset(
     ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]

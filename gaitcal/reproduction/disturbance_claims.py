@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.montecarlo.conclusions import INTERACTION_LIMIT, IP_LIMIT, PUBLISHED, PublishedFigure, top_errors
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import PUBLISHED_DRAWS, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import expect, levels_of, unconverged
 from gaitcal.reproduction.claims import Claim, Verdict, tested
 from gaitcal.reproduction.published import SIDE
-
-Array = NDArray[np.float64]
 
 FRAMES = {ReactionFrame.LAB: "ground reactions fixed in the laboratory", ReactionFrame.FOOT: "carried with the foot"}
 WITHIN = 0.25

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
 from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
@@ -35,8 +35,6 @@ from gaitcal.reproduction.joint_recovery import (
     true_motion,
 )
 from gaitcal.synthetic.measurements import residual_free_wrench
-
-Array = NDArray[np.float64]
 
 SEED_RANGE = 0.5
 RANDOM_SEEDS = 10

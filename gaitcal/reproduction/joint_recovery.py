@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.model.joint_parameters import (
@@ -39,8 +39,6 @@ from gaitcal.recording import Recording
 from gaitcal.reproduction.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion
-
-Array = NDArray[np.float64]
 
 LEG = leg_parameters(SIDE)
 

@@ -10,16 +10,14 @@ that the caller gives, and nowhere else.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.synthetic.motion import GAIT_CYCLE, TrueMotion
-
-Array = NDArray[np.float64]
 
 NOISE_AMPLITUDE = 0.010
 """m."""

@@ -12,13 +12,11 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.motion.spline import SplineBasis, spline_basis
-
-Array = NDArray[np.float64]
 
 RATE = 200.0
 """Frames per second of all published trials."""

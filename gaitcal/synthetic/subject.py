@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.model.inertial_parameters import is_physical, symmetric_set
@@ -30,8 +30,6 @@ from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion, static_motion
 from gaitcal.synthetic.truth import in_static_frames, truth_table
-
-Array = NDArray[np.float64]
 
 CLEARANCE = 0.02
 """m between the floor and the lowest foot marker."""

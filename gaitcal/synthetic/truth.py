@@ -10,8 +10,8 @@ axis at its common perpendicular with the subtalar one.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
@@ -26,8 +26,6 @@ from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose
-
-Array = NDArray[np.float64]
 
 
 def in_static_frames(model: SubjectModel) -> Parameters:

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.recording.recording import Array
 from gaitcal.recording.text_file import readable_size
 
 BLOCK = 512

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.recording.force_plate import (
     BODY_N,
     OFFSET_TOLD_N,
@@ -25,7 +26,7 @@ from gaitcal.recording.force_plate import (
     wrench_type_1,
     wrench_type_3,
 )
-from gaitcal.recording.recording import Array, ForcePlate
+from gaitcal.recording.recording import ForcePlate
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 """Channels of each plate type read here."""

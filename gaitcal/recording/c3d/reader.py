@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.recording.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.recording.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.recording.c3d.parser import ParserDiedError, parse_c3d
 from gaitcal.recording.c3d.plates import measured_plates, stand_up
 from gaitcal.recording.labels import clean, common_prefix, computed_points, is_unlabelled, unique
-from gaitcal.recording.recording import Array, Recording, zeros_to_missing
+from gaitcal.recording.recording import Recording, zeros_to_missing
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import Turn
 from gaitcal.recording.force_plate import plate_frame
-from gaitcal.recording.recording import Array, ForcePlate, Recording, require_plain_labels
+from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels
 
 Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))
 """Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]."""

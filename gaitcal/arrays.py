@@ -1,0 +1,10 @@
+"""The arrays of this project, by what they hold. Shapes and units stand beside each field and in each docstring."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
