@@ -223,9 +223,7 @@ def view(
 
 @command
 def compare(
-    talk: "Talk",
-    result: Result,
-    osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")],
+    talk: "Talk", result: Result, osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")]
 ) -> None:
     """Hip centres, joint axes, masses and lengths of an OpenSim model beside ours, in our segment frames."""
     from gaitcal.commands.other_programs import compare_models

@@ -200,12 +200,7 @@ class _MarkersAndLoads(SharedTrials):
 
 
 def _with_loads(
-    markers: NormalEquations,
-    basis: SplineBasis,
-    valid: BoolArray,
-    load: RootResidual,
-    by_theta: Array,
-    weight: Array,
+    markers: NormalEquations, basis: SplineBasis, valid: BoolArray, load: RootResidual, by_theta: Array, weight: Array
 ) -> NormalEquations:
     """The equations of the markers, the root residuals of the valid frames added in place."""
     value = load.value * weight

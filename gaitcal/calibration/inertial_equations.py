@@ -91,11 +91,7 @@ class LoadedMotion:
 
 
 def equations_of(
-    motions: Sequence[LoadedMotion],
-    parameters: Parameters,
-    subject: Subject,
-    scale: TorqueScale,
-    pelvis_width: float,
+    motions: Sequence[LoadedMotion], parameters: Parameters, subject: Subject, scale: TorqueScale, pelvis_width: float
 ) -> RootEquations:
     """The pelvis residual of all valid frames of all trials, linear in the dynamic parameters.
 

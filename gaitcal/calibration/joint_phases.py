@@ -184,10 +184,7 @@ class _Run:
 
 
 def calibrate_sequentially(
-    trials: Sequence[JointTrial],
-    nominal: Parameters,
-    settings: JointSettings,
-    gait: Mapping[str, tuple[str, ...]],
+    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, gait: Mapping[str, tuple[str, ...]]
 ) -> JointCalibration:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
 
@@ -207,10 +204,7 @@ def calibrate_sequentially(
 
 
 def calibrate_simultaneously(
-    trials: Sequence[JointTrial],
-    nominal: Parameters,
-    settings: JointSettings,
-    gait: Mapping[str, tuple[str, ...]],
+    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, gait: Mapping[str, tuple[str, ...]]
 ) -> JointCalibration:
     """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait.
 

@@ -107,10 +107,7 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
         f"shank_{side} length, knee centre to talocrural centre": leg.shank_length,
         f"talocrural_{side} to subtalar_{side} axis": leg.ankle_axes_distance,
     }
-    points = {
-        f"hip_{side} centre in pelvis": leg.hip_in_pelvis,
-        f"hip_{side} centre in thigh_{side}": leg.hip_in_thigh,
-    }
+    points = {f"hip_{side} centre in pelvis": leg.hip_in_pelvis, f"hip_{side} centre in thigh_{side}": leg.hip_in_thigh}
     flexion_axes = {
         f"knee_{side} axis in thigh_{side}": leg.knee_in_thigh,
         f"knee_{side} axis in shank_{side}": leg.knee_in_shank,

@@ -22,12 +22,7 @@ from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of
 
-SET_COLOURS = {
-    Varied.JP: "#0072B2",
-    Varied.IP: "#E69F00",
-    Varied.BOTH: "#009E73",
-    Varied.NOISE: "#CC79A7",
-}
+SET_COLOURS = {Varied.JP: "#0072B2", Varied.IP: "#E69F00", Varied.BOTH: "#009E73", Varied.NOISE: "#CC79A7"}
 SET_WORDS = {
     Varied.JP: "joint parameters (JP)",
     Varied.IP: "inertial parameters (IP)",

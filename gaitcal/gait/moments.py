@@ -77,11 +77,7 @@ class MomentNumbers:
 
 
 def moment_numbers(
-    model: SubjectModel,
-    layout: Layout,
-    final: Moments,
-    nominal: Moments,
-    errors: TorqueErrors | None = None,
+    model: SubjectModel, layout: Layout, final: Moments, nominal: Moments, errors: TorqueErrors | None = None
 ) -> tuple[MomentNumbers, ...]:
     """Of all joint moments, right and left side by side; empty where no frame is valid.
 

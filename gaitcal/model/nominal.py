@@ -139,10 +139,7 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array
 
 
 def _placement(
-    posture: StaticPosture,
-    marker_set: MarkerSet,
-    frames: Mapping[str, Frame],
-    frozen: tuple[str, ...],
+    posture: StaticPosture, marker_set: MarkerSet, frames: Mapping[str, Frame], frozen: tuple[str, ...]
 ) -> tuple[MarkerPlacement, tuple[str, ...]]:
     """Local positions of all markers that were seen, in segments that move."""
     weight = marker_set.weight

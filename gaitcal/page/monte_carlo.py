@@ -37,11 +37,7 @@ class Reading:
 
 
 def add_monte_carlo(
-    page: Path | str,
-    study: MonteCarloStudy,
-    figures: Mapping[str, Path],
-    marker_rms: float | None,
-    side: str = "l",
+    page: Path | str, study: MonteCarloStudy, figures: Mapping[str, Path], marker_rms: float | None, side: str = "l"
 ) -> bool:
     """Put a Monte Carlo study into a report; False where the page has no place for it.
 

@@ -134,12 +134,7 @@ def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Ma
 
 
 def trial_scene(
-    model: SubjectModel,
-    name: str,
-    role: str,
-    motion: Motion,
-    recording: Recording,
-    reactions: GroundReactions | None,
+    model: SubjectModel, name: str, role: str, motion: Motion, recording: Recording, reactions: GroundReactions | None
 ) -> TrialScene:
     """One trial of a person.
 

@@ -58,11 +58,7 @@ def read_markers_csv(path: Path) -> Recording:
     order = [columns[axis] for columns in places.values() for axis in range(3)]
     markers, gap_notes = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
     return Recording(
-        source=str(path),
-        time=_time(path, table),
-        labels=labels,
-        markers=markers,
-        notes=repetition_notes + gap_notes,
+        source=str(path), time=_time(path, table), labels=labels, markers=markers, notes=repetition_notes + gap_notes
     )
 
 

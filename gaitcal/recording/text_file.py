@@ -93,13 +93,7 @@ def parse_number(cell: str) -> float:
 
 
 def parse_rows(
-    lines: Sequence[str],
-    start: int,
-    width: int,
-    *,
-    source: Path,
-    separator: str | None,
-    short_step: int = 0,
+    lines: Sequence[str], start: int, width: int, *, source: Path, separator: str | None, short_step: int = 0
 ) -> NumberTable:
     """Every non-blank line from index `start` on, as `width` numbers.
 

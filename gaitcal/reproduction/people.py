@@ -27,12 +27,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, read_trial
 from gaitcal.study.study_file import Joint, Trial
 
-STAGES = {
-    Stage.NOMINAL: "anatomical",
-    Stage.JP: "phase 1",
-    Stage.JP_IP: "phase 2",
-    Stage.COMBINED: "third step",
-}
+STAGES = {Stage.NOMINAL: "anatomical", Stage.JP: "phase 1", Stage.JP_IP: "phase 2", Stage.COMBINED: "third step"}
 """In the words of the paper."""
 NOTE = "another person than the published one, with this project's default settings"
 

@@ -79,12 +79,7 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
     return {
         "gaitcal": package_version("gaitcal"),
         "versions": {name: package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
-        "subject": {
-            "name": subject.name,
-            "mass_kg": subject.mass,
-            "height_m": subject.height,
-            "sex": subject.sex,
-        },
+        "subject": {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height, "sex": subject.sex},
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),

@@ -57,11 +57,7 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
         out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
     if trial.held_out:
         held = trial.held_out
-        out["hold_out_mm"] = {
-            "nominal": 1e3 * held.nominal,
-            "calibrated": 1e3 * held.calibrated,
-            "folds": held.folds,
-        }
+        out["hold_out_mm"] = {"nominal": 1e3 * held.nominal, "calibrated": 1e3 * held.calibrated, "folds": held.folds}
         if held.legs:
             out["pelvis_and_legs_hold_out_mm"] = {"nominal": 1e3 * held.legs[0], "calibrated": 1e3 * held.legs[1]}
     nominal, calibrated = trial.nominal.errors.largest(), errors.largest()

@@ -89,12 +89,7 @@ def test_reduced_problem_has_the_cost_gradient_and_minimum_of_the_whole() -> Non
     p = values(start, KNEE)
     f, jacobian = reduced.residual(p), reduced.jacobian(p)
     assert f @ f == pytest.approx(reduced.at(p).cost, rel=1e-12)
-    assert_derivative(
-        2 * (jacobian.T @ f)[None],
-        lambda x: np.array([reduced.at(x).cost]),
-        p,
-        relative=1e-5,
-    )
+    assert_derivative(2 * (jacobian.T @ f)[None], lambda x: np.array([reduced.at(x).cost]), p, relative=1e-5)
 
 
 def test_a_free_parameter_more_never_raises_the_cost() -> None:

@@ -118,9 +118,7 @@ def test_force_derivatives_by_finite_differences() -> None:
     names = found.free
     start = parameters.joint[[JP_INDEX[name] for name in names]]
     assert_derivative(
-        found.by_parameter[0],
-        lambda x: Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)[0],
-        start,
+        found.by_parameter[0], lambda x: Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)[0], start
     )
 
 

@@ -179,12 +179,7 @@ def test_without_corners_nothing_is_known_of_the_outline() -> None:
     np.testing.assert_array_equal(found(0.6, replace(square(0.0), corners=None)).valid, STANCE)
 
 
-@given(
-    angle=st.floats(-3.0, 3.0),
-    along=st.floats(-0.4, 0.4),
-    across=st.floats(-0.4, 0.4),
-    turned=st.booleans(),
-)
+@given(angle=st.floats(-3.0, 3.0), along=st.floats(-0.4, 0.4), across=st.floats(-0.4, 0.4), turned=st.booleans())
 def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turned: bool) -> None:
     half = np.array([0.3, 0.2])
     c, s = np.cos(angle), np.sin(angle)

@@ -48,12 +48,7 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     spread, count = done.uncertainty, len(trial.body.basis.knots) - 6
     problem = trial_problem("walk", done.nominal, trial.recording, NodeRule(fixed=count))
     errors = torque_standard_errors(
-        problem,
-        trial.body.nodes,
-        done.model.parameters,
-        trial.loads.reactions.wrench,
-        spread.joint,
-        spread.inertial,
+        problem, trial.body.nodes, done.model.parameters, trial.loads.reactions.wrench, spread.joint, spread.inertial
     )
     np.testing.assert_allclose(trial.loads.errors.tau, errors[:, :27], rtol=1e-6)
     np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors[:, 27:], rtol=1e-6)
