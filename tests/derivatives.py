@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -62,8 +62,8 @@ def random_trial(
     local = rng.normal(0, 0.1, (len(segment), 3))
     basis = spline_basis(np.arange(frames) / 100.0, nodes)
     true = np.cumsum(rng.normal(0, 0.08, (nodes, len(chain.coordinates))), axis=0)
-    data = MarkerData(segment, local, np.empty(0), np.empty(0))
-    x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), data, basis.evaluate(true))
-    data = MarkerData(segment, local, x, np.ones((len(segment), frames)))
+    placed = PlacedMarkers(segment, local)
+    x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), placed, basis.evaluate(true))
+    data = MarkerData(placed, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
     return TrialProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true

@@ -47,17 +47,13 @@ ALL = slice(None)
 
 
 @dataclass(frozen=True)
-class MarkerData:
-    """Measured markers of one trial, sorted by segment; axes (marker, xyz, frame)."""
+class PlacedMarkers:
+    """Where markers sit in their segments, sorted by segment."""
 
     segment: IntArray
     """(nm,) index into the chain's segments, not decreasing."""
     local: Array
     """(nm, 3) m, position in the segment frame."""
-    measured: Array
-    """(nm, 3, nf) m; any finite number where the weight is zero."""
-    weight: Array
-    """(nm, nf) >= 0."""
 
     @cached_property
     def groups(self) -> list[tuple[int, slice]]:
@@ -71,21 +67,42 @@ class MarkerData:
         """(nm, 4) [l; 1]."""
         return np.concatenate([self.local, np.ones((len(self.local), 1))], axis=1)
 
+
+@dataclass(frozen=True)
+class MarkerData:
+    """Markers of one trial: where they sit, and where they were measured; axes (marker, xyz, frame)."""
+
+    placed: PlacedMarkers
+    measured: Array
+    """(nm, 3, nf) m; any finite number where the weight is zero."""
+    weight: Array
+    """(nm, nf) >= 0."""
+
+    @property
+    def segment(self) -> IntArray:
+        """(nm,) of `placed`."""
+        return self.placed.segment
+
+    @property
+    def local(self) -> Array:
+        """(nm, 3) of `placed`, m."""
+        return self.placed.local
+
     @cached_property
     def moments(self) -> Array:
-        """(n, 4, 4, nf or 1) P_s of the n segments in `groups`; one frame where weights never change."""
-        weight = self.weight
+        """(n, 4, 4, nf or 1) P_s of the n segments that carry markers; one frame where weights never change."""
+        weight, extended = self.weight, self.placed.extended
         if (weight == weight[:, :1]).all():
             weight = weight[:, :1]
-        products = (self.extended[:, :, None] * self.extended[:, None, :]).reshape(-1, 16)
-        out = [products[markers].T @ weight[markers] for _, markers in self.groups]
+        products = (extended[:, :, None] * extended[:, None, :]).reshape(-1, 16)
+        out = [products[markers].T @ weight[markers] for _, markers in self.placed.groups]
         return np.array(out).reshape(len(out), 4, 4, -1)
 
-    def frames(self, part: slice) -> MarkerData:
+    def frames(self, part: slice | IntArray) -> MarkerData:
         """The same for some frames."""
-        if part == slice(0, self.weight.shape[1]):
+        if isinstance(part, slice) and part == slice(0, self.weight.shape[1]):
             return self
-        return MarkerData(self.segment, self.local, self.measured[:, :, part], self.weight[:, part])
+        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,22 +160,22 @@ class VariablePairs:
         self.active = active
 
 
-def marker_positions(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> Array:
+def marker_positions(chain: Chain, constants: ChainConstants, placed: PlacedMarkers, q: Array) -> Array:
     """(nm, 3, nf) m, model markers for coordinates (nf, nq)."""
-    return _place(data, segment_transforms(chain, constants, forward(chain, constants, q)))
+    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q)))
 
 
-def _place(data: MarkerData, segments: Array) -> Array:
+def _place(placed: PlacedMarkers, segments: Array) -> Array:
     nf = segments.shape[-1]
-    out = np.empty((len(data.segment), 3, nf))
-    for s, markers in data.groups:
-        np.matmul(data.extended[markers], segments[s].reshape(4, 3 * nf), out=out[markers].reshape(-1, 3 * nf))
+    out = np.empty((len(placed.segment), 3, nf))
+    for s, markers in placed.groups:
+        np.matmul(placed.extended[markers], segments[s].reshape(4, 3 * nf), out=out[markers].reshape(-1, 3 * nf))
     return out
 
 
 def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:
     """Sum of w |r|^2 over markers and frames, m^2."""
-    r = marker_positions(chain, constants, data, q)
+    r = marker_positions(chain, constants, data.placed, q)
     r -= data.measured
     return float(np.vdot(data.weight[:, None] * r, r))
 
@@ -197,15 +214,15 @@ def frame_equations(
 def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
     """(ns, 4, 3, nf) sums of w [l; 1]_j r over the markers of each segment, and the cost."""
     ns, nf = len(segments), segments.shape[-1]
-    r = _place(data, segments)
+    r = _place(data.placed, segments)
     r -= data.measured
     pull = data.weight[:, None] * r
     cost = float(np.vdot(pull, r))
     arms = np.zeros((ns, 4, 3, nf))
     # one small matrix product a segment, over all its markers and frames at once
-    for s, markers in data.groups:
+    for s, markers in data.placed.groups:
         flat = pull[markers].reshape(-1, 3 * nf)
-        np.matmul(data.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
+        np.matmul(data.placed.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
     return arms, cost
 
 
@@ -223,7 +240,7 @@ def _segment_forces(segments: Array, arms: Array) -> Array:
 def _segment_inertias(data: MarkerData, segments: Array) -> Array:
     """(ns, 10, nf) mass, first and second moments of the weights of each segment."""
     ns, nf = len(segments), segments.shape[-1]
-    carriers = [s for s, _ in data.groups]
+    carriers = [s for s, _ in data.placed.groups]
     placed = segments[carriers]
     # T P T^T takes two products; where weights never change the first is one matrix for all frames
     if data.moments.shape[-1] == 1:

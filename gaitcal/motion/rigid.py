@@ -51,7 +51,7 @@ class SegmentMoments:
     def __init__(self, data: MarkerData) -> None:
         nf = data.measured.shape[-1]
         pull = data.weight[:, None] * data.measured
-        groups = data.groups
+        groups = data.placed.groups
         self._place = {s: k for k, (s, _) in enumerate(groups)}
         self._seen = np.array([(data.weight[markers] > 0).sum(axis=0) for _, markers in groups])
         self._local = data.moments
@@ -59,7 +59,7 @@ class SegmentMoments:
         """sum of w [l; 1]_j x."""
         for k, (_, markers) in enumerate(groups):
             flat = pull[markers].reshape(-1, 3 * nf)
-            np.matmul(data.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
+            np.matmul(data.placed.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
 
     def fits(self) -> dict[int, RigidFit]:
         """Rigid fits of the segments that carry markers."""

@@ -32,8 +32,7 @@ def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, ba
     if nf <= wanted:
         return basis.fit(starting_coordinates(chain, constants, data))
     chosen = np.unique(np.round(np.linspace(0, nf - 1, wanted)).astype(int))
-    sampled = MarkerData(data.segment, data.local, data.measured[:, :, chosen], data.weight[:, chosen])
-    return basis.at(chosen).fit(starting_coordinates(chain, constants, sampled))
+    return basis.at(chosen).fit(starting_coordinates(chain, constants, data.frames(chosen)))
 
 
 def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerData) -> Array:

@@ -19,7 +19,14 @@ from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
-from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
+from gaitcal.motion.marker_residual import (
+    MarkerData,
+    PlacedMarkers,
+    VariablePairs,
+    frame_equations,
+    marker_cost,
+    marker_positions,
+)
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import keep_freed_memory
@@ -148,7 +155,7 @@ class TrialProblem:
         out = np.empty(self.data.measured.shape)
         for group in self._assembler.spans(FRAMES_AT_ONCE):
             frames = self._assembler.frames(group)
-            out[:, :, frames] = marker_positions(self.chain, constants, self.data.frames(frames), q[frames])
+            out[:, :, frames] = marker_positions(self.chain, constants, self.data.placed, q[frames])
         return out
 
 
@@ -230,7 +237,6 @@ def trial_problem(
             field="markers",
         )
     basis = spline_basis(recording.time, rule.nodes(recording.time))
-    data = MarkerData(
-        index[order], model.markers.local[chosen], np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight
-    )
+    placed = PlacedMarkers(index[order], model.markers.local[chosen])
+    data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
     return TrialProblem(name=name, chain=chain, basis=basis, data=data, labels=labels)

@@ -16,7 +16,7 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.synthetic.motion import GAIT_CYCLE, TrueMotion
 
 NOISE_AMPLITUDE = 0.010
@@ -30,8 +30,8 @@ def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array
     chain = Chain()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")
-    data = MarkerData(segment[order], markers.local[order], np.empty(0), np.empty(0))
-    placed = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), data, q)
+    in_order = PlacedMarkers(segment[order], markers.local[order])
+    placed = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), in_order, q)
     out = np.empty((len(q), len(segment), 3))
     out[:, order] = placed.transpose(2, 0, 1)
     return out

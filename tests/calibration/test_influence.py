@@ -50,7 +50,7 @@ def leverages(problem: TrialProblem, parameters: Parameters, nodes: Array) -> Ar
         one = data.frames(slice(f, f + 1))
 
         def placed(x: Array, one: MarkerData = one) -> Array:
-            return marker_positions(problem.chain, constants, one, x[None])
+            return marker_positions(problem.chain, constants, one.placed, x[None])
 
         slope = np.sqrt(np.repeat(one.weight[:, 0], 3))[:, None] * central_differences(placed, q[f])
         out[:, :, f] = np.diag(slope @ np.linalg.pinv(slope)).reshape(-1, 3)

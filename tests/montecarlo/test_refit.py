@@ -62,16 +62,8 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
 
 def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
-    problem = context.problem
-    data = context.data
-    noisy = TrialProblem(
-        name="noisy",
-        chain=problem.chain,
-        basis=problem.basis,
-        data=type(data)(data.segment, data.local, data.measured + change.noise, data.weight),
-        labels=problem.labels,
-    )
-    constants = problem.constants(context.case.parameters)
+    noisy = context.problem.with_measured(context.data.measured + change.noise)
+    constants = context.problem.constants(context.case.parameters)
     found = [
         refit(noisy, constants, context.case.nodes, RefitSettings(), known)
         for known in (None, context.undisturbed_factor)

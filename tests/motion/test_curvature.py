@@ -27,7 +27,9 @@ def misplaced_trial() -> tuple[TrialProblem, ChainConstants, Array]:
     wrong = np.arange(len(local)) % 3 == 0
     local[wrong] += 0.3 * rng.normal(size=(int(wrong.sum()), 3))
     weight[wrong] = 0.05
-    problem = replace(problem, data=replace(problem.data, local=local, weight=weight))
+    problem = replace(
+        problem, data=replace(problem.data, placed=replace(problem.data.placed, local=local), weight=weight)
+    )
     constants = problem.constants(parameters)
     return problem, constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
 

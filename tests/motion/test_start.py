@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.motion.marker_residual import marker_positions
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
@@ -48,8 +48,7 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     kept = place < 2
     data = replace(
         problem.data,
-        segment=problem.data.segment[kept],
-        local=problem.data.local[kept],
+        placed=PlacedMarkers(problem.data.segment[kept], problem.data.local[kept]),
         measured=problem.data.measured[kept],
         weight=problem.data.weight[kept],
     )
@@ -68,7 +67,7 @@ def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> Non
     constants, about = problem.constants(parameters), problem.chain.coordinates.index("pelvis_rotation")
     q = np.zeros((60, len(problem.chain.coordinates)))
     q[:, about] = np.deg2rad(np.linspace(170.0, 290.0, 60))
-    turned = replace(problem.data, measured=marker_positions(problem.chain, constants, problem.data, q))
+    turned = replace(problem.data, measured=marker_positions(problem.chain, constants, problem.data.placed, q))
     found = starting_coordinates(problem.chain, constants, turned)
     np.testing.assert_allclose(found[:, about], q[:, about] - 2 * np.pi, atol=ROUNDING)
 
