@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.montecarlo.context import MonteCarloContext
-from gaitcal.montecarlo.draw import disturb
-from gaitcal.montecarlo.refit import refit
+from gaitcal.montecarlo.draw import disturb, refit
 from gaitcal.montecarlo.settings import RefitSettings, Varied
 from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem

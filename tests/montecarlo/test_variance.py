@@ -8,9 +8,8 @@ import pytest
 
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.context import MonteCarloContext
-from gaitcal.montecarlo.draw import torque_column
+from gaitcal.montecarlo.draw import refit, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES
-from gaitcal.montecarlo.refit import refit
 from gaitcal.montecarlo.settings import Plan, ReactionFrame, Varied
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.variance import linear_agreement, variance_contributions

@@ -12,7 +12,7 @@ from gaitcal.calibration.far_start import SharedTrials, step_together
 from gaitcal.calibration.reduced_problem import ReducedProblem, _OpenMotion
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
-from gaitcal.montecarlo.refit import refit
+from gaitcal.montecarlo.draw import refit
 from gaitcal.montecarlo.settings import RefitSettings
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
