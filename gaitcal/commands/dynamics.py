@@ -6,12 +6,10 @@ would hold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
-
-import numpy as np
 
 from gaitcal.checks import Finding, check_further
 from gaitcal.commands.check import as_warnings, stop_on_errors
@@ -19,8 +17,6 @@ from gaitcal.commands.console import Talk, print_remarks, print_trials
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
-from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import TrialResult
 from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
@@ -59,12 +55,15 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         for trial in read:
             step(f"{trial.name}: tracking and inverse dynamics")
             done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
-        warnings = [*as_warnings(findings), *(_not_converged(t.name) for t in done if not t.calibrated.converged)]
+        late = [trial.name for trial in done if not trial.calibrated.converged]
+        unsure = (f"{name}: tracking did not converge; its angles and torques are not to be trusted" for name in late)
+        warnings = [*as_warnings(findings), *unsure]
         stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
     print_trials(talk, done)
     print_remarks(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
-    _stop_where_late(done)
+    if late:
+        raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
 
 
 def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:
@@ -81,27 +80,14 @@ def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:
 
 
 def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:
-    _check_markers(saved.model, trial)
-    return check_further(trial, saved.model, saved.marker_set, saved.settings)
-
-
-def _check_markers(model: SubjectModel, trial: StudyTrial) -> None:
-    if not np.isin(model.markers.labels, trial.recording.labels).any():
+    labels = saved.model.markers.labels
+    if not set(labels) & set(trial.recording.labels):
         raise InputError(
-            f"found none of the model's {len(model.markers.labels)} markers, such as {model.markers.labels[0]}",
+            f"found none of the model's {len(labels)} markers, such as {labels[0]}",
             source=trial.recording.source,
             field="markers",
         )
-
-
-def _not_converged(name: str) -> str:
-    return f"{name}: tracking did not converge; its angles and torques are not to be trusted"
-
-
-def _stop_where_late(done: Sequence[TrialResult]) -> None:
-    late = [trial.name for trial in done if not trial.calibrated.converged]
-    if late:
-        raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+    return check_further(trial, saved.model, saved.marker_set, saved.settings)
 
 
 def _plates_of(text: str | None) -> dict[str, Side]:

@@ -60,7 +60,7 @@ def read_osim(path: Path | str) -> PeerModel:
         name = body.get("name", "")
         masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
         for element in body.findall("Joint/*"):
-            joints[name] = _old_joint(element, name, path)
+            joints[name] = _joint(element, path, name)
     for element in model.findall("JointSet/objects/*"):
         joint = _joint(element, path)
         joints[joint.child] = joint
@@ -79,60 +79,46 @@ def _markers(model: ET.Element, path: Path) -> dict[str, tuple[str, Array]]:
     return markers
 
 
-def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
-    angles = read_numbers(element, orientation, path, count=3)
-    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
-
-
-def _joint(element: ET.Element, path: Path) -> PeerJoint:
+def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
+    """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that body."""
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
-    bodies, places = [], []
-    for socket in ("socket_parent_frame", "socket_child_frame"):
-        body, place = (element.findtext(socket) or "").strip(), pin.SE3.Identity()
-        if body in frames:
-            frame = frames[body]
-            place = _place(frame, "translation", "orientation", path)
-            body = (frame.findtext("socket_parent") or "").strip()
-        bodies.append(body.rpartition("/")[2])
-        places.append(place)
-    coordinates = tuple(_coordinate(c, path) for c in element.findall("coordinates/Coordinate"))
-    return _peer_joint(element, (bodies[0], bodies[1]), (places[0], places[1]), coordinates, path)
 
+    def end(socket: str) -> tuple[str, pin.SE3]:
+        body = (element.findtext(socket) or "").strip()
+        if body not in frames:
+            return body.rpartition("/")[2], pin.SE3.Identity()
+        owner = (frames[body].findtext("socket_parent") or "").strip()
+        return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
 
-def _old_joint(element: ET.Element, child: str, path: Path) -> PeerJoint:
-    parent = (element.findtext("parent_body") or "").strip()
-    places = (
-        _place(element, "location_in_parent", "orientation_in_parent", path),
-        _place(element, "location", "orientation", path),
-    )
-    coordinates = tuple(_coordinate(c, path) for c in element.findall("CoordinateSet/objects/Coordinate"))
-    return _peer_joint(element, (parent, child), places, coordinates, path)
-
-
-def _peer_joint(
-    element: ET.Element,
-    bodies: tuple[str, str],
-    places: tuple[pin.SE3, pin.SE3],
-    coordinates: tuple[PeerCoordinate, ...],
-    path: Path,
-) -> PeerJoint:
+    if child is None:
+        (parent, in_parent), (child, in_child) = end("socket_parent_frame"), end("socket_child_frame")
+    else:
+        parent = (element.findtext("parent_body") or "").strip()
+        in_parent = _place(element, "location_in_parent", "orientation_in_parent", path)
+        in_child = _place(element, "location", "orientation", path)
+    coordinates = tuple(_coordinate(c, path) for c in element.iter("Coordinate"))
     return PeerJoint(
         name=element.get("name", ""),
         kind=element.tag,
-        parent=bodies[0],
-        child=bodies[1],
-        in_parent=places[0],
-        in_child=places[1],
+        parent=parent,
+        child=child,
+        in_parent=in_parent,
+        in_child=in_child,
         coordinates=coordinates,
         axes=_axes(element, coordinates, path),
     )
+
+
+def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+    angles = read_numbers(element, orientation, path, count=3)
+    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
 
 
 def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path) -> tuple[PeerAxis, ...] | None:
     if element.tag in _SIMPLE:
         kinds = _SIMPLE[element.tag]
         names = [c.name for c in coordinates] + [None] * len(kinds)
-        return tuple(PeerAxis(turn, axis, names[i], _identity) for i, (turn, axis) in enumerate(kinds))
+        return tuple(PeerAxis(turn, axis, names[i], float) for i, (turn, axis) in enumerate(kinds))
     if element.tag != "CustomJoint":
         return None
     axes = []
@@ -148,10 +134,6 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)
-
-
-def _identity(value: float) -> float:
-    return value
 
 
 def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:

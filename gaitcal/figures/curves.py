@@ -47,17 +47,6 @@ class Trace:
     """(nf,) standard error."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Signal:
-    """What one panel shows."""
-
-    title: str
-    unit: str
-    positive: str
-    traces: tuple[Trace, ...]
-    least: float
-
-
 BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
 
 
@@ -84,14 +73,13 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
         return Trace(split_side(name)[1], after[:, column], before[:, old], error)
 
     names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
-    signals = _signals(names, trace, "deg", LEAST_ANGLE, moment=False)
     return Chart(
         name=f"{stem}_angles",
         title="Joint angles",
         caption="The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are "
         "against the laboratory, trunk angles against the pelvis"
         + (", over the right cycle." if layout.by_cycle else "."),
-        panels=tuple(_panel(signal, layout) for signal in signals),
+        panels=_panels(names, trace, layout, "deg", LEAST_ANGLE, moment=False),
         keys=_keys("pelvis and trunk", bands=trial.coordinate_errors is not None),
         subject=trial.name,
     )
@@ -109,52 +97,54 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
         errors = None if loads.errors is None else moment_of(loads.errors, name) / mass
         return Trace(split_side(name)[1], value, nominal, errors)
 
-    signals = _signals(moment_names(calibration.model), trace, "N·m/kg", LEAST_MOMENT, moment=True)
+    names = moment_names(calibration.model)
     return Chart(
         name=f"{stem}_moments",
         title="Joint moments",
         caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
         "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
         "interrupted in frames that are not valid.",
-        panels=tuple(_panel(signal, layout) for signal in signals),
+        panels=_panels(names, trace, layout, "N·m/kg", LEAST_MOMENT, moment=True),
         keys=_keys("trunk", bands=loads.errors is not None),
         subject=trial.name,
     )
 
 
-def _signals(names: list[str], trace: Callable[[str], Trace], unit: str, least: float, *, moment: bool) -> list[Signal]:
-    """One signal a coordinate, right and left together."""
-    bases = list(dict.fromkeys(split_side(name)[0] for name in names))
-    signals = []
-    for base in bases:
-        words = coordinate_words(base)
-        traces = tuple(trace(name) for name in names if split_side(name)[0] == base)
-        positive = words.moment if moment else words.angle
-        signals.append(Signal(title=words.title, unit=unit, positive=positive, traces=traces, least=least))
-    return signals
+def _panels(
+    names: list[str], trace: Callable[[str], Trace], layout: Layout, unit: str, least: float, *, moment: bool
+) -> tuple[Panel, ...]:
+    """One panel a coordinate, right and left together."""
+    sides: dict[str, list[Trace]] = {}
+    for name in names:
+        sides.setdefault(split_side(name)[0], []).append(trace(name))
+    return tuple(
+        _panel(words.title, unit, words.moment if moment else words.angle, traces, layout, least)
+        for words, traces in ((coordinate_words(base), traces) for base, traces in sides.items())
+    )
 
 
-def _panel(signal: Signal, layout: Layout) -> Panel:
+def _panel(title: str, unit: str, positive: str, traces: list[Trace], layout: Layout, least: float) -> Panel:
     def draw(axes: Axes) -> None:
-        dress(axes, xlabel=layout.xlabel, ylabel=f"{signal.unit} ({signal.positive} +)", title=signal.title)
+        dress(axes, xlabel=layout.xlabel, ylabel=f"{unit} ({positive} +)", title=title)
         axes.axhline(0.0, color=FAINT, linewidth=0.5)
         drawn: list[Array] = []
-        for trace in signal.traces:
+        for trace in traces:
             _stance(axes, layout, trace.side)
-        for trace in signal.traces:
+        for trace in traces:
             drawn += _trace(axes, layout, trace)
         axes.set_xlim(*layout.xlimits)
-        axes.set_ylim(*limits(drawn, signal.least))
+        axes.set_ylim(*limits(drawn, least))
         if layout.by_cycle:
             axes.set_xticks([0, 20, 40, 60, 80, 100])
         if not any(np.isfinite(d).any() for d in drawn):
             axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=FAINT)
 
-    sides = " and ".join(SIDE_WORDS[t.side] or "whole body" for t in signal.traces)
-    return Panel(f"{signal.title}, {sides}, {signal.unit} over {layout.xlabel}", draw)
+    sides = " and ".join(SIDE_WORDS[t.side] or "whole body" for t in traces)
+    return Panel(f"{title}, {sides}, {unit} over {layout.xlabel}", draw)
 
 
 def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
+    """Draw one side; the values that the vertical axis must hold."""
     colour, dashes = SIDE_COLOURS[trace.side], line_style(SIDE_DASHES[trace.side])
     for x, y in layout.others(trace.side, trace.value):
         axes.plot(x, y, color=colour, linewidth=0.6, alpha=0.35)
