@@ -27,7 +27,8 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.arrow import ArrowEquations, SharedPrior
 from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.descent import DescentSettings, Ending, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 

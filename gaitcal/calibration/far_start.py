@@ -16,7 +16,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import ArrowEquations
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.descent import DescentSettings, Ending, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.track import NOTHING_LEFT_M
 from gaitcal.motion.trial_problem import TrialProblem
 

@@ -48,7 +48,7 @@ class JointTrial:
     """The joint of an isolated trial; None for gait."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Phase:
     """One phase of a calibration, for the summary."""
 

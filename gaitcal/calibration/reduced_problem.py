@@ -29,7 +29,8 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import Elimination, eliminate
 from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
+from gaitcal.motion.descent import Descent, DescentSettings, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 

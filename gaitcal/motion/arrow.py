@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.motion.banded import BandFactor, NormalEquations
-from gaitcal.motion.descent import Evaluation
+from gaitcal.motion.minimised import Evaluation
 
 ROUNDING = 1e-14
 """Part of its trace that is added to S: parameters that no trial sees do not move."""

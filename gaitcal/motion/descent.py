@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.motion.minimised import AnyFactor, Linearisation, Point, Problem
 
 STALE = 0.1
 """A factor is stale when a step on it promises more than this part of what the step before promised."""
@@ -34,7 +35,7 @@ NO_DAMPING = 1e-12
 DECISIVE_DAMPING = 1e-2
 """With more damping than this a small gain says something of the damping, not of the minimum."""
 ROUNDING = 1e-14
-"""A cost that is higher by this part of `nothing_left` is no higher."""
+"""A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the cost is none."""
 
 
 class Ending(Enum):
@@ -53,55 +54,6 @@ class Ending(Enum):
     def converged(self) -> bool:
         """Whether the tolerance was reached."""
         return self in (Ending.SMALL_PROMISE, Ending.SHORT_STEP, Ending.SMALL_GAIN, Ending.NOTHING_LEFT)
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The cost at a point."""
-
-    cost: float
-    gradient: Array
-    """Half of it, in the shape of x."""
-
-
-class Factor(Protocol):
-    """A factorised matrix M."""
-
-    def solve(self, gradient: Array) -> Array:
-        """M^-1 gradient, in the shape of x."""
-
-
-Point = TypeVar("Point", bound=Evaluation)
-AnyFactor = TypeVar("AnyFactor", bound=Factor)
-PointOf = TypeVar("PointOf", bound=Evaluation, covariant=True)
-FactorOf = TypeVar("FactorOf", bound=Factor, covariant=True)
-
-
-class Linearisation(Protocol[PointOf, FactorOf]):
-    """Cost, gradient and matrix at a point. `spent`: the factor took the place of the matrix in memory."""
-
-    @property
-    def evaluation(self) -> PointOf: ...  # noqa: D102
-    @property
-    def spent(self) -> bool: ...  # noqa: D102
-
-    def factor(self, damping: float) -> FactorOf:
-        """The factor of M + damping diag(M); LinAlgError where that is not positive definite."""
-
-
-class Problem(Protocol[PointOf, FactorOf]):
-    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give Newton's matrix."""
-
-    @property
-    def nothing_left(self) -> float: ...  # noqa: D102
-    @property
-    def has_curvature(self) -> bool: ...  # noqa: D102
-
-    def evaluate(self, x: Array) -> PointOf:
-        """Cost and gradient at x."""
-
-    def linearise(self, x: Array, *, curved: bool) -> Linearisation[PointOf, FactorOf]:
-        """The same with the matrix: Gauss-Newton's or, if `curved`, Newton's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,15 +162,23 @@ class _Iteration(Generic[Point, AnyFactor]):
 
     def _advance(self) -> None:
         """One step on the present factor or a new one."""
-        factor = self.factor or self._factorise()
-        if factor is None:
+        step = self._direction()
+        if step is None:
             return
-        step = -factor.solve(self.here.gradient)
         promise, length = -float(np.vdot(self.here.gradient, step)), float(np.abs(step).max(initial=0.0))
         if np.isfinite([self.here.cost, promise, length]).all():
             self._judge(step, promise, length)
         else:
             self.ending = Ending.NOT_FINITE
+
+    def _direction(self) -> Array | None:
+        """The next step; None where the matrix gives none. No reference to a factor is kept: a large one must go."""
+        factor = self.factor or self._factorise()
+        try:
+            return None if factor is None else -factor.solve(self.here.gradient)
+        except np.linalg.LinAlgError:
+            self._not_definite()
+            return None
 
     def _factorise(self) -> AnyFactor | None:
         """The factor at x; None where the matrix is not positive definite, which another one may then be."""
@@ -228,12 +188,7 @@ class _Iteration(Generic[Point, AnyFactor]):
         try:
             self.factor = self.linear.factor(self.damping)
         except np.linalg.LinAlgError:
-            if not np.isfinite(self.here.cost):
-                self.ending = Ending.NOT_FINITE
-            elif self.curved:
-                self._leave_newton()
-            else:
-                self._raise_damping()
+            self._not_definite()
             return None
         self.linear = None if self.linear.spent else self.linear
         self.fresh = True
@@ -248,7 +203,9 @@ class _Iteration(Generic[Point, AnyFactor]):
             return
         enough = settings.gain * self.here.cost * (1.0 if self.fresh else settings.kept_gain)
         little, short = promise <= enough, length < settings.shortest_step
-        if self.damping == 0.0 and (little or short):
+        if promise < -max(enough, self.problem.nothing_left):
+            self._not_definite()
+        elif self.damping == 0.0 and (little or short):
             self.x, self.unseen = self.x + step, promise
             self.ending = Ending.SMALL_PROMISE if little else Ending.SHORT_STEP
         elif stale and not settings.persistent:
@@ -280,7 +237,7 @@ class _Iteration(Generic[Point, AnyFactor]):
             self.x, self.here, self.linear = x, there, linear
             self.damping = self.damping / self.settings.lowered_by if self.damping > NO_DAMPING else 0.0
             self.fresh, self.factor = False, self.factor if keep else None
-        elif self.promised <= max(enough, small) and self.damping < DECISIVE_DAMPING:
+        elif self.promised <= max(ROUNDING * self.here.cost, small) and self.damping < DECISIVE_DAMPING:
             self.ending = Ending.SMALL_PROMISE
         elif not self.settings.persistent:
             self.ending = Ending.SLOW
@@ -290,6 +247,18 @@ class _Iteration(Generic[Point, AnyFactor]):
             self.factor = None
             if self.fresh:
                 self._raise_damping()
+
+    def _not_definite(self) -> None:
+        """The matrix leads uphill, or nowhere: go on with another."""
+        if not np.isfinite(self.here.cost):
+            self.ending = Ending.NOT_FINITE
+        elif not self.settings.persistent:
+            self.ending = Ending.SLOW
+        elif self.curved:
+            self._leave_newton()
+        else:
+            self.factor = None
+            self._raise_damping()
 
     def _raise_damping(self) -> None:
         self.damping = max(RAISED_BY * self.damping, LEAST_DAMPING)

@@ -15,7 +15,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.descent import DescentSettings, Ending, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGE_BYTES = 2**27

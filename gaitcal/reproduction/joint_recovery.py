@@ -2,7 +2,7 @@
 
 Three isolated trials, each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then
 gait with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no prior, no bounds.
-From zero, nodes and joint parameters step together (`approach`); variable projection finishes.
+From zero, nodes and joint parameters step together (`step_together`); variable projection finishes.
 
 Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters, positions (mm) and
 orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
@@ -85,7 +85,7 @@ class JointRecovery:
     cost_from_truth: float
     """m^2: of the minimum found when the search starts at the true values of the free parameters."""
     steps: int
-    """From zero: steps of the approach and evaluations of the end game."""
+    """From zero: steps of the far start and evaluations of the end game."""
     seconds: float
     """Of the processor, as the published times."""
     converged: bool

@@ -20,7 +20,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 
 
-class Role(Enum):
+class Role(str, Enum):
     """What a trial is for."""
 
     STATIC = "static"

@@ -15,7 +15,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.montecarlo.draw import refit
 from gaitcal.montecarlo.settings import RefitSettings
 from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.descent import DescentSettings, Ending, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
@@ -119,6 +120,39 @@ def test_every_step_uphill_is_told() -> None:
     assert (impatient.ending, impatient.converged) == (Ending.SLOW, False)
     few = descend(_Uphill(), start, DescentSettings(most_steps=3))
     assert (few.ending, few.steps) == (Ending.MOST_STEPS, 3)
+
+
+class _Saddle(_Rosenbrock):
+    """x^2 + 1 with a matrix of the wrong sign: its steps lead uphill and promise less than nothing."""
+
+    def evaluate(self, x: Array) -> Evaluation:
+        return Evaluation(float(x @ x) + 1.0, x.copy())
+
+    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+        return _Linear(self.evaluate(x), -np.eye(len(x)))
+
+
+class _Step(_Rosenbrock):
+    """1 at the start and 2 elsewhere, with a gradient too small to promise much."""
+
+    def evaluate(self, x: Array) -> Evaluation:
+        return Evaluation(1.0 if not x.any() else 2.0, np.full(len(x), 1e-4))
+
+    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+        return _Linear(self.evaluate(x), np.eye(len(x)))
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
+    settings = DescentSettings(first_damping=damping, keep_within=0.0)
+    saddle = descend(_Saddle(), np.ones(2), settings)
+    assert (saddle.ending, saddle.x.tolist()) == (Ending.NO_DESCENT, [1.0, 1.0])
+    if damping:  # without, the step is the last by its promise alone
+        assert descend(_Step(), np.zeros(2), settings).ending is Ending.NO_DESCENT
+
+
+def test_one_that_is_not_to_persist_does_not_damp() -> None:
+    assert descend(_Saddle(), np.ones(2), DescentSettings(persistent=False)).ending is Ending.SLOW
 
 
 def test_what_is_not_finite_is_told() -> None:

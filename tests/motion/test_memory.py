@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 import pytest
 
 from gaitcal.motion import track
+from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.track import DescentSettings, track_nodes
+from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
 from tests.scripts import script
 
@@ -28,6 +32,21 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.nodes, plain.nodes, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)
+
+
+def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters)
+    constants, alive = problem.constants(parameters), weakref.WeakSet[BandFactor]()
+    made, formed = BandFactor.__init__, TrialProblem.equations
+    held: list[int] = []
+    monkeypatch.setattr(BandFactor, "__init__", lambda self, *a, **k: (alive.add(self), made(self, *a, **k))[1])
+    monkeypatch.setattr(TrialProblem, "equations", lambda *a, **k: (held.append(len(alive)), formed(*a, **k))[1])
+    monkeypatch.setattr(track, "LARGE_BYTES", 0)
+    track_nodes(problem, constants, true + rng.normal(0, 0.3, true.shape), DescentSettings(keep_within=0.0))
+    assert len(held) > 2
+    assert not any(held)
 
 
 @pytest.mark.slow
