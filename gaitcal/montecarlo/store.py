@@ -28,7 +28,7 @@ from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
 
-FORMAT = 1
+FORMAT = 2
 """Raised whenever the same settings would give other draws."""
 KEYS = ("set", "level", "draw")
 FIELDS = (*KEYS, "evaluations", "failure", *COLUMNS)
