@@ -33,8 +33,8 @@ def differences(before: Path, after: Path, rtol: float = RTOL) -> Iterator[str]:
     for name in sorted(names[0] ^ names[1]):
         yield f"{name}: only in {before if name in names[0] else after}"
     for name in sorted(names[0] & names[1]):
-        if name.suffix not in NOT_COMPARED and (told := difference(before / name, after / name, rtol)):
-            yield f"{name}: {told}"
+        if name.suffix not in NOT_COMPARED and (found := difference(before / name, after / name, rtol)):
+            yield f"{name}: {found}"
 
 
 def difference(before: Path, after: Path, rtol: float) -> str:

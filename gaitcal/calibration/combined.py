@@ -18,14 +18,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.far_start import SharedTrials
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.model.inertial_parameters import InertialSet, dynamic_jacobian
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.arrow import ArrowEquations, SharedPrior
+from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation

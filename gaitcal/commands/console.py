@@ -95,11 +95,10 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
 
 
 def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
-    errors = trial.calibrated.errors
-    values = [m.rms(*segments) for m in (trial.nominal.errors, errors, trial.floor)]
-    shown = ["-" if v is None else f"{1e3 * v:.2f}" for v in values]
-    ratio = f"{values[1] / values[2]:.2f}" if values[1] is not None and values[2] else "-"
-    return [str(int(errors.kept(*segments).sum())), *shown, ratio]
+    _, calibrated, floor = values = trial.rms_mm(*segments)
+    shown = ["-" if v is None else f"{v:.2f}" for v in values]
+    ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
+    return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
 
 
 def _residuals(name: str, loads: LoadedTrial) -> str:

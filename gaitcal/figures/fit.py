@@ -10,7 +10,6 @@ from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
 from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
-from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, TrialResult
 
 KEYS = (
@@ -45,17 +44,13 @@ class RmsErrors:
 
 def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
     """Of one trial, over all its markers or those of some segments."""
-
-    def mm(errors: MarkerErrors) -> float | None:
-        value = errors.rms(*segments)
-        return None if value is None else 1e3 * value
-
+    nominal, calibrated, floor = trial.rms_mm(*segments)
     rigid = len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
     return RmsErrors(
         label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
-        nominal=mm(trial.nominal.errors),
-        calibrated=mm(trial.calibrated.errors),
-        floor=mm(trial.floor),
+        nominal=nominal,
+        calibrated=calibrated,
+        floor=floor,
         rigid=rigid,
     )
 

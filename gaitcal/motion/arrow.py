@@ -20,8 +20,11 @@ from itertools import pairwise
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
+from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor, NormalEquations
 from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.track import NOTHING_LEFT_M
+from gaitcal.motion.trial_problem import TrialProblem
 
 ROUNDING = 1e-14
 """Part of its trace that is added to S: parameters that no trial sees do not move."""
@@ -84,8 +87,8 @@ class ArrowEquations:
         self.trials, self.columns = trials, columns
         self.prior = prior or SharedPrior(0.0, np.zeros(size), np.zeros((size, size)))
         shared = self.prior.gradient.copy()
-        for trial, at in zip(trials, columns, strict=True):
-            shared[at] += trial.parameter_gradient
+        for trial, places in zip(trials, columns, strict=True):
+            shared[places] += trial.parameter_gradient
         gradient = np.concatenate([shared, *(trial.node_gradient.ravel() for trial in trials)])
         self.evaluation = Evaluation(sum(trial.cost for trial in trials) + self.prior.cost, gradient)
 
@@ -100,8 +103,8 @@ class ArrowFactor:
     def __init__(self, trials: Sequence[Elimination], columns: Sequence[IntArray], prior: Array) -> None:
         self.trials, self.columns = trials, columns
         self.schur = prior.copy()
-        for trial, at in zip(trials, columns, strict=True):
-            self.schur[np.ix_(at, at)] += trial.hessian
+        for trial, places in zip(trials, columns, strict=True):
+            self.schur[np.ix_(places, places)] += trial.hessian
         self.schur += ROUNDING * np.trace(self.schur) * np.eye(len(prior))
 
     def solve(self, gradient: Array) -> Array:
@@ -110,11 +113,44 @@ class ArrowFactor:
         ends = size + np.cumsum([0, *(len(trial.sensitivity) for trial in self.trials)])
         by_node = [gradient[a:b] for a, b in pairwise(ends.tolist())]
         right = gradient[:size].copy()
-        for trial, at, own in zip(self.trials, self.columns, by_node, strict=True):
-            right[at] -= trial.sensitivity.T @ own
+        for trial, places, of_trial in zip(self.trials, self.columns, by_node, strict=True):
+            right[places] -= trial.sensitivity.T @ of_trial
         shared = np.linalg.solve(self.schur, right)
         nodes = [
-            trial.factor.solve(own) - trial.sensitivity @ shared[at]
-            for trial, at, own in zip(self.trials, self.columns, by_node, strict=True)
+            trial.factor.solve(of_trial) - trial.sensitivity @ shared[places]
+            for trial, places, of_trial in zip(self.trials, self.columns, by_node, strict=True)
         ]
         return np.concatenate([shared, *nodes])
+
+
+class SharedTrials:
+    """Markers of several trials by x = (joint parameters, nodes of each trial), as a problem for `descend`."""
+
+    has_curvature = False
+
+    def __init__(self, problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters, self.free, self.size = parameters, free, len(free)
+        self.open = [problem.with_free(free) for problem in problems]
+        self.columns = [problem.places_in(free) for problem in self.open]
+        self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
+
+    def joined(self, p: Array, nodes: Sequence[Array]) -> Array:
+        """The vector x."""
+        return np.concatenate([p, *(of_trial.ravel() for of_trial in nodes)])
+
+    def parted(self, x: Array) -> tuple[Array, list[Array]]:
+        """The shared parameters (np,) and the nodes (nn, nq) of each trial."""
+        sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
+        p, *nodes = np.split(x, np.cumsum(sizes)[:-1])
+        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(nodes, self.open, strict=True)]
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Cost (m^2) and half gradient."""
+        return self.linearise(x, curved=False).evaluation
+
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        """The same with the arrow."""
+        p, nodes = self.parted(x)
+        moved = self.parameters.with_joint(self.free, p)
+        trials = [problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, nodes, strict=True)]
+        return ArrowEquations(trials, self.columns, self.size)

@@ -96,6 +96,16 @@ class TrialResult:
     held_out: HeldOut | None = None
     """Error on frames that took no part in the fit; None unless asked for."""
 
+    def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
+        """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
+        with weight or those of some segments; None where there are none.
+        """
+        nominal, calibrated, floor = (
+            None if (value := errors.rms(*segments)) is None else 1e3 * value
+            for errors in (self.nominal.errors, self.calibrated.errors, self.floor)
+        )
+        return nominal, calibrated, floor
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed about this trial, each with its name."""

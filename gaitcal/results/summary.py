@@ -8,7 +8,6 @@ import numpy as np
 
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS
-from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 NO_FLOOR = 1e-6
@@ -77,16 +76,13 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
 
 
 def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
-    def of(errors: MarkerErrors) -> float | None:
-        value = errors.rms(*segments)
-        return None if value is None else 1e3 * value
-
-    nominal, calibrated, floor = of(trial.nominal.errors), of(trial.calibrated.errors), of(trial.floor)
+    nominal, calibrated, floor = trial.rms_mm(*segments)
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
     if calibrated is not None and floor is not None and floor > NO_FLOOR:
         out["calibrated_to_floor"] = calibrated / floor
     if trial.final is not trial.calibrated:
-        out["final_model"] = of(trial.final.errors)
+        final = trial.final.errors.rms(*segments)
+        out["final_model"] = None if final is None else 1e3 * final
     return out
 
 

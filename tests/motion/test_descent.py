@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.far_start import SharedTrials, step_together
+from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.reduced_problem import ReducedProblem, _OpenMotion
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
 from gaitcal.montecarlo.draw import refit
 from gaitcal.montecarlo.settings import RefitSettings
+from gaitcal.motion.arrow import SharedTrials
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation
