@@ -35,25 +35,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.chain import ChainConstants
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
+from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
-from gaitcal.motion.spline import ORDER, SplineBasis
+from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
-NOMINAL_POSITION = 0.010 / np.sqrt(3.0)
-"""m, standard deviation of nominal joint positions: uniform within 10 mm, the widest of the published Monte Carlo."""
-NOMINAL_ORIENTATION = np.deg2rad(10.0) / np.sqrt(3.0)
-"""rad, the same of nominal axes: uniform within 10 deg."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +61,7 @@ class TrialScores:
     nodes: Array
     """(nn * nq, nc) H_qq^-1 g_c: what the nodes alone would do, negative."""
     sensitivity: Array
-    """(nn * nq, np_t) H_qq^-1 H_qp."""
+    """(nn * nq, np_t) H_qq^-1 H_qp; those of soft tissue, if the trial has any, come last."""
     hessian: Array
     """(np_t, np_t) S = H_pp - H_pq H_qq^-1 H_qp."""
     clusters: tuple[str, ...]
@@ -98,10 +94,8 @@ class Influence:
 
 
 def nominal_influence(names: Sequence[str] = JP_NAMES) -> Influence:
-    """How far nominal joint parameters may be wrong, each by itself."""
-    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
-    errors = np.where(position, NOMINAL_POSITION, NOMINAL_ORIENTATION)
-    return Influence(tuple(names), np.diag(errors), tuple(f"nominal/{name}" for name in names))
+    """How far nominal joint parameters may be wrong, each by itself (`joint_prior.py`)."""
+    return Influence(tuple(names), np.diag(prior_deviations(names)), tuple(f"nominal/{name}" for name in names))
 
 
 def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influence | None = None) -> Influence:
@@ -173,11 +167,12 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
     constants = problem.constants(parameters)
     eliminated = eliminate(problem.equations(nodes, constants))
     by_node, by_parameter = _cluster_gradients(problem, constants, nodes)
+    count = len(problem.chain.free)
     return TrialScores(
-        reduced=by_parameter - eliminated.sensitivity.T @ by_node,
+        reduced=by_parameter - eliminated.sensitivity[:, :count].T @ by_node,
         nodes=eliminated.factor.solve(np.asfortranarray(by_node)),
         sensitivity=eliminated.sensitivity,
-        hessian=eliminated.hessian,
+        hessian=eliminated.hessian[:count, :count],
         clusters=tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"),
     )
 
@@ -231,14 +226,6 @@ def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) 
     inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
     out: Array = inverse * scale[:, :, None] * scale[:, None, :]
     return out
-
-
-def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
-    """(nf, nn) the basis, or a derivative of it, as a sparse matrix."""
-    weights = (basis.value, basis.rate, basis.acceleration)[derivative]
-    nf = len(basis.time)
-    columns = basis.first[:, None] + np.arange(ORDER)
-    return csr_array((weights.ravel(), columns.ravel(), np.arange(0, ORDER * nf + 1, ORDER)), shape=(nf, basis.nodes))
 
 
 LEAST_NOISE = 1e-6

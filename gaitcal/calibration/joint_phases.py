@@ -10,7 +10,7 @@ all free: each trial then also says what it knows of its neighbours, and no nomi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calib
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -61,6 +62,8 @@ class Phase:
     message: str
     marker_noise: float | None = None
     """m, the independent noise that priors were weighed against; None where there were none."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """Trial -> m, the noise of its independent samples, where each trial has its own."""
 
     @property
     def status(self) -> str:
@@ -74,17 +77,22 @@ class JointCalibration:
 
     parameters: Parameters
     phases: tuple[Phase, ...]
-    fits: tuple[JointFit, ...]
+    free: tuple[str, ...]
+    """Every joint parameter that was fitted."""
     influence: Influence
     """Of every source of error on all joint parameters, fitted or not."""
     unidentifiable: tuple[str, ...]
-    """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value."""
+    """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value, or stay where
+    their prior holds them."""
     warnings: tuple[str, ...]
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Every joint parameter that some phase fitted, in order."""
-        return tuple(dict.fromkeys(name for fit in self.fits for name in fit.free))
+    at_bound: tuple[str, ...] = ()
+    """Fitted parameters on their bound, or beyond."""
+    fits: tuple[JointFit, ...] = ()
+    """One a phase, where phases follow each other and trials keep the parameters of their own."""
+    skin: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of."""
+    tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
+    """Trial -> the columns of that skin on the markers of the whole body."""
 
 
 class _Run:
@@ -176,10 +184,12 @@ class _Run:
         return JointCalibration(
             parameters=self.parameters,
             phases=tuple(self.phases),
-            fits=tuple(self.fits),
+            free=tuple(dict.fromkeys(name for fit in self.fits for name in fit.free)),
             influence=self.influence,
             unidentifiable=unseen,
             warnings=tuple(dict.fromkeys(self.warnings)),
+            at_bound=tuple(dict.fromkeys(name for fit in self.fits for name in fit.at_bound)),
+            fits=tuple(self.fits),
         )
 
 

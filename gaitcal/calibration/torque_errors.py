@@ -21,13 +21,13 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import ORDER
+from gaitcal.motion.spline import ORDER, basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 
 
@@ -71,7 +71,7 @@ def _marker_part(problem: TrialProblem, part: slice, moves: MarkerMoves, slopes:
     # only the nodes whose splines reach these frames: (their nodes, nq, nc)
     near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
     by_node = moves.change(slice(near.start * nq, near.stop * nq)).reshape(near.stop - near.start, -1)
-    out: Array = slopes.by_parameter @ moves.shift
+    out: Array = slopes.by_parameter @ moves.shift[: len(slopes.free)]
     for k, slope in enumerate((slopes.by_position, slopes.by_velocity, slopes.by_acceleration)):
         weights = basis_matrix(basis, k)[part, near]
         out += slope @ (weights @ by_node).reshape(part.stop - part.start, nq, -1)
@@ -104,7 +104,8 @@ class MarkerMoves:
     """What every marker coordinate moves; this trial's own come first, then those of other trials."""
 
     shift: Array
-    """(np, nc) d p_c; all other sources of error are np columns with the same covariance."""
+    """(np, nc) d p_c of the free joint parameters, then of the skin; all other sources of error are np columns with the
+    same covariance."""
     nodes: Array
     """(nn * nq, own) of d N_c: what the own coordinates do by themselves."""
     sensitivity: Array
@@ -123,7 +124,7 @@ def marker_moves(problem: TrialProblem, nodes: Array, parameters: Parameters, jo
     scores = trial_scores(opened, parameters, nodes)
     shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
     if joint is not None:
-        errors = joint.parameters[[joint.free.index(name) for name in opened.chain.free]]
+        errors = joint.parameters[[joint.free.index(name) for name in opened.unknowns]]
         place = {name: k for k, name in enumerate(scores.clusters)}
         own = np.array([name in place for name in joint.clusters], dtype=bool)
         shift[:, [place[name] for name in joint.clusters if name in place]] = errors[:, own]

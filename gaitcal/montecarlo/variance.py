@@ -22,7 +22,6 @@ import pandas as pd
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import basis_matrix
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model.chain import Chain
@@ -33,6 +32,7 @@ from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import disturb, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
+from gaitcal.motion.spline import basis_matrix
 
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]
 

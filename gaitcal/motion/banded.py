@@ -39,6 +39,17 @@ class NormalEquations:
     parameter_gradient: Array
     """(np,)."""
 
+    def scaled(self, share: float) -> NormalEquations:
+        """Those of `share` times the cost."""
+        return NormalEquations(
+            cost=share * self.cost,
+            band=share * self.band,
+            mixed=share * self.mixed,
+            parameters=share * self.parameters,
+            node_gradient=share * self.node_gradient,
+            parameter_gradient=share * self.parameter_gradient,
+        )
+
 
 class Assembler:
     """Sums frame equations into normal equations; the pattern is worked out once for a chain and a basis."""

@@ -77,6 +77,8 @@ class MarkerData:
     """(nm, 3, nf) m; any finite number where the weight is zero."""
     weight: Array
     """(nm, nf) >= 0."""
+    shift: Array | None = None
+    """(nm, 3, nf) m, how far each marker is from its place, in the axes of its segment; None: not at all."""
 
     @property
     def segment(self) -> IntArray:
@@ -102,7 +104,8 @@ class MarkerData:
         """The same for some frames."""
         if isinstance(part, slice) and part == slice(0, self.weight.shape[1]):
             return self
-        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part])
+        shift = None if self.shift is None else self.shift[:, :, part]
+        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part], shift)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,22 +163,26 @@ class VariablePairs:
         self.active = active
 
 
-def marker_positions(chain: Chain, constants: ChainConstants, placed: PlacedMarkers, q: Array) -> Array:
-    """(nm, 3, nf) m, model markers for coordinates (nf, nq)."""
-    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q)))
+def marker_positions(
+    chain: Chain, constants: ChainConstants, placed: PlacedMarkers, q: Array, shift: Array | None = None
+) -> Array:
+    """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` as in `MarkerData`."""
+    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q)), shift)
 
 
-def _place(placed: PlacedMarkers, segments: Array) -> Array:
+def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array:
     nf = segments.shape[-1]
     out = np.empty((len(placed.segment), 3, nf))
     for s, markers in placed.groups:
         np.matmul(placed.extended[markers], segments[s].reshape(4, 3 * nf), out=out[markers].reshape(-1, 3 * nf))
+        if shift is not None:
+            out[markers] += np.einsum("mjf,jif->mif", shift[markers], segments[s, :3])
     return out
 
 
 def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:
     """Sum of w |r|^2 over markers and frames, m^2."""
-    r = marker_positions(chain, constants, data.placed, q)
+    r = marker_positions(chain, constants, data.placed, q, data.shift)
     r -= data.measured
     return float(np.vdot(data.weight[:, None] * r, r))
 
@@ -214,7 +221,7 @@ def frame_equations(
 def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
     """(ns, 4, 3, nf) sums of w [l; 1]_j r over the markers of each segment, and the cost."""
     ns, nf = len(segments), segments.shape[-1]
-    r = _place(data.placed, segments)
+    r = _place(data.placed, segments, data.shift)
     r -= data.measured
     pull = data.weight[:, None] * r
     cost = float(np.vdot(pull, r))
@@ -223,6 +230,8 @@ def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
     for s, markers in data.placed.groups:
         flat = pull[markers].reshape(-1, 3 * nf)
         np.matmul(data.placed.extended[markers].T, flat, out=arms[s].reshape(4, 3 * nf))
+        if data.shift is not None:
+            arms[s, :3] += np.einsum("mjf,mif->jif", data.shift[markers], pull[markers])
     return arms, cost
 
 

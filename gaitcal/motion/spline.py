@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import csr_array
 
 from gaitcal.arrays import Array, IntArray
 
@@ -123,6 +124,14 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
             functions[:, 1:] = d * u
             functions[:, :-1] -= d * u
     return functions
+
+
+def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
+    """(nf, nn) the basis, or a derivative of it, as a sparse matrix."""
+    weights = (basis.value, basis.rate, basis.acceleration)[derivative]
+    nf = len(basis.time)
+    columns = basis.first[:, None] + np.arange(ORDER)
+    return csr_array((weights.ravel(), columns.ravel(), np.arange(0, ORDER * nf + 1, ORDER)), shape=(nf, basis.nodes))
 
 
 def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:

@@ -27,6 +27,7 @@ from gaitcal.motion.marker_residual import (
     marker_cost,
     marker_positions,
 )
+from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import keep_freed_memory
@@ -45,6 +46,8 @@ class TrialProblem:
     data: MarkerData
     labels: tuple[str, ...]
     """(nm,) in the order of `data`."""
+    tissue: SoftTissue | None = None
+    """Unknown displacements of the markers; None: none."""
 
     @cached_property
     def _pairs(self) -> VariablePairs:
@@ -61,6 +64,31 @@ class TrialProblem:
         """(nq,) coordinates that move a marker with weight; the others stay at their start."""
         return self._pairs.active[: len(self.chain.coordinates)]
 
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """(np,) names of what is sought besides the motion: free joint parameters, then soft tissue."""
+        return (*self.chain.free, *(self.tissue.keys if self.tissue else ()))
+
+    def displaced(self, z: Array) -> TrialProblem:
+        """The same trial with its soft tissue at z (nz,), m or m/rad."""
+        if self.tissue is None or not len(z):
+            return self
+        other = replace(self, data=replace(self.data, shift=self.tissue.shift(z)))
+        other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
+        return other
+
+    def part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
+        """The same trial of some segments alone, `root` free in the laboratory; without soft tissue."""
+        chain = chain_of(root, segments)
+        names = [self.chain.segments[s] for s in self.data.segment]
+        kept = np.array([name in segments for name in names], dtype=bool)
+        index = np.array([chain.segments.index(name) for name in names if name in segments], dtype=np.intp)
+        order = np.flatnonzero(kept)[np.argsort(index, kind="stable")]
+        placed = PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
+        data = MarkerData(placed, self.data.measured[order], self.data.weight[order])
+        labels = tuple(self.labels[k] for k in order)
+        return TrialProblem(name=self.name, chain=chain, basis=self.basis, data=data, labels=labels)
+
     def constants(self, parameters: Parameters) -> ChainConstants:
         """Chain constants for a set of parameters."""
         return self.chain.constants(parameters.joint, parameters.zero_angles)
@@ -75,7 +103,7 @@ class TrialProblem:
 
     def places_in(self, free: Sequence[str]) -> IntArray:
         """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
-        return np.array([free.index(name) for name in self.chain.free], dtype=np.intp)
+        return np.array([free.index(name) for name in self.unknowns], dtype=np.intp)
 
     def with_weight(self, weight: Array) -> TrialProblem:
         """The same trial with other marker weights (nm, nf)."""
@@ -107,7 +135,10 @@ class TrialProblem:
             )
             assembler.add(sums, part, group)
             cost += part.cost
-        return assembler.finish(sums, cost)
+        equations = assembler.finish(sums, cost)
+        if self.tissue is None:
+            return equations
+        return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
 
     def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
@@ -155,7 +186,8 @@ class TrialProblem:
         out = np.empty(self.data.measured.shape)
         for group in self._assembler.spans(FRAMES_AT_ONCE):
             frames = self._assembler.frames(group)
-            out[:, :, frames] = marker_positions(self.chain, constants, self.data.placed, q[frames])
+            part = self.data.frames(frames)
+            out[:, :, frames] = marker_positions(self.chain, constants, part.placed, q[frames], part.shift)
         return out
 
 

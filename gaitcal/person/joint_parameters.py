@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
+from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,
@@ -17,10 +18,10 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
 from gaitcal.person.hold_out import HeldOut, hold_out
-from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial
+from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, static_posture_of
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.runtime import Progress
-from gaitcal.study.settings import CalibrationSettings, Mode
+from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
 from gaitcal.study.study import Study
 
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
@@ -46,13 +47,15 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     loss = None if settings.robust == "none" else Loss(settings.robust)
     study, warnings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
-    fit = partial(joint_parameters, nominal=nominal, settings=settings)
+    by_evidence = settings.jp and Protocol(settings.protocol) is Protocol.EVIDENCE
+    posture = static_posture_of(nominal, study.static.recording) if by_evidence else {}
+    fit = partial(joint_parameters, nominal=nominal, settings=settings, posture=posture)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
         joint, parameters = fit(trials)
     else:
-        together = Mode(settings.mode) is Mode.SIMULTANEOUS
+        together = not by_evidence and Mode(settings.mode) is Mode.SIMULTANEOUS
         trials, joint, parameters, outliers = calibrate_robustly(
             trials, nominal.parameters, loss, fit, parameters_for, together=together
         )
@@ -61,15 +64,26 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     if leave_out and joint is not None:
         progress("joint parameters with blocks of time left out")
         held_out = hold_out(trials, nominal.parameters, fit, parameters_for)
+    if joint is not None:
+        trials = [replace(t, tissue=joint.tissue.get(t.name)) for t in trials]
     return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, warnings=warnings)
 
 
 def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings
+    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, posture: Mapping[str, float]
 ) -> tuple[JointCalibration | None, Parameters]:
-    """The joint parameters that the settings ask for, fitted to prepared trials."""
+    """The joint parameters that the settings ask for, fitted to prepared trials.
+
+    `posture`: coordinate -> rad in the static trial; asked for where the evidence decides.
+    """
     if not settings.jp or not trials:
         return None, nominal.parameters
+    if Protocol(settings.protocol) is Protocol.EVIDENCE:
+        taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
+        by_evidence = calibrate_by_evidence(
+            taking_part, nominal.parameters, posture, joint_settings(settings), SIDES[settings.legs]
+        )
+        return by_evidence, by_evidence.parameters
     calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously
     calibration = calibrate(
         [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
@@ -90,7 +104,7 @@ def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters
 
     In a sequence an isolated trial's own phase comes before gait moves the joints once more.
     """
-    if joint is not None:
+    if joint is not None and joint.fits:
         for phase, fit in zip(reversed(joint.phases), reversed(joint.fits), strict=True):
             if trial in phase.trials:
                 return fit.parameters

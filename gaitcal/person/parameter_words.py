@@ -180,7 +180,7 @@ def counts_sentence(calibration: Calibration) -> str:
 
 
 def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
-    bound = {n for fit in calibration.joint.fits for n in fit.at_bound} if calibration.joint else set()
+    bound = set(calibration.joint.at_bound if calibration.joint else ())
     rows = []
     for entry in parameter_table(calibration).to_dict("records"):
         if str(entry["kind"]).startswith("joint ") is not joints:

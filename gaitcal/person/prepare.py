@@ -9,6 +9,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.calibration.joint_prior import ORIENTATION, POSITION
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
@@ -17,16 +18,13 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.soft_tissue import SoftTissue
+from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, cutoff, trial_problem
-from gaitcal.recording import turn_to_progression
+from gaitcal.recording import still_window, turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, StudyTrial
-
-WEAK_POSITION = 0.020
-"""m, standard deviation of a joint position about its nominal value under the weak prior."""
-WEAK_ORIENTATION = np.deg2rad(10.0)
-"""rad, of a joint axis; ankle axes of living people scatter by 9 to 11 degrees (Inman 1976)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +39,8 @@ class PreparedTrial:
     """The whole body."""
     reweighted: tuple[TrialProblem, TrialProblem] | None = None
     """`fitted` and `legs` where they carry other weights than those of the markers."""
+    tissue: SoftTissue | None = None
+    """The skin found to move on the markers of `body`: what error bars count."""
 
     @property
     def name(self) -> str:
@@ -115,14 +115,23 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
     return out
 
 
+def static_posture_of(model: SubjectModel, static: Recording) -> dict[str, float]:
+    """Coordinate -> rad (m) while the person stood still, where every marker is in its place."""
+    still = still_window(static, model.markers.labels).frames
+    window = replace(static, time=static.time[still], markers=static.markers[still])
+    problem = trial_problem("static", model, window, NodeRule())
+    q = starting_coordinates(problem.chain, problem.constants(model.parameters), problem.data)
+    return dict(zip(problem.chain.coordinates, q.mean(axis=0).tolist(), strict=True))
+
+
 def joint_settings(settings: CalibrationSettings) -> JointSettings:
     """Bounds and priors in SI units."""
     weak = settings.prior == "weak"
     return JointSettings(
         position_bound=1e-3 * settings.position_bound_mm,
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
-        prior_position=WEAK_POSITION if weak else np.inf,
-        prior_orientation=WEAK_ORIENTATION if weak else np.inf,
+        prior_position=POSITION if weak else np.inf,
+        prior_orientation=ORIENTATION if weak else np.inf,
         cumulative=weak,
     )
 

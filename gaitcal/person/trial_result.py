@@ -6,6 +6,7 @@ A calibration assembles its own trials here, and `gaitcal dynamics` every furthe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from gaitcal.calibration.torque_errors import (
     MarkerMoves,
@@ -54,7 +55,8 @@ def trial_result(
     calibrated = last = body
     if trial.joint is not None:
         calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
-    moves = None if trial.joint else marker_moves(trial.body, body.nodes, final, uncertainty.joint)
+    with_skin = replace(trial.body, tissue=trial.tissue)
+    moves = None if trial.joint else marker_moves(with_skin, body.nodes, final, uncertainty.joint)
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}

@@ -32,23 +32,37 @@ class Mode(Enum):
     SIMULTANEOUS = "simultaneous"
 
 
+class Protocol(Enum):
+    """Who decides which joint parameters move."""
+
+    EVIDENCE = "evidence"
+    PUBLISHED = "published"
+
+
 class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
+    protocol: Literal["evidence", "published"] = Field(
+        default="evidence",
+        description="evidence: every joint parameter that a trial can move is free, and priors, noise and skin "
+        "movement decide how far; published: the lists and phases of Reinbolt et al. 2007, with mode, prior and gait_parameters",
+    )
     mode: Literal["sequential", "simultaneous"] = Field(
         default="sequential",
-        description="each joint from its isolated trials and then gait, or all joints over all trials at once",
+        description="published protocol: each joint from its isolated trials and then gait, or all joints over all "
+        "trials at once",
     )
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
         default="weak",
-        description="pull of joint parameters towards what is known before a phase, 20 mm and 10 deg being a standard "
-        "deviation, against the noise that the markers show (skin movement repeats itself: few of their samples are "
-        "independent); gait adds to what isolated trials know; none: every phase by itself, as published",
+        description="published protocol: pull of joint parameters towards what is known before a phase, 20 mm and 10 "
+        "deg being a standard deviation, against the noise that the markers show (skin movement repeats itself: few of "
+        "their samples are independent); gait adds to what isolated trials know; none: every phase by itself, as published",
     )
     gait_parameters: Literal["published", "leg"] = Field(
         default="published",
-        description="what gait trials may move in each leg: the published 17 joint parameters, or all 27",
+        description="published protocol: what gait trials may move in each leg: the published 17 joint parameters, or "
+        "all 27",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"

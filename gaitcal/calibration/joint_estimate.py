@@ -1,0 +1,251 @@
+"""One estimate of all joint parameters: every trial, every parameter that a trial can move, the skin, and the motions.
+
+    min  sum_t C_t(p, z, N_t) / nu_t^2  +  |(p - p_0) / sigma|^2  +  z^T Sigma^-1 z
+
+C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
+about their nominal values p_0 (`joint_prior.py`), z the skin's movement where there is evidence of it
+(`skin_evidence.py`), nu_t the noise of the trial's independent samples (`joint_noise.py`). Trials meet by their full
+information, each in units of its own noise. Steps are those of `descend` on the arrow of `motion/arrow.py`.
+
+With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
+
+    -H^-1 ( sum_t S_t^1/2 n_t  -  sigma^-1 e_p  -  Sigma^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
+
+columns of an `Influence` by source: markers of each trial, nominal values, skin. Their squares sum to H^-1.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.skin_movement import unit_covariance
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials, eliminate
+from gaitcal.motion.descent import DescentSettings, descend
+from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+
+DESCENT = DescentSettings(gain=1e-9, keep_within=0.0, most_steps=60)
+FIRST_NOISE, MEMORY_S = 0.010, 0.1
+"""m, s: noise before any is known, and how long it lasts."""
+ROUNDS = 3
+"""Fits after which the noise of every trial is found anew."""
+NULL = 1e-12
+"""Part of the largest eigenvalue of S_t below which it counts as zero."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEstimate:
+    """Joint parameters, skin and motions found together."""
+
+    free: tuple[str, ...]
+    """Joint parameters."""
+    keys: tuple[str, ...]
+    """Columns of the skin, `coordinate/marker/axis`."""
+    values: Array
+    """(np + nz,) m, rad; m/rad."""
+    parameters: Parameters
+    nodes: tuple[Array, ...]
+    """Per trial (nn, nq)."""
+    noise: tuple[float, ...]
+    """m, nu of every trial."""
+    served: float
+    """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
+    iterations: int
+    seconds: float
+    converged: bool
+    message: str
+
+    @property
+    def skin(self) -> Array:
+        """(nz,) m/rad."""
+        return self.values[len(self.free) :]
+
+
+@dataclass(frozen=True)
+class SkinPrior:
+    """The columns of the skin that have evidence, and how large they may be."""
+
+    keys: tuple[str, ...]
+    covariance: Array
+    """(nz, nz) m^2/rad^2."""
+
+
+NO_SKIN = SkinPrior((), np.zeros((0, 0)))
+
+
+def skin_prior(trials: Sequence[TrialProblem], sizes: Mapping[tuple[str, str], float]) -> SkinPrior:
+    """The prior of the columns that trials have, for sizes by (segment, coordinate)."""
+    keys: list[str] = []
+    blocks: list[Array] = []
+    for problem in trials:
+        for group in problem.tissue.groups if problem.tissue else ():
+            segment, labels = problem.chain.segments[group.segment], problem.labels[group.markers]
+            unit = unit_covariance(segment, problem.data.local[group.markers])
+            for name in group.names:
+                own = [f"{name}/{label}/{axis}" for label in labels for axis in "xyz"]
+                if not set(own) <= set(keys):
+                    new = [k for k, key in enumerate(own) if key not in keys]
+                    keys += [own[k] for k in new]
+                    blocks.append(sizes[segment, name] ** 2 * unit[np.ix_(new, new)])
+    return SkinPrior(tuple(keys), block_diag(*blocks) if blocks else np.zeros((0, 0)))
+
+
+class _MarkersAndPriors(SharedTrials):
+    """The cost by x = (joint parameters, skin, nodes of each trial)."""
+
+    def __init__(
+        self,
+        problems: Sequence[TrialProblem],
+        nominal: Parameters,
+        free: tuple[str, ...],
+        skin: SkinPrior,
+        noise: Sequence[float],
+    ) -> None:
+        super().__init__(problems, nominal, free, skin.keys)
+        self.share = [1.0 / nu**2 for nu in noise]
+        self.nothing_left = 0.0
+        self.centre = np.concatenate([nominal.joint[[JP_INDEX[n] for n in free]], np.zeros(len(skin.keys))])
+        own = np.diag(1.0 / prior_deviations(free) ** 2)
+        self.precision = block_diag(own, np.linalg.inv(skin.covariance)) if skin.keys else own
+
+    def at(self, x: Array) -> tuple[list[TrialProblem], Parameters, Array, list[Array]]:
+        """The trials with their skin, the linkage, (p, z) and the nodes at x."""
+        theta, nodes = self.parted(x)
+        moved = self.parameters.with_joint(self.free, theta[: len(self.free)])
+        trials = [
+            problem.displaced(theta[places[len(problem.chain.free) :]])
+            for problem, places in zip(self.open, self.columns, strict=True)
+        ]
+        return trials, moved, theta, nodes
+
+    def evaluate(self, x: Array) -> Evaluation:
+        return self.linearise(x, curved=False).evaluation
+
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        trials, moved, theta, nodes = self.at(x)
+        equations = [
+            problem.equations(n, problem.constants(moved)).scaled(share)
+            for problem, n, share in zip(trials, nodes, self.share, strict=True)
+        ]
+        off = theta - self.centre
+        pull = self.precision @ off
+        return ArrowEquations(equations, self.columns, self.size, SharedPrior(float(off @ pull), pull, self.precision))
+
+    def reduced(self, x: Array) -> list[Array]:
+        """Per trial S_t among all (np + nz) unknowns, motions eliminated."""
+        trials, moved, _, nodes = self.at(x)
+        out = []
+        for problem, n, share, places in zip(trials, nodes, self.share, self.columns, strict=True):
+            whole = np.zeros((self.size, self.size))
+            whole[np.ix_(places, places)] = share * eliminate(problem.equations(n, problem.constants(moved))).hessian
+            out.append(whole)
+        return out
+
+
+def first_noise(problem: TrialProblem) -> float:
+    """m, nu of a trial of which nothing is known."""
+    time_ = problem.basis.time
+    rate = (len(time_) - 1) / float(time_[-1] - time_[0])
+    return FIRST_NOISE * float(np.sqrt(max(rate * MEMORY_S, 1.0)))
+
+
+def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
+    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows."""
+    passed = set()
+    for problem in problems:
+        opened = problem.with_free(tuple(wanted))
+        shown = np.zeros(len(opened.chain.segments), dtype=bool)
+        shown[opened.data.segment[(opened.data.weight > 0).any(axis=1)]] = True
+        count = len(opened.chain.coordinates)
+        beyond = opened.chain.support[count:] * shown
+        before = (1.0 - opened.chain.support[count:]) * shown
+        passed |= {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
+    return tuple(name for name in wanted if name in passed)
+
+
+def estimate_joints(
+    problems: Sequence[TrialProblem],
+    nominal: Parameters,
+    free: tuple[str, ...],
+    *,
+    skin: SkinPrior = NO_SKIN,
+    start: JointEstimate | None = None,
+) -> tuple[JointEstimate, Influence]:
+    """Fit the joint parameters `free` and the skin to all trials together, and tell their errors by source.
+
+    Parameters
+    ----------
+    problems : trials with the soft tissue that `skin` is the prior of; without any where that has no columns.
+    nominal : centre of the prior, and values of all that is not free.
+    start : an estimate of the same trials without skin; its noise is kept, as skin that is free explains noise, too.
+        Unless given, the noise of every trial is found by fitting `ROUNDS` times.
+    """
+    began = time.perf_counter()
+    if start is None:
+        noise = [first_noise(p) for p in problems]
+        nodes = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+        theta, rounds = nominal.joint[[JP_INDEX[n] for n in free]], ROUNDS
+    else:
+        noise, nodes, rounds = list(start.noise), list(start.nodes), 0
+        theta = np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
+    least = [least_noise(p.basis.time) for p in problems]
+    steps = 0
+    while True:
+        shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
+        end = descend(shared, shared.joined(theta, nodes), DESCENT)
+        steps += end.steps
+        theta, nodes = shared.parted(end.x)
+        parts = shared.reduced(end.x)
+        inverse = np.linalg.inv(sum(parts) + shared.precision)
+        served = float(np.trace(inverse @ sum(parts)))
+        if rounds == 0:
+            break
+        rounds -= 1
+        moved = nominal.with_joint(free, theta[: len(free)])
+        seen = [seen_noise(p, moved, n) for p, n in zip(problems, nodes, strict=True)]
+        noise = trial_noises(seen, least, served)
+    estimate = JointEstimate(
+        free=free,
+        keys=skin.keys,
+        values=theta,
+        parameters=nominal.with_joint(free, theta[: len(free)]),
+        nodes=tuple(nodes),
+        noise=tuple(noise),
+        served=served,
+        iterations=steps,
+        seconds=time.perf_counter() - began,
+        converged=end.converged,
+        message=end.ending.value,
+    )
+    return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
+
+
+def _influence(
+    names: Sequence[str], estimate: JointEstimate, shared: _MarkersAndPriors, parts: Sequence[Array], inverse: Array
+) -> Influence:
+    """The errors of (p, z) by source."""
+    columns, sources = [], []
+    for name, part in zip(names, parts, strict=True):
+        values, vectors = np.linalg.eigh(part)
+        kept = values > NULL * max(float(values[-1]), 1e-300)
+        columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
+        sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
+    count = len(estimate.free)
+    columns.append(inverse[:, :count] * np.sqrt(np.diag(shared.precision)[:count]))
+    sources += [f"nominal/{name}" for name in estimate.free]
+    if estimate.keys:
+        columns.append(inverse[:, count:] @ np.linalg.cholesky(shared.precision[count:, count:]))
+        sources += [f"skin/{key}" for key in estimate.keys]
+    return Influence((*estimate.free, *estimate.keys), np.hstack(columns), tuple(sources))

@@ -1,0 +1,96 @@
+"""How much of what a trial says of its joints is noise: the part of the markers' errors that a joint can see.
+
+A segment's markers follow the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to
+what its joints forbid. Joint parameters act on the second part alone. With d the difference between the markers of the
+rigid fits and those of the linkage, smoothed by the trial's splines, c = 6 (segments) - (coordinates) the directions
+that the joints forbid, and nf frames,
+
+    nu^2 = tau / (c nf) * sum |d|^2 * n / (n - p),      tau = 1 + 2 sum_k rho_k,      n = c nf / tau,
+
+rho_k the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), n the independent samples and p
+the joint parameters that these have to serve. A cost divided by nu^2 counts every frame as if it were independent: slow
+noise in a short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole against
+their bones give more than their deformation tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.trial_problem import TrialProblem
+
+UNCORRELATED = 0.05
+"""Autocorrelation below which the sum ends."""
+LONGEST_LAG = 1.0 / 3.0
+"""Of the trial: beyond, too few pairs of frames are left."""
+LEAST_SAMPLES = 0.3
+"""Part of the independent samples that is left at least, however many parameters they serve."""
+LEAST_ERROR, MEMORY_S = 5e-5, 0.25
+"""m, s: cameras err by at least this much, over at least this time."""
+FEWEST_MARKERS = 3
+"""For a rigid fit."""
+
+
+@dataclass(frozen=True)
+class SeenNoise:
+    """The noise of one trial in the directions that its joints forbid."""
+
+    variance: float
+    """m^2, tau times the mean square of d per direction and frame."""
+    samples: float
+    """n, independent ones."""
+
+
+def frames_per_sample(errors: Array) -> float:
+    """Tau of errors (nf, k): frames for one that is independent, all columns taken together."""
+    nf = len(errors)
+    spectrum = np.abs(np.fft.rfft(errors, 2 * nf, axis=0)) ** 2
+    power = np.fft.irfft(spectrum.sum(axis=1))[:nf]
+    if power[0] <= 0.0:
+        return 1.0
+    lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
+    rho = power[lags] / power[0] * nf / (nf - lags)
+    small = np.flatnonzero(rho < UNCORRELATED)
+    return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
+
+
+def least_noise(time: Array) -> float:
+    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial (nf,) s."""
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * rate, 1.0)))
+
+
+def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> SeenNoise:
+    """The noise at a motion, nodes (nn, nq)."""
+    data = problem.data
+    gap = np.zeros_like(data.measured)
+    model = problem.positions(nodes, problem.constants(parameters))
+    segments = 0
+    for _, markers in data.placed.groups:
+        weight = data.weight[markers]
+        if ((weight > 0).any(axis=1)).sum() < FEWEST_MARKERS:
+            continue
+        fit = rigid_fit(data.local[markers], data.measured[markers], weight)
+        followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
+        if data.shift is not None:
+            followed += np.einsum("fij,mjf->mif", fit.rotation, data.shift[markers])
+        gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
+        segments += 1
+    nf = len(problem.basis.time)
+    smooth = problem.basis.evaluate(problem.basis.fit(gap.reshape(-1, nf).T))
+    directions = max(6 * segments - int(problem.active.sum()), 1)
+    tau = frames_per_sample(smooth)
+    return SeenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
+
+
+def trial_noises(seen: Sequence[SeenNoise], least: Sequence[float], served: float) -> list[float]:
+    """m, nu of every trial of a fit in which `served` parameters were found from the samples of all of them."""
+    samples = sum(trial.samples for trial in seen)
+    spent = samples / max(samples - served - 2.0, LEAST_SAMPLES * samples)
+    return [max(float(np.sqrt(spent * s.variance)), floor) for s, floor in zip(seen, least, strict=True)]

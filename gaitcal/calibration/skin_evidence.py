@@ -1,0 +1,144 @@
+"""Whether skin moves with a joint: what the deformation of a segment's markers says, joint parameters left out.
+
+What the rigid fit of a segment leaves of its markers, e (in the segment's axes), does not depend on joints at all. With
+P the projector that takes shifts and turns of the markers together out, and phi_c the angles of the columns z,
+
+    e = P sum_c z_c phi_c + noise,      information Q = sum_f phi phi^T (x) P / nu^2,   b = sum_f phi (x) P e / nu^2,
+
+nu the noise that no angle explains, its frames counted as far as they are independent (`joint_noise.py`). With the
+prior z ~ N(0, s^2 C) of each angle, the sizes s of a segment have the evidence (marginal likelihood, z integrated out)
+
+    2 log L(s) = b^T (Q + C_s^-1)^-1 b - log det(1 + C_s Q).
+
+An angle is taken in where skin that moves with it is likelier than skin that does not, the likeliest first: where 2
+log L rises by more than `LIKELIER`. Asking for strong evidence (6) left skin out that slower noise half hid, and hips
+then covered 73 instead of 92 % of 95. Markers that slide but do not deform stay unseen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.calibration.skin_movement import LARGEST, shifts_and_turns, unit_covariance
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.soft_tissue import SegmentTissue
+from gaitcal.motion.trial_problem import TrialProblem
+
+LIKELIER = 0.5
+"""Least rise of twice the log evidence."""
+GRID = np.array([0.02, 0.05, 0.1, 0.2, 0.35, LARGEST])
+"""Sizes looked at."""
+SEEN_RANK = 1e-9
+"""Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
+
+
+@dataclass
+class SegmentEvidence:
+    """What all trials together say of one segment's skin."""
+
+    names: list[str] = field(default_factory=list)
+    """Coordinates, in the order of the blocks."""
+    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(n, n) Q, coordinate by coordinate, of each marker by marker, of each x, y, z; 1/m^2 per unit of z."""
+    right: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) b."""
+
+    def add(self, names: Sequence[str], information: Array, right: Array, width: int) -> None:
+        """Add what one trial says; `width`: columns of one coordinate."""
+        new = [name for name in names if name not in self.names]
+        self.names += new
+        grown, before = np.zeros((width * len(self.names),) * 2), len(self.right)
+        grown[:before, :before] = self.information
+        place = np.concatenate([width * self.names.index(name) + np.arange(width) for name in names])
+        grown[np.ix_(place, place)] += information
+        self.information = grown
+        self.right = np.concatenate([self.right, np.zeros(width * len(new))])
+        self.right[place] += right
+
+    def sizes(self, covariance: Array) -> dict[str, float]:
+        """Coordinate -> size of the skin's movement with it, of those that the evidence asks for."""
+        width, chosen, reached = len(covariance), dict[str, float](), 0.0
+        while True:
+            gains = [
+                (self._evidence(covariance, {**chosen, name: float(size)}, width), name, float(size))
+                for name in self.names
+                if name not in chosen
+                for size in GRID
+            ]
+            best = max(gains, default=(0.0, "", 0.0))
+            if best[0] < reached + LIKELIER:
+                return self._refined(covariance, chosen, width)
+            reached, chosen = best[0], {**chosen, best[1]: best[2]}
+
+    def _refined(self, covariance: Array, chosen: dict[str, float], width: int) -> dict[str, float]:
+        """Each size once more, given the others."""
+        for name in chosen:
+            values = [self._evidence(covariance, {**chosen, name: float(size)}, width) for size in GRID]
+            chosen = {**chosen, name: float(GRID[int(np.argmax(values))])}
+        return chosen
+
+    def _evidence(self, covariance: Array, sizes: Mapping[str, float], width: int) -> float:
+        """2 log L of the sizes against none at all."""
+        place = np.concatenate([width * self.names.index(name) + np.arange(width) for name in sizes])
+        half = np.linalg.cholesky(covariance)
+        root = np.kron(np.diag(list(sizes.values())), half)
+        seen = root.T @ self.information[np.ix_(place, place)] @ root
+        factor = np.linalg.cholesky(np.eye(len(seen)) + seen)
+        explained = np.linalg.solve(factor, root.T @ self.right[place])
+        return float(explained @ explained - 2.0 * np.log(np.diag(factor)).sum())
+
+
+def skin_sizes(trials: Sequence[TrialProblem]) -> dict[tuple[str, str], float]:
+    """(segment, coordinate) -> size of the skin's movement, from the deformation of the markers of trials whose soft
+    tissue holds every column that may be.
+    """
+    found: dict[tuple[str, tuple[str, ...]], tuple[SegmentEvidence, Array]] = {}
+    for problem in trials:
+        for group in problem.tissue.groups if problem.tissue else ():
+            segment, local = problem.chain.segments[group.segment], problem.data.local[group.markers]
+            labels = problem.labels[group.markers]
+            evidence, _ = found.setdefault((segment, labels), (SegmentEvidence(), unit_covariance(segment, local)))
+            evidence.add(group.names, *_deformation(problem, group), 3 * len(local))
+    sizes: dict[tuple[str, str], float] = {}
+    for (segment, _), (evidence, covariance) in found.items():
+        for name, size in evidence.sizes(covariance).items():
+            sizes[segment, name] = max(size, sizes.get((segment, name), 0.0))
+    return sizes
+
+
+def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Array]:
+    """Q and b of one segment in one trial."""
+    data, phi = problem.data, group.regressors
+    local, weight = data.local[group.markers], data.weight[group.markers]
+    fit = rigid_fit(local, data.measured[group.markers], weight)
+    whole = fit.determined & (weight > 0).all(axis=0)
+    """Frames that show every marker: in others the projector is another."""
+    followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
+    left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - followed)
+    errors = left.reshape(3 * len(local), -1).T[whole]  # (frames, 3 nm)
+    phi = phi[:, whole]
+    width = errors.shape[1]
+    if len(errors) <= len(phi):
+        return np.zeros((len(phi) * width,) * 2), np.zeros(len(phi) * width)
+    together = np.linalg.qr(np.concatenate([shifts_and_turns(a) for a in local - local.mean(axis=0)]))[0]
+    projector = np.eye(width) - together @ together.T
+    noise = _noise(errors, phi, width - together.shape[1], least_noise(problem.basis.time))
+    information = np.kron(phi @ phi.T, projector) / noise**2
+    return information, (phi @ errors @ projector).ravel() / noise**2
+
+
+def _noise(errors: Array, phi: Array, directions: int, least: float) -> float:
+    """m, nu of errors (nf, 3 nm) that no combination of the angles (nr, nf) explains."""
+    q, r = np.linalg.qr(phi.T)
+    own = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
+    unexplained = errors - own @ (own.T @ errors)
+    tau = frames_per_sample(unexplained)
+    samples = len(errors) / tau
+    spent = samples / max(samples - own.shape[1], LEAST_SAMPLES * samples)
+    variance = spent * tau * float((unexplained**2).sum()) / (max(directions, 1) * len(errors))
+    return max(float(np.sqrt(variance)), least)
