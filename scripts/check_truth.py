@@ -11,7 +11,8 @@ synthetic   people of our own linkage through C3D files, as `gaitcal synthesize 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
 follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
 standard errors, then how many intervals of 68 and 95 % held the truth (a fixed parameter has none, which holds nothing)
-of how many. Settings are gaitcal's defaults but for `--set`, as `[calibration]` has them.
+of how many. At the end stand the limits that were set, and whether they are met. Settings are gaitcal's defaults but
+for `--set`, as `[calibration]` has them.
 """
 
 from __future__ import annotations
@@ -29,10 +30,9 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from joblib import Parallel, delayed  # noqa: E402
-from truth import gait, isolated, synthetic  # noqa: E402
+from truth import gait, isolated, report, synthetic, wanted  # noqa: E402
 from truth.outcome import Outcome  # noqa: E402
 from truth.people import made  # noqa: E402
-from truth.report import content, lines  # noqa: E402
 from truth.settings import changed_settings  # noqa: E402
 from truth.skin import FIVE, Kind  # noqa: E402
 
@@ -56,7 +56,7 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
             raise SystemExit(f"part {part} needs the environment variable GAITCAL_DATA with opensim_truth in it")
         for person in chosen.people:
             if part == "isolated":
-                made(person, data, chosen.cache)
+                _made(person, data, chosen.cache)
             for kind in chosen.kinds or KINDS[part]:
                 skin = SKIN_MM if part == "isolated" else GAIT_SKIN_MM
                 size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
@@ -67,6 +67,13 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
                     else:
                         out.append(partial(isolated.run, *common, chosen.cache, chosen.with_gait))
     return out
+
+
+def _made(person: str, data: Path, cache: Path) -> None:
+    try:
+        made(person, data, cache)
+    except ImportError as missing:
+        raise SystemExit("part isolated needs OpenSim (extra `peers`), or a --cache with its trials") from missing
 
 
 def words(allowed: tuple[str, ...] | None) -> Callable[[str], list[str]]:
@@ -97,6 +104,7 @@ def main(arguments: list[str] | None = None) -> list[Outcome]:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of [calibration]")
     parser.add_argument("--cache", type=Path, default=Path("truth-cache"), help="folder of the trials OpenSim makes")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--details", action="store_true", help="hips direction by direction, too")
     parser.add_argument("--json", type=Path, help="write every figure of every fit to this file")
     chosen = parser.parse_args(arguments)
     chosen.kinds = [Kind(kind) for kind in chosen.kinds]
@@ -107,9 +115,9 @@ def main(arguments: list[str] | None = None) -> list[Outcome]:
         outcomes: list[Outcome] = parallel(delayed(job)() for job in jobs)
     if chosen.set:
         print(f"settings: {', '.join(chosen.set)}")
-    print("\n".join(lines(outcomes)))
+    print("\n".join([*report.lines(outcomes, details=chosen.details), *wanted.lines(outcomes)]))
     if chosen.json:
-        chosen.json.write_text(json.dumps(content(outcomes), indent=1) + "\n", encoding="utf-8")
+        chosen.json.write_text(json.dumps(report.content(outcomes), indent=1) + "\n", encoding="utf-8")
     return outcomes
 
 

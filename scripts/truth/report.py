@@ -15,20 +15,22 @@ HEADING = (
 )
 
 
-def lines(outcomes: list[Outcome]) -> Iterator[str]:
-    """The table: part by part and case by case, one line a figure."""
+def lines(outcomes: list[Outcome], *, details: bool = False) -> Iterator[str]:
+    """The table: part by part and case by case, one line a figure; with `details` each direction by itself, too."""
     yield HEADING
     for part in dict.fromkeys(o.part for o in outcomes):
         of_part = [o for o in outcomes if o.part == part]
         for case in dict.fromkeys(o.case for o in of_part):
-            yield from _case([o for o in of_part if o.case == case])
+            yield from _case([o for o in of_part if o.case == case], details)
 
 
-def _case(outcomes: list[Outcome]) -> Iterator[str]:
+def _case(outcomes: list[Outcome], details: bool) -> Iterator[str]:
     first, seconds = outcomes[0], np.median([o.seconds for o in outcomes])
     people = len({o.person for o in outcomes})
     yield f"\n{first.part}, {first.case}: {len(outcomes)} fits of {people} people, {seconds:.2f} s each (median)"
     for name in dict.fromkeys(name for o in outcomes for name in o.figures):
+        if name.count(", ") > 1 and not details:
+            continue
         figures = [o.figures[name] for o in outcomes if name in o.figures]
         errors = [abs(f.error) for f in figures]
         spread = f"{_digits(min(errors))} to {_digits(max(errors))}"
