@@ -20,7 +20,7 @@ from gaitcal.arrays import Array
 from gaitcal.recording import Recording, read_table, write_trc
 from truth.rigid import Line, relative, screw_axis
 
-RATE, SECONDS, STATIC_FRAMES = 200.0, 6.0, 200
+RATE, SECONDS, STANDING = 200.0, 6.0, 1.0
 HERTZ = 0.6
 """Of the isolated movements."""
 PELVIS_HEIGHT = 0.95
@@ -125,15 +125,15 @@ def isolated_motion(trial: str, time: Array) -> dict[str, Array]:
     return {f"{name}_{side}": np.deg2rad(value) for name, value in degrees.items()}
 
 
-def make_trials(model: Path, coordinates: Path, folder: Path) -> None:
-    """Write `NAME.trc` of every trial, and `truth.json`, into a folder."""
+def make_trials(model: Path, coordinates: Path, folder: Path, rate: float = RATE) -> None:
+    """Write `NAME.trc` of every trial at `rate` frames/s, and `truth.json`, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     person = Simulation(model)
-    walk_time, walk = walk_motion(person, coordinates)
-    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+    walk_time, walk = walk_motion(person, coordinates, rate)
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
     centres = {}
     for name in TRIALS:
-        t = {"static": time[:STATIC_FRAMES], "gait": walk_time}.get(name, time)
+        t = {"static": time[time < STANDING], "gait": walk_time}.get(name, time)
         moving = walk if name == "gait" else {} if name == "static" else isolated_motion(name, t)
         markers, found = np.empty((len(t), len(person.labels), 3)), np.empty((len(t), len(JOINTS), 3))
         for f in range(len(t)):
@@ -150,10 +150,10 @@ def make_trials(model: Path, coordinates: Path, folder: Path) -> None:
     (folder / "truth.json").write_text(json.dumps(truth) + "\n", encoding="utf-8")
 
 
-def walk_motion(person: Simulation, file: Path) -> tuple[Array, dict[str, Array]]:
-    """Time (nf,) s, and coordinate -> (nf,) m, rad, at the rate of the trials."""
+def walk_motion(person: Simulation, file: Path, rate: float) -> tuple[Array, dict[str, Array]]:
+    """Time (nf,) s, and coordinate -> (nf,) m, rad, at `rate` frames/s."""
     table = read_table(file)
-    time = np.arange(table.time[0], table.time[-1], 1.0 / RATE)
+    time = np.arange(table.time[0], table.time[-1], 1.0 / rate)
     out = {}
     for name, values in zip(table.names, table.values.T, strict=True):
         if name in person.standing:

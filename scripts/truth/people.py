@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitcal import Recording, Study, read_recording
 from gaitcal.arrays import Array
+from gaitcal.recording import read_table
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from truth.opensim_trials import ISOLATED, TRIALS, make_trials
 from truth.rigid import Line, rigid_motion
@@ -88,8 +89,6 @@ def _loaded(file: StudyFile) -> Study:
 @lru_cache(maxsize=4)
 def walking_person(person: str, data: Path) -> WalkingPerson:
     """The recorded walk, without noise."""
-    from gaitcal.recording import read_table
-
     study = Study.load(data / person / "study.toml")
     (walk,) = study.moving
     known = read_recording(data / person / "walk_with_joint_centres.trc")
