@@ -111,4 +111,4 @@ def torque_figures(calibration: Calibration, person: WalkingPerson, walk: str) -
             held[torque] = held.get(torque, Bars()) + bars(gap, error)
     figures = {f"torque {t}, N·m": Figure(error=rms(gaps[t]), before=rms(earlier[t]), bars=held[t]) for t in TORQUES}
     every = Figure(error=rms(list(gaps.values())), before=rms(list(earlier.values())), bars=sum(held.values(), Bars()))
-    return {"torques of all, N·m": every, **figures}
+    return {"torques of legs, N·m": every, **figures}

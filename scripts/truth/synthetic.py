@@ -31,6 +31,8 @@ JOINTS = ("hip", "knee", "talocrural", "subtalar")
 JOINT_KINDS = {"joint position": "mm", "joint orientation": "deg"}
 INERTIAL_KINDS = {"mass": "kg", "mass centre": "mm", "moment of inertia": "kg*mm^2"}
 TORQUES = (*COORDINATES[6:], *REACTIONS)
+LEG = ("hip", "knee", "ankle", "subtalar")
+"""How the names of a leg's torques begin; the knee's adduction is one of them."""
 
 
 class Settings(Enum):
@@ -116,7 +118,7 @@ def run(seed: int, changes: Mapping[str, object]) -> Outcome:
 
 
 def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
-    """All torques together, and each joint's, both sides."""
+    """The legs' torques together, all of them, and each joint's, both sides."""
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(TORQUES):
         groups.setdefault(name.removesuffix("_r").removesuffix("_l"), []).append(k)
@@ -125,7 +127,8 @@ def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
         gaps, errors = person.gaps[:, columns], person.errors[:, columns]
         return Figure(error=rms(gaps), before=rms(person.before[:, columns]), bars=bars(gaps, errors))
 
-    out = {"torques of all, N·m": figure(list(range(len(TORQUES))))}
+    legs = [k for name, columns in groups.items() if name.startswith(LEG) for k in columns]
+    out = {"torques of legs, N·m": figure(legs), "torques of all, N·m": figure(list(range(len(TORQUES))))}
     return out | {f"torque {name}, N·m": figure(columns) for name, columns in groups.items()}
 
 
