@@ -18,7 +18,6 @@ for `--set`, as `[calibration]` has them.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -105,19 +104,24 @@ def main(arguments: list[str] | None = None) -> list[Outcome]:
     parser.add_argument("--cache", type=Path, default=Path("truth-cache"), help="folder of the trials OpenSim makes")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--details", action="store_true", help="hips direction by direction, too")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="an earlier --json: its RMS as `then`")
     parser.add_argument("--json", type=Path, help="write every figure of every fit to this file")
     chosen = parser.parse_args(arguments)
     chosen.kinds = [Kind(kind) for kind in chosen.kinds]
     chosen.changes = changed_settings(chosen.set)
     named = os.environ.get("GAITCAL_DATA")
     jobs = tasks(chosen, Path(named).resolve() / "opensim_truth" if named else None)
-    with Parallel(n_jobs=chosen.processes) as parallel:
-        outcomes: list[Outcome] = parallel(delayed(job)() for job in jobs)
+    outcomes: list[Outcome] = []
+    for outcome in Parallel(n_jobs=chosen.processes, return_as="generator")(delayed(job)() for job in jobs):
+        outcomes.append(outcome)
+        if sys.stderr.isatty():
+            print(f"\r{len(outcomes)} of {len(jobs)} fits ", end="", file=sys.stderr, flush=True)
     if chosen.set:
         print(f"settings: {', '.join(chosen.set)}")
-    print("\n".join([*report.lines(outcomes, details=chosen.details), *wanted.lines(outcomes)]))
+    earlier = report.read(chosen.against) if chosen.against else None
+    print("\n".join([*report.lines(outcomes, earlier, details=chosen.details), *wanted.lines(outcomes)]))
     if chosen.json:
-        chosen.json.write_text(json.dumps(report.content(outcomes), indent=1) + "\n", encoding="utf-8")
+        report.write(outcomes, chosen.json)
     return outcomes
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -205,7 +206,7 @@ def test_smooth_noise_has_its_variance_and_frequency() -> None:
     assert rate.std() / (2 * np.pi) == pytest.approx(skin.RANDOM_HZ, rel=0.1)
 
 
-def test_table_and_limits_of_a_few_fits() -> None:
+def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
     held = outcome.Bars(20, (14, 19), 20.0)
     fits = [
         outcome.Outcome(
@@ -222,10 +223,15 @@ def test_table_and_limits_of_a_few_fits() -> None:
         for seed, error in enumerate((3.0, 4.0, 8.0))
     ]
     rows = list(report.lines(fits))
-    assert any(row.startswith("isolated, linear: 3 fits of 1 people") or "linear: 3 fits" in row for row in rows)
+    assert "isolated, linear: fits 3, people 1, median 1.00 s each" in rows
     (row,) = [row for row in rows if row.startswith("hip in pelvis")]
     assert row.split()[4:] == ["30.0", "4.00", "3.00", "to", "8.00", "5.45", "12.0", "1.00", "70.0", "95.0", "60"]
     assert sum(row.startswith("hip in pelvis") for row in report.lines(fits, details=True)) == 2
+    report.write(fits[:1], tmp_path / "earlier.json")
+    (row,) = [r for r in report.lines(fits, report.read(tmp_path / "earlier.json")) if r.startswith("hip in pelvis")]
+    assert row.split()[-2:] == ["60", "3.00"]
+    lost = [replace(fits[0], converged=False)]
+    assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
     found = {c.words: (c.met, round(c.found, 2)) for c in wanted.checks(fits)}
     assert found == {
         "isolated, linear: hip in pelvis, mm, RMS": (True, 5.45),
@@ -291,4 +297,4 @@ def test_synthetic_people_and_the_part_of_that_name(capsys: pytest.CaptureFixtur
     torques = fit.figures["torques of all, N·m"]
     assert 0.5 < torques.error < 6.0 and torques.bars.count > 1000
     assert fit.figures["knee position, mm"].error < fit.figures["knee position, mm"].before
-    assert "synthetic, waves: 1 fits of 1 people" in capsys.readouterr().out
+    assert "synthetic, waves: fits 1, people 1" in capsys.readouterr().out

@@ -37,9 +37,15 @@ def run(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, 
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     start = perf_counter()
     calibration = gaitcal.calibrate(study)
-    seconds = perf_counter() - start
-    figures = compare(calibration, person, study)
-    return Outcome(part="gait", case=kind.value, person=name, seed=seed, seconds=seconds, figures=figures)
+    return Outcome(
+        part="gait",
+        case=kind.value,
+        person=name,
+        seed=seed,
+        seconds=perf_counter() - start,
+        converged=calibration.converged,
+        figures=compare(calibration, person, study),
+    )
 
 
 def compare(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:

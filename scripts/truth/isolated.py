@@ -36,9 +36,15 @@ def run(
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     start = perf_counter()
     calibration = gaitcal.calibrate(study)
-    seconds = perf_counter() - start
-    figures = compare(calibration, person, study)
-    return Outcome(part="isolated", case=kind.value, person=name, seed=seed, seconds=seconds, figures=figures)
+    return Outcome(
+        part="isolated",
+        case=kind.value,
+        person=name,
+        seed=seed,
+        seconds=perf_counter() - start,
+        converged=calibration.converged,
+        figures=compare(calibration, person, study),
+    )
 
 
 def compare(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:

@@ -70,6 +70,8 @@ class Outcome:
     seed: int
     seconds: float
     """Of `gaitcal.calibrate`."""
+    converged: bool = True
+    """Whether every phase of the calibration did."""
     figures: Mapping[str, Figure]
     """`hip in pelvis, mm` -> figure."""
 

@@ -60,6 +60,8 @@ class SyntheticPerson:
     """(n, 23) N·m, standard errors of the torques."""
     seconds: float
     """Of the calibration."""
+    converged: bool
+    """Whether every phase of it did."""
 
     @property
     def torques(self) -> Array:
@@ -85,7 +87,7 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
     true = truth.loc[table.index]
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
-    return SyntheticPerson(table, *torque_errors(calibration, seed), seconds)
+    return SyntheticPerson(table, *torque_errors(calibration, seed), seconds, calibration.converged)
 
 
 def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
@@ -113,8 +115,15 @@ def run(seed: int, changes: Mapping[str, object]) -> Outcome:
     """One person with gaitcal's default settings, but for these."""
     person = synthetic_person(seed, Settings.DEFAULT, changes)
     figures = torque_figures(person) | parameter_figures(person.parameters)
-    name = f"synthetic {seed}"
-    return Outcome(part="synthetic", case="waves", person=name, seed=seed, seconds=person.seconds, figures=figures)
+    return Outcome(
+        part="synthetic",
+        case="waves",
+        person=f"synthetic {seed}",
+        seed=seed,
+        seconds=person.seconds,
+        converged=person.converged,
+        figures=figures,
+    )
 
 
 def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
