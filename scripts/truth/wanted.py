@@ -36,6 +36,7 @@ class Limit:
 HIPS = ("hip in pelvis, mm", "hip in thigh, mm")
 LIMITS = (
     Limit(part="gait", cases=(Kind.NONE,), figures=("hip in laboratory, mm",), median=3.0),
+    Limit(part="gait", cases=(Kind.NONE,), figures=("torques of legs, N·m",), median=2.7),  # half of version 0.2's
     Limit(part="gait", cases=(Kind.NONE,), figures=("torque *",), shares=AT_LEAST),
     Limit(part="gait", cases=(*SKIN, Kind.MIXTURE), figures=("hip in laboratory, mm",), median=8.0),
     Limit(part="isolated", cases=(Kind.NONE,), figures=HIPS, error=0.1),
