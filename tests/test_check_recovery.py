@@ -16,7 +16,7 @@ SEEDS = (3, 4, 5)
 @pytest.mark.parametrize("settings", ["synthesized", "default", "gait-only"])
 def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
     check = script("check_recovery")
-    people = [check.person(seed, settings) for seed in SEEDS]
+    people = [check.synthetic_person(seed, check.Settings(settings)) for seed in SEEDS]
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"]
     for z in (joint, np.concatenate([p.torques.ravel() for p in people])):

@@ -1,0 +1,154 @@
+"""Part `synthetic`: people of our own linkage, through files, with a user's settings.
+
+Wrong in every joint and inertial parameter by up to 10 mm, 10 deg and 10 %, with the published marker noise, written as
+C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as any other study.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pandas as pd
+
+import gaitcal
+from gaitcal import COORDINATES, Calibration, Moments, Study
+from gaitcal.arrays import Array
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.linkage import REACTIONS
+from gaitcal.study.study import Role
+from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.subject import synthesize, true_gait
+from truth.outcome import Figure, Outcome, bars, rms
+from truth.people import with_settings
+
+JOINTS = ("hip", "knee", "talocrural", "subtalar")
+JOINT_KINDS = {"joint position": "mm", "joint orientation": "deg"}
+INERTIAL_KINDS = {"mass": "kg", "mass centre": "mm", "moment of inertia": "kg*mm^2"}
+TORQUES = (*COORDINATES[6:], *REACTIONS)
+LEG = ("hip", "knee", "ankle", "subtalar")
+"""How the names of a leg's torques begin; the knee's adduction is one of them."""
+
+
+class Settings(Enum):
+    """What a person is calibrated with."""
+
+    SYNTHESIZED = "synthesized"
+    """The settings that `synthesize` writes: the published protocol."""
+    DEFAULT = "default"
+    """gaitcal's own."""
+    GAIT_ONLY = "gait-only"
+    """gaitcal's own, and no isolated trials."""
+
+
+@dataclass(frozen=True)
+class SyntheticPerson:
+    """What came of one person."""
+
+    parameters: pd.DataFrame
+    """Fitted parameters by name: kind, joint, errors of the nominal and fitted values, `z` in standard errors."""
+    gaps: Array
+    """(n, 23) N·m, errors of joint torques and knee reactions, valid frames."""
+    before: Array
+    """(n, 23) N·m, the same with the nominal model."""
+    errors: Array
+    """(n, 23) N·m, standard errors of the torques."""
+    seconds: float
+    """Of the calibration."""
+    converged: bool
+    """Whether every phase of it did."""
+
+    @property
+    def torques(self) -> Array:
+        """(n, 23) errors in standard errors."""
+        return self.gaps / self.errors
+
+
+def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object] | None = None) -> SyntheticPerson:
+    """Make, write, read, calibrate and compare one person."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = synthesize(Path(folder) / "study", seed=seed, noise=True, perturb=True)
+        truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
+        study = Study.load(file)
+        if settings is not Settings.SYNTHESIZED:
+            study = with_settings(study, changes or {})
+        if settings is Settings.GAIT_ONLY:
+            study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
+        start = perf_counter()
+        calibration = gaitcal.calibrate(study)
+        seconds = perf_counter() - start
+    table = gaitcal.parameter_table(calibration).set_index("name")
+    table = table[table["status"] == "fitted"]
+    true = truth.loc[table.index]
+    table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
+    table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
+    return SyntheticPerson(table, *torque_errors(calibration, seed), seconds, calibration.converged)
+
+
+def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
+    """(n, 23) N·m, a person's gait torques: errors of the final and of the nominal ones, and standard errors."""
+    parameters, motion = true_gait(seed)
+    loads = calibration.trial("gait").loads
+    if loads is None or loads.errors is None:
+        raise RuntimeError("the gait trial has no torques with standard errors")
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    true = Dynamics(parameters).forces(q, v, a, residual_free_wrench(parameters, motion))
+    valid = loads.reactions.valid
+
+    def joints(forces: Array) -> Array:
+        out: Array = forces[valid][:, 6:]
+        return out
+
+    def every(moments: Moments) -> Array:
+        return np.hstack([moments.tau, moments.knee_adduction])
+
+    errors = np.hstack([loads.errors.tau, loads.errors.knee_adduction])
+    return joints(every(loads.final) - true), joints(every(loads.nominal) - true), joints(errors)
+
+
+def run(seed: int, changes: Mapping[str, object]) -> Outcome:
+    """One person with gaitcal's default settings, but for these."""
+    person = synthetic_person(seed, Settings.DEFAULT, changes)
+    figures = torque_figures(person) | parameter_figures(person.parameters)
+    return Outcome(
+        part="synthetic",
+        case="waves",
+        person=f"synthetic {seed}",
+        seed=seed,
+        seconds=person.seconds,
+        converged=person.converged,
+        figures=figures,
+    )
+
+
+def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
+    """The legs' torques together, all of them, and each joint's, both sides."""
+    groups: dict[str, list[int]] = {}
+    for k, name in enumerate(TORQUES):
+        groups.setdefault(name.removesuffix("_r").removesuffix("_l"), []).append(k)
+
+    def figure(columns: list[int]) -> Figure:
+        gaps, errors = person.gaps[:, columns], person.errors[:, columns]
+        return Figure(error=rms(gaps), before=rms(person.before[:, columns]), bars=bars(gaps, errors))
+
+    legs = [k for name, columns in groups.items() if name.startswith(LEG) for k in columns]
+    out = {"torques of legs, N·m": figure(legs), "torques of all, N·m": figure(list(range(len(TORQUES))))}
+    return out | {f"torque {name}, N·m": figure(columns) for name, columns in groups.items()}
+
+
+def parameter_figures(table: pd.DataFrame) -> dict[str, Figure]:
+    """Fitted joint parameters by joint, inertial ones by kind."""
+    out = {}
+    groups = [(f"{j} {kind.split()[1]}, {u}", kind, j) for j in JOINTS for kind, u in JOINT_KINDS.items()]
+    groups += [(f"{kind}, {unit}", kind, "") for kind, unit in INERTIAL_KINDS.items()]
+    for name, kind, joint in groups:
+        rows = table[(table["kind"] == kind) & ((table["joint"] == joint) if joint else True)]
+        if len(rows):
+            after, error = rows["after"].to_numpy(float), rows["standard_error"].to_numpy(float)
+            out[name] = Figure(error=rms(after), before=rms(rows["before"]), bars=bars(after, error))
+    return out
