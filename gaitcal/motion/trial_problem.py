@@ -27,6 +27,7 @@ from gaitcal.motion.marker_residual import (
     marker_cost,
     marker_positions,
 )
+from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import keep_freed_memory
@@ -45,6 +46,13 @@ class TrialProblem:
     data: MarkerData
     labels: tuple[str, ...]
     """(nm,) in the order of `data`."""
+    smoothing: Smoothing | None = None
+    """What limits the bandwidth besides the nodes; its cost is part of the trial's."""
+
+    @cached_property
+    def penalty(self) -> Smoothing | None:
+        """`smoothing` of the active coordinates."""
+        return None if self.smoothing is None else self.smoothing.of_active(self.active)
 
     @cached_property
     def _pairs(self) -> VariablePairs:
@@ -107,7 +115,12 @@ class TrialProblem:
             )
             assembler.add(sums, part, group)
             cost += part.cost
-        return assembler.finish(sums, cost)
+        equations = assembler.finish(sums, cost)
+        if self.penalty is None:
+            return equations
+        self.penalty.add_to(equations.band)
+        gradient = equations.node_gradient + self.penalty.gradient(nodes)
+        return replace(equations, cost=cost + self.penalty.cost(nodes), node_gradient=gradient)
 
     def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
@@ -139,9 +152,15 @@ class TrialProblem:
             cost += part.cost
             self._assembler.add_gradient(by_nodes, part.gradient[:nq], group)
             by_values += part.gradient[nq:].sum(axis=1)
+        if self.penalty is not None:
+            cost, by_nodes = cost + self.penalty.cost(nodes), by_nodes + self.penalty.gradient(nodes)
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
+        """Sum of w |r|^2 and the penalty, m^2."""
+        return self.marker_cost(nodes, constants) + (0.0 if self.penalty is None else self.penalty.cost(nodes))
+
+    def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
         q, total = self.basis.evaluate(nodes), 0.0
         for group in self._assembler.spans(FRAMES_AT_ONCE):

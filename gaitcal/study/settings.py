@@ -10,6 +10,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from gaitcal.files.validation import Table, shown
 
 
+AUTOMATIC = "auto"
+
+
 def frequency(*words: str) -> BeforeValidator:
     """A cut-off frequency in Hz, or one of `words`."""
 
@@ -81,11 +84,16 @@ class CalibrationSettings(Table):
         description="third step: pelvis residual that measurement alone explains, as a share of body weight (force) "
         "and of body weight times height (torque); smaller trusts the force plates more",
     )
-    nodes_per_second: float = Field(
-        default=20.0,
+    bandwidth_hz: Annotated[float | Literal["auto"], frequency(AUTOMATIC)] = Field(
+        default=AUTOMATIC,
+        description="how fast a motion may change: half of an oscillation at so many Hz is kept; 'auto': the markers "
+        "of each trial tell (cross-validation), and of a walk over force plates where motion and forces agree best",
+    )
+    nodes_per_second: float | None = Field(
+        default=None,
         gt=0,
         le=1000,
-        description="spline nodes per second and coordinate: how fast the motion may change",
+        description="spline nodes per second and coordinate, which alone then limit how fast the motion may change",
     )
     nodes: int | None = Field(
         default=None,
@@ -97,9 +105,18 @@ class CalibrationSettings(Table):
         default="none", description="loss of marker residuals: least squares, or one that outliers move less"
     )
     force_filter_hz: Annotated[float | Literal["matched", "none"], frequency("matched", "none")] = Field(
-        default="matched",
-        description="low-pass cut-off of ground reactions in Hz; 'matched': that of the motion's splines",
+        default=50.0,
+        description="low-pass cut-off of ground reactions in Hz; plates sampled at 100 Hz or less are not filtered at "
+        "50; 'matched': that of the motion; 'none': not filtered",
     )
+
+    @field_validator("nodes_per_second", "nodes")
+    @classmethod
+    def _one_bandwidth(cls, count: float | None, info: ValidationInfo) -> float | None:
+        given = info.data.get("bandwidth_hz", AUTOMATIC)
+        if count is not None and given != AUTOMATIC:
+            raise ValueError(f"found {shown(count)}; allowed only without bandwidth_hz, which is {shown(given)}")
+        return count
 
     @field_validator("joint_step")
     @classmethod
