@@ -122,13 +122,20 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     chosen = settings.force_filter_hz if trial.trial.filter_hz is None else trial.trial.filter_hz
     if not isinstance(chosen, float):
         return
+    by_default = chosen == CalibrationSettings.model_fields["force_filter_hz"].default
     for plate in trial.recording.plates:
-        if not filterable(plate, chosen):
-            sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
-            yield trial.info(
+        if filterable(plate, chosen):
+            continue
+        sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
+        if by_default:
+            found = f"plate {plate.name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
+            yield trial.info("sampling", found, "they are not filtered")
+        else:
+            yield trial.error(
                 "sampling",
-                f"plate {plate.name}: forces are sampled at {sampled:.4g} Hz; nothing above {chosen:.3g} Hz is in them",
-                "they are not filtered",
+                f"plate {plate.name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
+                f"below half of that, {0.5 * sampled:.4g} Hz",
+                'lower filter_hz, or set it to "none"',
             )
 
 

@@ -16,6 +16,7 @@ A coordinate by itself, of G = B^T B, keeps  tr (G + rate (2 pi f)^-6 R)^-1 G  o
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,7 +52,7 @@ class Smoothing:
     @cached_property
     def band(self) -> Array:
         """(nn, 6) R[a, a + d]."""
-        matrix = (self.jerk.T @ self.products @ self.jerk).todia()
+        matrix = self.jerk.T @ self.products @ self.jerk
         out = np.zeros((self.jerk.shape[1], ORDER))
         for d in range(ORDER):
             diagonal = matrix.diagonal(d)
@@ -96,19 +97,59 @@ def smoothing(basis: SplineBasis, information: Array, cutoff_hz: float) -> Smoot
     return Smoothing(jerk=jerk, products=products, coupling=coupling, cutoff_hz=cutoff_hz)
 
 
-def nodes_kept(basis: SplineBasis, cutoff_hz: float) -> float:
-    """Degrees of freedom that the penalty leaves to the nodes of one coordinate, were it alone."""
-    nn = basis.nodes
-    rough = smoothing(basis, np.eye(1), cutoff_hz)
-    penalty = rough.band * rough.coupling[0, 0]
-    gram, band = np.zeros((nn, nn)), np.zeros((ORDER, nn))
+class Smoother:
+    """The penalty at work on one coordinate alone: A = B (G + rate (2 pi f)^-6 R)^-1 B^T, its splines told as nodes."""
+
+    def __init__(self, basis: SplineBasis, cutoff_hz: float) -> None:
+        self.basis, self.gram, self.rough = basis, gram(basis), _roughness(basis.knots)
+        self._set(cutoff_hz)
+
+    def with_cutoff(self, cutoff_hz: float) -> Smoother:
+        """The same with another cut-off."""
+        other = copy(self)
+        other._set(cutoff_hz)
+        return other
+
+    def _set(self, cutoff_hz: float) -> None:
+        self.stiffness = _stiffness(self.basis, cutoff_hz)
+        band = self.gram.copy()
+        for d in range(ORDER):
+            diagonal = self.rough.diagonal(d)
+            band[d, : len(diagonal)] += self.stiffness * diagonal
+        band[0] += 1e-14 * band[0].max()
+        self._factor = cholesky_banded(band, lower=True)
+
+    def nodes(self, right: Array) -> Array:
+        """(nn, k) of series y (nf, k), from B^T y (nn, k)."""
+        out: Array = cho_solve_banded((self._factor, True), right)
+        return out
+
+    def lost(self, nodes: Array) -> Array:
+        """(nn, k) what smoothing takes from a spline of these nodes, as nodes."""
+        return self.nodes(self.stiffness * (self.rough @ nodes))
+
+    def kept(self) -> float:
+        """Degrees of freedom that are left, tr A."""
+        return float(np.trace(self.nodes(dense(self.gram))))
+
+
+def gram(basis: SplineBasis) -> Array:
+    """(6, nn) lower band of G = B^T B."""
+    out = np.zeros((ORDER, basis.nodes))
     for first, frames in basis.spans:
-        near = slice(first, first + ORDER)
-        gram[near, near] += basis.value[frames].T @ basis.value[frames]
-    for d in range(ORDER):
-        band[d, : nn - d] = np.diagonal(gram, d) + penalty[: nn - d, d]
-    band[0] += 1e-14 * band[0].max()
-    return float(np.trace(cho_solve_banded((cholesky_banded(band, lower=True), True), gram)))
+        products = basis.value[frames].T @ basis.value[frames]
+        for d in range(ORDER):
+            out[d, first : first + ORDER - d] += np.diagonal(products, -d)
+    return out
+
+
+def dense(band: Array) -> Array:
+    """(nn, nn) the symmetric matrix of a lower band (6, nn)."""
+    nn = band.shape[1]
+    out = np.diag(band[0])
+    for d in range(1, min(ORDER, nn)):
+        out += np.diag(band[d, : nn - d], d) + np.diag(band[d, : nn - d], -d)
+    return out
 
 
 def frame_rate(basis: SplineBasis) -> float:
@@ -117,7 +158,14 @@ def frame_rate(basis: SplineBasis) -> float:
 
 
 def _stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
-    return frame_rate(basis) * float(2 * np.pi * cutoff_hz) ** (-2.0 * PENALISED)
+    omega = 2 * np.pi * cutoff_hz
+    return frame_rate(basis) / omega ** (2 * PENALISED)
+
+
+def _roughness(knots: Array) -> csr_array:
+    """(nn, nn) R."""
+    jerk = _jerk(knots)
+    return csr_array(jerk.T @ _products(knots[PENALISED:-PENALISED]) @ jerk)
 
 
 def _jerk(knots: Array) -> csr_array:

@@ -1,14 +1,18 @@
 """The bandwidth of a trial's motion: given by the settings, or chosen by its markers and its force plates.
 
-Joint parameters take the cut-off that the markers ask for (`motion/bandwidth.py`). Velocities, accelerations and
-torques of a walk over force plates take the one that brings forces and motion together,
+Joint parameters take the cut-off that the markers ask for (`motion/bandwidth.py`). The motion of a walk over force
+plates may take another one, which brings forces and motion together,
 
     f = argmin sum_t |F(t; f)|^2,       F the pelvis residual force,
 
 over frames and plate forces that do not change with f: plates are filtered at 50 Hz here, whatever the settings say.
 Filtered at f themselves, they would agree with the motion the better the less of either is left. The plates choose f
-alone and take no further part in the motion. One motion leaves the trial, the one that the torques are of: on truths
-its accelerations are nearer than, or as near as, those at the markers' f, and angles hardly differ.
+alone and take no further part in the motion, and their say is limited:
+
+- F weighs the trunk and hardly sees a foot: they move f by half an octave at most.
+- Where mass or model are wrong, F falls with f for ever: they are asked only where half of f would raise sum |F|^2.
+
+One motion leaves the trial, the one that the torques are of.
 """
 
 from __future__ import annotations
@@ -18,11 +22,11 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import BoolArray
+from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.bandwidth import CutoffScan, Smoothed
+from gaitcal.motion.bandwidth import DenseMotion, Smoothed
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import DEGREE
@@ -39,8 +43,12 @@ ENDS_S = 0.1
 """s at either end that have no say, whatever f: accelerations there lean on one side only."""
 FEWEST_LOADED = 20
 """Valid frames below which plates have no say."""
+REACH = float(np.sqrt(2.0))
+"""Factor by which plates may change the markers' cut-off."""
+TOLD = 1.25
+"""Plates tell f where sum |F|^2 is so much larger with half of it."""
 SUFFERS, SUFFERS_M = 1.2, 3e-4
-"""A fit suffers where its noise is 1.2 times, and its marker error 0.3 mm above, that with the highest cut-off."""
+"""A fit suffers where its marker error is 1.2 times, and 0.3 mm above, that with the cut-off its markers ask for."""
 
 
 class ChosenBy(Enum):
@@ -82,19 +90,18 @@ def bandwidth_of(
         return _given_nodes(problem)
     # Where a trial is too long to be looked at as a whole, a walk is where its plates are.
     loaded = _loaded(recording)
-    scan = CutoffScan(problem, model.parameters, loaded if loaded.any() else None)
+    motion = DenseMotion(problem, model.parameters, loaded if loaded.any() else None)
+    markers = motion.by_markers()
     if settings.nodes_per_second is not None:
-        given = _given_nodes(problem)
-        return _told(given, scan, scan.with_nodes(2.0 * given.motion_hz, given.motion_hz))
-    if settings.bandwidth_hz != AUTOMATIC:
+        chosen = _given_nodes(problem)
+    elif settings.bandwidth_hz != AUTOMATIC:
         hz = float(settings.bandwidth_hz)
         note = f"motion smoothed at {hz:.1f} Hz (half amplitude), as the settings say"
-        given = Bandwidth(motion_hz=hz, joints_hz=hz, by=ChosenBy.GIVEN, penalised=True, notes=(note,))
-        return _told(given, scan, scan.smoothed(hz, scan.at(0)))
-    markers = scan.by_markers()
-    plates = _by_plates(scan, markers, trial, recording, model) if recording.plates and not trial.joint else None
-    chosen = _chosen(markers, plates, scan)
-    return _told(chosen, scan, _nearest(scan, chosen.motion_hz))
+        chosen = Bandwidth(motion_hz=hz, joints_hz=hz, by=ChosenBy.GIVEN, penalised=True, notes=(note,))
+    else:
+        plates = _by_plates(motion, markers, trial, recording, model) if recording.plates and not trial.joint else None
+        chosen = _chosen(markers, plates, motion)
+    return replace(chosen, warnings=_suffering(motion, chosen.motion_hz, markers))
 
 
 def _given_nodes(problem: TrialProblem) -> Bandwidth:
@@ -105,62 +112,56 @@ def _given_nodes(problem: TrialProblem) -> Bandwidth:
     return Bandwidth(motion_hz=hz, joints_hz=hz, by=ChosenBy.GIVEN, penalised=False, notes=(note,))
 
 
-def _chosen(markers: float, plates: float | None, scan: CutoffScan) -> Bandwidth:
+def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwidth:
     hz = markers if plates is None else plates
     by = ChosenBy.MARKERS if plates is None else ChosenBy.PLATES
-    asked = "its markers ask for (cross-validation)"
     if plates is None:
-        note = f"motion smoothed at {hz:.1f} Hz (half amplitude), which {asked}"
+        note = f"motion smoothed at {hz:.1f} Hz (half amplitude), which its markers ask for"
     else:
         note = (
-            f"motion smoothed at {hz:.1f} Hz (half amplitude), where it and the force plates agree best; {markers:.1f} "
-            f"Hz is what {asked}"
+            f"motion smoothed at {hz:.1f} Hz (half amplitude), where it and the force plates agree best; its markers "
+            f"alone ask for {markers:.1f} Hz"
         )
-    if hz >= scan.cutoffs[0]:
-        note += f"; frames at {frame_rate(scan.problem.basis):.0f} Hz allow no more"
+    if hz >= motion.highest:
+        note += f"; frames at {frame_rate(motion.problem.basis):.0f} Hz allow no more"
     return Bandwidth(motion_hz=hz, joints_hz=max(markers, hz), by=by, penalised=True, notes=(note,))
 
 
 def _by_plates(
-    scan: CutoffScan, markers: float, trial: StudyTrial, recording: Recording, model: SubjectModel
+    dense: DenseMotion, markers: float, trial: StudyTrial, recording: Recording, model: SubjectModel
 ) -> float | None:
-    """Hz: where motion and plates agree best; None where too few frames are valid."""
-    seen = _nearest(scan, markers)
-    motion = motion_of(seen.problem, model.parameters, seen.nodes)
-    reactions = reactions_of_motion(model, model.parameters, motion, recording, trial.plates, PLATES_HZ)
-    time = motion.time
-    frames = reactions.valid & (time >= time[0] + ENDS_S) & (time <= time[-1] - ENDS_S)
+    """Hz: where motion and plates agree best; None where they do not tell."""
+    basis = dense.problem.basis
+    seen = motion_of(dense.problem, model.parameters, dense.at(markers).nodes)
+    reactions = reactions_of_motion(model, model.parameters, seen, recording, trial.plates, PLATES_HZ)
+    frames = reactions.valid & (basis.time >= basis.time[0] + ENDS_S) & (basis.time <= basis.time[-1] - ENDS_S)
     if frames.sum() < FEWEST_LOADED:
         return None
     dynamics, wrench = Dynamics(model.parameters), reactions.wrench[frames]
 
     def disagreement(smoothed: Smoothed) -> float:
-        q, v, a = (smoothed.problem.basis.evaluate(smoothed.nodes, k)[frames] for k in range(3))
+        q, v, a = (basis.evaluate(smoothed.nodes, k)[frames] for k in range(3))
         return float((pelvis_residual(q, dynamics.forces(q, v, a, wrench))[:, :3] ** 2).sum())
 
-    return scan.least(disagreement)
+    hz = dense.least(disagreement, markers / REACH, min(markers * REACH, dense.highest))
+    told = disagreement(dense.at(0.5 * hz)) >= TOLD * disagreement(dense.at(hz))
+    return hz if told else None
 
 
-def _told(bandwidth: Bandwidth, scan: CutoffScan, chosen: Smoothed) -> Bandwidth:
-    """With a warning where the markers are met much worse than they could be."""
-    best = scan.at(0)
-    if chosen.noise <= SUFFERS * best.noise or chosen.rms <= best.rms + SUFFERS_M:
-        return bandwidth
-    warning = (
-        f"markers are met to {1e3 * chosen.rms:.1f} mm RMS at {bandwidth.motion_hz:.1f} Hz, to {1e3 * best.rms:.1f} mm "
-        f"where {best.cutoff_hz:.0f} Hz pass: the motion is smoothed more than they say"
+def _suffering(motion: DenseMotion, hz: float, markers: float) -> tuple[str, ...]:
+    """A warning where the markers are met much worse than with the cut-off that they ask for."""
+    here, best = motion.at(hz).rms, motion.at(markers).rms
+    if here <= SUFFERS * best or here <= best + SUFFERS_M:
+        return ()
+    return (
+        f"markers are met to about {1e3 * here:.1f} mm RMS with {hz:.1f} Hz, to {1e3 * best:.1f} mm with the "
+        f"{markers:.1f} Hz that they ask for: the motion is smoothed too much",
     )
-    return replace(bandwidth, warnings=(warning,))
 
 
-def _nearest(scan: CutoffScan, hz: float) -> Smoothed:
-    """The one tracked with the cut-off nearest to `hz`."""
-    return min(scan.tracked, key=lambda smoothed: abs(np.log(smoothed.cutoff_hz / hz)))
-
-
-def _loaded(recording: Recording) -> BoolArray:
-    """(nf,) frames in which a plate carries somebody."""
+def _loaded(recording: Recording) -> Array:
+    """(nf,) 1 in frames in which a plate carries somebody, else 0."""
     out = np.zeros(len(recording.time), dtype=bool)
     for plate in recording.plates:
         out |= np.nan_to_num(resample_wrench(plate, recording.time))[:, 1] > LOADED_N
-    return out
+    return out.astype(np.float64)

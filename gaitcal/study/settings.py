@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from gaitcal.files.validation import Table, shown
 
-
-AUTOMATIC = "auto"
+AUTOMATIC: Final = "auto"
 
 
 def frequency(*words: str) -> BeforeValidator:
