@@ -33,7 +33,7 @@ from gaitcal.synthetic.subject import synthesize, true_gait
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 UNITS = {"joint position": "mm", "joint orientation": "deg"}
 LEVELS = {"68 %": 1.0, "95 %": 1.96}
-DEFAULTS = {"mode": "sequential", "nodes": None, "force_filter_hz": "matched"}
+DEFAULTS = {"mode": "sequential", "nodes": None, "force_filter_hz": 50.0}
 SETTINGS = ("synthesized", "default", "gait-only")
 
 

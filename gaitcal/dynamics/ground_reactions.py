@@ -36,7 +36,11 @@ from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording
 
 FORCE_HZ = 50.0
-"""Filter of the plates unless told otherwise."""
+"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
+model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
+2.16, 5.06, 2.64; the same under skin movement 3.46, 10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts
+1.52, 2.09, 1.66.
+"""
 SMOOTHED_ENDS = 0.5
 """Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
 PELVIS_UP = COORDINATES.index("pelvis_ty")

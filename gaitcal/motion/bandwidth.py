@@ -31,8 +31,9 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.roughness import Smoother, frame_rate, smoothing
-from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, spline_basis
+from gaitcal.motion.roughness import frame_rate, smoothing
+from gaitcal.motion.smoother import Smoother, onto
+from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
@@ -130,10 +131,8 @@ class DenseMotion:
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T
         """(nf, 3 nm) m."""
 
-        self._right = np.zeros((basis.nodes, self.residual.shape[1]))
+        self._right = onto(basis, self.residual)
         """(nn, 3 nm) B^T r."""
-        for first, near in basis.spans:
-            self._right[first : first + ORDER] += basis.value[near].T @ self.residual[near]
         self._smoother = Smoother(basis, self.highest)
         self._moving = float(self.problem.active.sum())
         self.spare = 3.0 * float((cut.data.weight > 0).mean(axis=1).sum()) - self._moving
@@ -162,7 +161,7 @@ class DenseMotion:
         """Hz between two cut-offs: where a criterion is least."""
         cutoffs = np.geomspace(lowest, highest, CANDIDATES)
         values = np.log([max(criterion(self.at(float(f))), TINY) for f in cutoffs])
-        return _lowest(np.log(cutoffs), values)
+        return min(max(_lowest(np.log(cutoffs), values), lowest), highest)
 
 
 @dataclass(frozen=True, kw_only=True)

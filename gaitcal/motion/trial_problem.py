@@ -179,10 +179,8 @@ class TrialProblem:
 
 
 NODES_PER_SECOND = 20.0
-"""Knot spans per second: a quintic spline with spans h passes frequencies up to about 0.48 / h (see `cutoff`).
-
-Frames left out of four people's trials are predicted as well or better at 20 than at 15 in 21 of 22 cases, and hardly
-better beyond (`scripts/check_nodes.py`).
+"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
+about 0.48 / h (see `cutoff`).
 """
 FRAMES_PER_SPAN = 3.0
 """Least number of frames for one span; slow cameras get longer spans."""

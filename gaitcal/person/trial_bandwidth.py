@@ -47,6 +47,8 @@ REACH = float(np.sqrt(2.0))
 """Factor by which plates may change the markers' cut-off."""
 TOLD = 1.25
 """Plates tell f where sum |F|^2 is so much larger with half of it."""
+AT_LIMIT = 0.99
+"""Of the highest cut-off."""
 SUFFERS, SUFFERS_M = 1.2, 3e-4
 """A fit suffers where its marker error is 1.2 times, and 0.3 mm above, that with the cut-off its markers ask for."""
 
@@ -122,7 +124,7 @@ def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwi
             f"motion smoothed at {hz:.1f} Hz (half amplitude), where it and the force plates agree best; its markers "
             f"alone ask for {markers:.1f} Hz"
         )
-    if hz >= motion.highest:
+    if hz > AT_LIMIT * motion.highest:
         note += f"; frames at {frame_rate(motion.problem.basis):.0f} Hz allow no more"
     return Bandwidth(motion_hz=hz, joints_hz=max(markers, hz), by=by, penalised=True, notes=(note,))
 
