@@ -68,7 +68,7 @@ class PreparedTrial:
         if self.joint is None:
             of_markers = self.bandwidth.joints_hz
             same = of_markers == self.bandwidth.motion_hz
-            return self.body if same else with_bandwidth(self.body, self.model.parameters, of_markers)
+            return self.body if same else with_bandwidth(self.body, self.model.nominal, of_markers)
         return self._part(joint_segments(self.joint)[0], joint_segments(self.joint))
 
     @cached_property
@@ -114,7 +114,7 @@ def node_rule(settings: CalibrationSettings) -> NodeRule:
 
 
 def _smoothed(problem: TrialProblem, model: SubjectModel, bandwidth: Bandwidth, hz: float) -> TrialProblem:
-    return with_bandwidth(problem, model.parameters, hz) if bandwidth.penalised else problem
+    return with_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:

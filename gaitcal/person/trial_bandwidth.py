@@ -86,13 +86,13 @@ def bandwidth_of(
     ----------
     problem : what its joint parameters are fitted by, with the nodes of the settings if these give any.
     trial, recording : as read, and turned so that x is forward.
-    model : whose parameters the trial is tracked with on the way.
+    model : whose nominal parameters the trial is tracked with on the way: a calibration and what follows it choose alike.
     """
     if settings.nodes is not None:
         return _given_nodes(problem)
     # Where a trial is too long to be looked at as a whole, a walk is where its plates are.
     loaded = _loaded(recording)
-    motion = DenseMotion(problem, model.parameters, loaded if loaded.any() else None)
+    motion = DenseMotion(problem, model.nominal, loaded if loaded.any() else None)
     markers = motion.by_markers()
     if settings.nodes_per_second is not None:
         chosen = _given_nodes(problem)
@@ -134,12 +134,12 @@ def _by_plates(
 ) -> float | None:
     """Hz: where motion and plates agree best; None where they do not tell."""
     basis = dense.problem.basis
-    seen = motion_of(dense.problem, model.parameters, dense.at(markers).nodes)
-    reactions = reactions_of_motion(model, model.parameters, seen, recording, trial.plates, PLATES_HZ)
+    seen = motion_of(dense.problem, model.nominal, dense.at(markers).nodes)
+    reactions = reactions_of_motion(model, model.nominal, seen, recording, trial.plates, PLATES_HZ)
     frames = reactions.valid & (basis.time >= basis.time[0] + ENDS_S) & (basis.time <= basis.time[-1] - ENDS_S)
     if frames.sum() < FEWEST_LOADED:
         return None
-    dynamics, wrench = Dynamics(model.parameters), reactions.wrench[frames]
+    dynamics, wrench = Dynamics(model.nominal), reactions.wrench[frames]
 
     def disagreement(smoothed: Smoothed) -> float:
         q, v, a = (basis.evaluate(smoothed.nodes, k)[frames] for k in range(3))

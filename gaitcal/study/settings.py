@@ -107,7 +107,7 @@ class CalibrationSettings(Table):
         default=50.0,
         description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or less are not filtered at "
         "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of 1.5 N·m wrong without "
-        "impacts, 5 to 10 instead of 2 to 3.5 with them; 'none': not filtered",
+        "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
     )
 
     @field_validator("nodes_per_second", "nodes")
