@@ -86,7 +86,7 @@ def bandwidth_of(
     ----------
     problem : what its joint parameters are fitted by, with the nodes of the settings if these give any.
     trial, recording : as read, and turned so that x is forward.
-    model : whose nominal parameters the trial is tracked with on the way: a calibration and what follows it choose alike.
+    model : tracked with its nominal parameters, so that a calibration and further trials choose alike.
     """
     if settings.nodes is not None:
         return _given_nodes(problem)
