@@ -132,7 +132,7 @@ class _MarkersAndLoads(SharedTrials):
         """Marker error in m per coordinate: the marker residual at the start, over all trials."""
         total, count = 0.0, 0.0
         for trial, problem in zip(self.trials, self.open, strict=True):
-            total += problem.cost(trial.nodes, problem.constants(self.parameters))
+            total += problem.marker_cost(trial.nodes, problem.constants(self.parameters))
             count += 3.0 * float((problem.data.weight > 0).sum())
         return float(np.sqrt(total / count))
 

@@ -168,12 +168,17 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
     eliminated = eliminate(problem.equations(nodes, constants))
     by_node, by_parameter = _cluster_gradients(problem, constants, nodes)
     count = len(problem.chain.free)
+    clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
+    if problem.penalty is not None:
+        by_node = np.column_stack([by_node, problem.penalty.gradient(nodes).ravel()])
+        by_parameter = np.column_stack([by_parameter, np.zeros(len(by_parameter))])
+        clusters.append(f"bandwidth/{problem.name}")
     return TrialScores(
         reduced=by_parameter - eliminated.sensitivity[:, :count].T @ by_node,
         nodes=eliminated.factor.solve(np.asfortranarray(by_node)),
         sensitivity=eliminated.sensitivity,
         hessian=eliminated.hessian[:count, :count],
-        clusters=tuple(f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"),
+        clusters=tuple(clusters),
     )
 
 

@@ -25,6 +25,7 @@ from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
@@ -70,7 +71,7 @@ def calibrate_by_evidence(
     """
     legs = tuple(n for n in JP_NAMES if n.split(".")[0].startswith(_LEG) and n.split(".")[0][-1] in sides)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
-    problems = [t.fitted if t.joint else t.fitted.part("pelvis", LOWER_BODY) for t in used]
+    problems = [t.fitted if t.joint else _part(t.fitted, LOWER_BODY, nominal) for t in used]
     free = free_of(problems, legs)
     phases: list[Phase] = []
     influence, warnings = nominal_influence(), list[str]()
@@ -94,13 +95,19 @@ def calibrate_by_evidence(
         parameters, influence = estimate.parameters, _joined(influence, _with_skin(errors, found))
         for t, p, nodes in zip(used, problems, estimate.nodes, strict=True):
             warnings += small_turns(p, nodes, t.joint) if t.joint else ()
-    upper = [t.body.part("pelvis", UPPER_BODY) for t in trials if t.joint is None]
+    upper = [_part(t.fitted, UPPER_BODY, nominal) for t in trials if t.joint is None]
     rest = free_of(upper, tuple(n for n in JP_NAMES if not n.split(".")[0].startswith(_LEG)))
     if rest:
         trunk, errors = estimate_joints(upper, parameters, rest)
         phases.append(_phase("joint parameters of trunk and arms", upper, trunk, trunk))
         parameters, influence = trunk.parameters, _joined(influence, errors)
     return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
+
+
+def _part(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
+    """Some segments of a whole body, pelvis free in the laboratory, with the same bandwidth."""
+    part = body.part("pelvis", segments)
+    return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
 _LEG = ("hip", "knee", "talocrural", "subtalar")

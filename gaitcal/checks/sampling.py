@@ -9,11 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.finding import Finding
-from gaitcal.motion.trial_problem import FEWEST_FRAMES, NodeRule, cutoff
+from gaitcal.motion.roughness import HALF_POWER
+from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.recording.axes import net_progression
+from gaitcal.recording.filters import filterable
 from gaitcal.recording.text_file import UNEVEN
+from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 
 RATES = (20.0, 2000.0)
 """Hz, frame rates of motion capture."""
@@ -105,33 +109,41 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.is_static or len(time) < FEWEST_FRAMES:
         return
     settings = trial.settings
-    nodes = NodeRule(settings.nodes_per_second, settings.nodes).nodes(time)
-    passed = cutoff(time, nodes)
-    if nodes > len(time):
-        found = f"nodes = {nodes} for {len(time)} frames"
+    passed, of_what = _passed(settings, time)
+    if settings.nodes is not None and settings.nodes > len(time):
+        found = f"nodes = {settings.nodes} for {len(time)} frames"
         yield trial.error("sampling", found, "fewer nodes than frames are needed")
-    elif passed < STEADY_HZ and trial.is_gait:
+    elif passed is not None and passed < STEADY_HZ and trial.is_gait:
         yield trial.warning(
             "sampling",
-            f"{nodes} spline nodes in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz",
-            "leave nodes out of [calibration], or shorten the trial with time = [start, end]",
+            f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz",
+            "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]",
         )
     chosen = settings.force_filter_hz if trial.trial.filter_hz is None else trial.trial.filter_hz
-    hz = passed if chosen == "matched" else chosen
-    if not isinstance(hz, float):
+    if not isinstance(chosen, float):
         return
+    by_default = chosen == CalibrationSettings.model_fields["force_filter_hz"].default
     for plate in trial.recording.plates:
+        if filterable(plate, chosen):
+            continue
         sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
-        if hz >= 0.5 * sampled:
+        if by_default:
+            found = f"plate {plate.name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
+            yield trial.info("sampling", found, "they are not filtered")
+        else:
             yield trial.error(
                 "sampling",
-                f"plate {plate.name}: forces are filtered at {hz:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
+                f"plate {plate.name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
                 f"below half of that, {0.5 * sampled:.4g} Hz",
                 'lower filter_hz, or set it to "none"',
             )
-    if trial.recording.plates and hz > 2.0 * passed:
-        yield trial.info(
-            "sampling",
-            f"forces are filtered at {hz:.3g} Hz, the motion at {passed:.3g} Hz",
-            'cut-offs that differ make false moments at impacts; "matched" makes them equal',
-        )
+
+
+def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
+    """Hz that the motion passes (-3 dB), and of what; None where the data are to choose."""
+    if settings.nodes is not None or settings.nodes_per_second is not None:
+        nodes = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes).nodes(time)
+        return cutoff(time, nodes), f"{nodes} spline nodes"
+    if settings.bandwidth_hz == AUTOMATIC:
+        return None, ""
+    return HALF_POWER * float(settings.bandwidth_hz), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"

@@ -18,6 +18,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
 from gaitcal.recording import filter_plate, resample_wrench
+from gaitcal.recording.filters import filterable
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
@@ -108,7 +109,7 @@ def ground_reactions_on_feet(
     steps: list[_Step] = []
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
-        smooth = resample_wrench(plate if cutoff is None else filter_plate(plate, cutoff), time)
+        smooth = resample_wrench(_filtered(plate, cutoff), time)
         covered &= np.isfinite(smooth).all(axis=1)
         smooth = np.nan_to_num(smooth)
         pressed = raw[:, 1] > LOADED_N
@@ -180,6 +181,11 @@ def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tup
                     f"{1e3 * away[beside].max():.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
                 )
     return partly, warnings
+
+
+def _filtered(plate: ForcePlate, cutoff: float | None) -> ForcePlate:
+    """The plate filtered, where its sampling holds anything above `cutoff`."""
+    return plate if cutoff is None or not filterable(plate, cutoff) else filter_plate(plate, cutoff)
 
 
 def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None) -> slice:

@@ -12,10 +12,11 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.rigid import rigid_distances
+from gaitcal.motion.roughness import HALF_POWER
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, cutoff, trial_problem
 from gaitcal.recording.recording import Recording
 from gaitcal.runtime import with_one_blas_thread
 
@@ -70,6 +71,13 @@ class Motion:
     """Distance of every marker in every frame."""
     converged: bool
     """Whether tracking reached its tolerance."""
+    smoothed_hz: float | None = None
+    """Half of an oscillation at it passed the penalty; None: the nodes alone limit the motion."""
+
+    @property
+    def cutoff_hz(self) -> float:
+        """Hz at which 71 % (-3 dB) of an oscillation is in the motion."""
+        return cutoff(self.time, self.basis.nodes) if self.smoothed_hz is None else HALF_POWER * self.smoothed_hz
 
     @property
     def time(self) -> Array:
@@ -103,6 +111,7 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
         nodes=nodes,
         errors=_errors(problem, distance),
         converged=converged,
+        smoothed_hz=problem.smoothing.cutoff_hz if problem.smoothing else None,
     )
 
 

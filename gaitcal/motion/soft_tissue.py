@@ -4,13 +4,13 @@ Marker m sits in its segment at
 
     l_m + sum_c z_c e_c phi_c(f)        (c: columns of this marker; e_c one of the segment's axes)
 
-phi_c an angle of a joint beside the segment, counted from the static pose: skin that moves in proportion to it. The unknowns z are shared by all frames, and those of the same key by all trials. With R the
-segment's axes, x_m the marker and v_k the velocity that variable k gives it, the column's half gradient and its entries
-of the Gauss-Newton matrix are
+phi_c an angle of a joint beside the segment, counted from the static pose: skin that moves in proportion to it. The
+unknowns z are shared by all frames, and those of the same key by all trials. With R the segment's axes, x_m the marker
+and v_k the velocity that variable k gives it, the column's half gradient and its entries of the Gauss-Newton matrix are
 
     g_c = sum_f w phi_c (R^T r)_c,    H_kc = sum_f w phi_c (R^T v_k)_c,    H_cd = sum_f w phi_c phi_d
 
-for d of the same marker and axis, else 0: R^T R = 1. A movement of all markers of a segment together is told by the prior,
+for d of the same marker and axis, else 0: R^T R = 1. That the markers of a segment move together is told by the prior,
 which lets their columns move together (`calibration/skin_movement.py`), not by columns of its own.
 """
 

@@ -27,6 +27,7 @@ from gaitcal.motion.marker_residual import (
     marker_cost,
     marker_positions,
 )
+from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.recording.recording import Recording
@@ -48,6 +49,13 @@ class TrialProblem:
     """(nm,) in the order of `data`."""
     tissue: SoftTissue | None = None
     """Unknown displacements of the markers; None: none."""
+    smoothing: Smoothing | None = None
+    """What limits the bandwidth besides the nodes; its cost is part of the trial's."""
+
+    @cached_property
+    def penalty(self) -> Smoothing | None:
+        """`smoothing` of the active coordinates."""
+        return None if self.smoothing is None else self.smoothing.of_active(self.active)
 
     @cached_property
     def _pairs(self) -> VariablePairs:
@@ -136,6 +144,10 @@ class TrialProblem:
             assembler.add(sums, part, group)
             cost += part.cost
         equations = assembler.finish(sums, cost)
+        if self.penalty is not None:
+            self.penalty.add_to(equations.band)
+            gradient = equations.node_gradient + self.penalty.gradient(nodes)
+            equations = replace(equations, cost=cost + self.penalty.cost(nodes), node_gradient=gradient)
         if self.tissue is None:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
@@ -170,9 +182,15 @@ class TrialProblem:
             cost += part.cost
             self._assembler.add_gradient(by_nodes, part.gradient[:nq], group)
             by_values += part.gradient[nq:].sum(axis=1)
+        if self.penalty is not None:
+            cost, by_nodes = cost + self.penalty.cost(nodes), by_nodes + self.penalty.gradient(nodes)
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
+        """Sum of w |r|^2 and the penalty, m^2."""
+        return self.marker_cost(nodes, constants) + (0.0 if self.penalty is None else self.penalty.cost(nodes))
+
+    def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
         q, total = self.basis.evaluate(nodes), 0.0
         for group in self._assembler.spans(FRAMES_AT_ONCE):
@@ -192,10 +210,8 @@ class TrialProblem:
 
 
 NODES_PER_SECOND = 20.0
-"""Knot spans per second: a quintic spline with spans h passes frequencies up to about 0.48 / h (see `cutoff`).
-
-Frames left out of four people's trials are predicted as well or better at 20 than at 15 in 21 of 22 cases, and hardly
-better beyond (`scripts/check_nodes.py`).
+"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
+about 0.48 / h (see `cutoff`).
 """
 FRAMES_PER_SPAN = 3.0
 """Least number of frames for one span; slow cameras get longer spans."""

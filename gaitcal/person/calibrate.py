@@ -53,7 +53,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
     progress("tracking with the nominal model")
-    before = {t.name: tracked_motion(t.fitted, nominal.parameters) for t in trials}
+    before = {t.name: tracked_motion(t.fitted if t.joint else t.body, nominal.parameters) for t in trials}
     stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
     progress("tracking with the calibrated joint parameters")
     motions = {t.name: tracked_motion(t.body, parameters) for t in trials}

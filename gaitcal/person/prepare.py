@@ -16,11 +16,13 @@ from gaitcal.errors import InputError
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_coordinates
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, cutoff, trial_problem
+from gaitcal.motion.trial_problem import NODES_PER_SECOND, NodeRule, TrialProblem, trial_problem
+from gaitcal.person.trial_bandwidth import Bandwidth, bandwidth_of
 from gaitcal.recording import still_window, turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
@@ -35,8 +37,9 @@ class PreparedTrial:
     recording: Recording
     model: SubjectModel
     rule: NodeRule
+    bandwidth: Bandwidth
     body: TrialProblem
-    """The whole body."""
+    """The whole body, with the bandwidth of the motion that leaves the trial."""
     reweighted: tuple[TrialProblem, TrialProblem] | None = None
     """`fitted` and `legs` where they carry other weights than those of the markers."""
     tissue: SoftTissue | None = None
@@ -63,7 +66,9 @@ class PreparedTrial:
         if self.reweighted is not None:
             return self.reweighted[0]
         if self.joint is None:
-            return self.body
+            of_markers = self.bandwidth.joints_hz
+            same = of_markers == self.bandwidth.motion_hz
+            return self.body if same else with_bandwidth(self.body, self.model.nominal, of_markers)
         return self._part(joint_segments(self.joint)[0], joint_segments(self.joint))
 
     @cached_property
@@ -85,15 +90,31 @@ class PreparedTrial:
         return replace(self, body=body, reweighted=(fitted, legs))
 
     def _part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
-        return trial_problem(self.name, self.model, self.recording, self.rule, root=root, segments=segments)
+        part = trial_problem(self.name, self.model, self.recording, self.rule, root=root, segments=segments)
+        return _smoothed(part, self.model, self.bandwidth, self.bandwidth.joints_hz)
 
 
 def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> PreparedTrial:
-    """Turn a trial so that x is forward and set up its problems."""
+    """Turn a trial so that x is forward, find its bandwidth and set up its problems."""
     recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
-    rule = NodeRule(settings.nodes_per_second, settings.nodes)
+    rule = node_rule(settings)
     body = trial_problem(trial.name, model, recording, rule)
-    return PreparedTrial(trial=trial, recording=recording, model=model, rule=rule, body=body)
+    fitted = body
+    if trial.joint is not None:
+        root, *_ = segments = joint_segments(trial.joint)
+        fitted = trial_problem(trial.name, model, recording, rule, root=root, segments=segments)
+    bandwidth = bandwidth_of(fitted, trial, recording, model, settings)
+    body = _smoothed(body, model, bandwidth, bandwidth.motion_hz)
+    return PreparedTrial(trial=trial, recording=recording, model=model, rule=rule, bandwidth=bandwidth, body=body)
+
+
+def node_rule(settings: CalibrationSettings) -> NodeRule:
+    """Nodes of a trial whose bandwidth they alone limit, and before it is known."""
+    return NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes)
+
+
+def _smoothed(problem: TrialProblem, model: SubjectModel, bandwidth: Bandwidth, hz: float) -> TrialProblem:
+    return with_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
@@ -149,4 +170,4 @@ def force_cutoff(trial: StudyTrial, motion: Motion, settings: CalibrationSetting
     chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
     if chosen == "none":
         return None
-    return cutoff(motion.time, motion.basis.nodes) if chosen == "matched" else float(chosen)
+    return motion.cutoff_hz if chosen == "matched" else float(chosen)

@@ -20,6 +20,7 @@ from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
+from gaitcal.person.trial_bandwidth import Bandwidth
 from gaitcal.recording.recording import Recording
 from gaitcal.study.study import Role, Study
 
@@ -95,6 +96,8 @@ class TrialResult:
     """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and motion; gait only."""
     held_out: HeldOut | None = None
     """Error on frames that took no part in the fit; None unless asked for."""
+    bandwidth: Bandwidth | None = None
+    """How fast `body` may change, and who said so."""
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -109,16 +112,16 @@ class TrialResult:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed about this trial, each with its name."""
-        notes = (*self.recording.notes, *(self.loads.reactions.notes if self.loads else ()))
+        of_motion = self.bandwidth.notes if self.bandwidth else ()
+        notes = (*self.recording.notes, *of_motion, *(self.loads.reactions.notes if self.loads else ()))
         return tuple(f"{self.name}: {note}" for note in notes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against its ground reactions, each with the trial's name."""
-        if self.loads is None:
-            return ()
-        warnings = list(self.loads.reactions.warnings)
-        if not self.loads.reactions.valid.any():
+        """What speaks against its motion and its ground reactions, each with the trial's name."""
+        warnings = list(self.bandwidth.warnings) if self.bandwidth else []
+        warnings += self.loads.reactions.warnings if self.loads else ()
+        if self.loads is not None and not self.loads.reactions.valid.any():
             warnings.append("no frame has every foot on the ground on a force plate; no torque is valid")
         return tuple(f"{self.name}: {warning}" for warning in warnings)
 

@@ -74,6 +74,7 @@ def trial_result(
         loads=loads,
         coordinate_errors=None if moves is None else coordinate_standard_errors(trial.body, moves),
         held_out=held_out,
+        bandwidth=trial.bandwidth,
     )
 
 

@@ -49,6 +49,11 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
     return out
 
 
+def filterable(plate: ForcePlate, cutoff_hz: float) -> bool:
+    """Whether a cut-off is below half of the plate's sampling rate."""
+    return len(plate.time) > 1 and cutoff_hz < 0.5 / float(np.median(np.diff(plate.time)))
+
+
 def filter_plate(plate: ForcePlate, cutoff_hz: float) -> ForcePlate:
     """The plate with its wrench low-passed, and centre of pressure and free moment worked out anew from it.
 

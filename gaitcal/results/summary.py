@@ -50,6 +50,9 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
         "nodes": trial.calibrated.basis.nodes,
         "rms_mm": _rms(trial),
     }
+    if trial.bandwidth:
+        out["bandwidth_hz"] = round(trial.bandwidth.motion_hz, 3)
+        out["bandwidth_by"] = trial.bandwidth.by.value
     if trial.joint:
         out["joint"] = trial.joint
     else:

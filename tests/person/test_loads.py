@@ -8,6 +8,7 @@ import pytest
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.trial_problem import NodeRule, trial_problem
 from gaitcal.person.calibrate import calibrate
@@ -45,8 +46,9 @@ def test_each_step_has_its_own_model_and_motion(done: Calibration) -> None:
 def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     trial = done.trial("walk")
     assert trial.loads is not None and trial.loads.errors is not None
-    spread, count = done.uncertainty, len(trial.body.basis.knots) - 6
-    problem = trial_problem("walk", done.nominal, trial.recording, NodeRule(fixed=count))
+    spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
+    plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
+    problem = with_bandwidth(plain, done.nominal.parameters, hz)
     errors = torque_standard_errors(
         problem, trial.body.nodes, done.model.parameters, trial.loads.reactions.wrench, spread.joint, spread.inertial
     )

@@ -81,7 +81,7 @@ def test_reads_everything_and_resolves_paths_from_its_own_folder(
     assert (walk.file, walk.forces) == (folder / "data/walk.C3D", folder / "walk_grf.mot")
     assert (walk.plates, walk.time, walk.filter_hz) == ({"1": "r", "2": "none"}, (0.4, 1.6), 12.0)
     assert study.calibration == CalibrationSettings(nodes=20)
-    assert study.calibration.force_filter_hz == "matched"
+    assert study.calibration.force_filter_hz == 50.0
 
 
 def test_byte_order_mark_windows_line_ends_and_no_calibration(folder: Path) -> None:
