@@ -5,6 +5,7 @@ nominal model (static trial) -> motions -> joint parameters -> inertial paramete
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -131,6 +132,7 @@ def _inertial_fit(
     if settings.ip == "none" or not on_plates:
         return None
     progress("inertial parameters")
+    began = time.perf_counter()
     loaded = [
         LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
         for name, m, r in ((name, motions[name], r) for name, r in on_plates.items())
@@ -152,7 +154,8 @@ def _inertial_fit(
         LogChart(parameters.inertial, which),
         torque_length(subject, scale, width),
     )
-    return fit_by_evidence(equations, parameters.inertial, which, noise)
+    fit = fit_by_evidence(equations, parameters.inertial, which, noise)
+    return replace(fit, seconds=time.perf_counter() - began)
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
