@@ -15,9 +15,10 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import COORDINATES, coordinates_of, joint_segments
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
@@ -189,6 +190,12 @@ def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErro
     return MarkerErrors(labels, segments, np.ones(len(labels)), distance)
 
 
+def _joint_floor(floor: MarkerErrors, joints: dict[str, float]) -> JointFloor:
+    """A little above the rigid one."""
+    ends = {joint_segments(joint)[k] for joint in joints for k in (0, -1)}
+    return JointFloor(replace(floor, distance=1.1 * floor.distance), joints, tuple(s for s in SEGMENTS if s in ends))
+
+
 def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]) -> Motion:
     basis = spline_basis(np.arange(FRAMES) / RATE, 30)
     phase = np.linspace(0.0, 5.0, 30)[:, None] + np.arange(len(coordinates))
@@ -219,6 +226,7 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
         calibrated=after,
         final=_motion(names, own, 0.005, segments * 4),
         floor=floor,
+        joint_floor=_joint_floor(floor, {"knee_r": 0.0032}),
         body=body,
         loads=None,
     )
@@ -238,6 +246,7 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
         calibrated=after,
         final=after,
         floor=floor,
+        joint_floor=_joint_floor(floor, {"hip_r": 0.0053, "knee_r": 0.0054, "ankle_r": 0.0055}),
         body=after,
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,

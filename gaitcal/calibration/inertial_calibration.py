@@ -10,11 +10,11 @@ proximal-point iteration: its fixed points are those of the residual alone, what
 direction with singular value s of the scaled residual each seed keeps w / (w + s^2) of the distance. With s^2 down to
 1e-11 it never gets there, and stops early: on measured data that is what keeps weak directions near the first seed.
 Data without noise can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
-`consistent` (default): every body stays physically possible, total mass and left-right symmetry are exact, because
+`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, because
 the variables are logarithms: m_k = M softmax, second moments of mass exp(.), hence positive moments that obey the
 triangle inequality; s_n the spread of the anthropometric table. What is left of F / BW and T / (BW L) is the noise that
 the spread is weighed against: its standard deviation is what the fit leaves, found by repeating (feasible generalised
-least squares), and at least what measurement alone brings.
+least squares), and at least what measurement alone brings. The main job weighs them with `inertial_evidence.py`.
 """
 
 from __future__ import annotations
@@ -62,6 +62,8 @@ class InertialFit:
     message: str
     statistical: bool = True
     """Whether residual rows are in standard deviations, so that a covariance follows; the published ones are not."""
+    moved: bool = True
+    """False: nothing asked for other values than the seed's, and the covariance is the spread of people about it."""
 
 
 def fit_published(
@@ -101,7 +103,7 @@ def fit_published(
             return np.concatenate([gap, root * (x - prior / scale)])
 
         def jacobian(x: Array, base: Array = base, scale: Array = scale, root: float = root) -> Array:
-            by_ip = _by_inertial(equations.factor, base + s @ (x * scale))
+            by_ip = by_inertial(equations.factor, base + s @ (x * scale))
             return np.vstack([by_ip @ s * scale, root * np.eye(len(x))])
 
         result = least_squares(
@@ -134,7 +136,7 @@ def fit_published(
     )
 
 
-def _by_inertial(factor: Array, inertial: Array) -> Array:
+def by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), 12, 10)
     out: Array = np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
@@ -159,7 +161,7 @@ def fit_consistent(
         return np.concatenate([weight * gap(x), x / spread])
 
     def jacobian(x: Array, weight: float) -> Array:
-        by_ip = _by_inertial(equations.factor, chart.inertial(x))
+        by_ip = by_inertial(equations.factor, chart.inertial(x))
         return np.vstack([weight * by_ip @ chart.jacobian(x), np.diag(1.0 / spread)])
 
     for _ in range(MOST_SEEDS):

@@ -90,6 +90,15 @@ class LoadedMotion:
     """(nf,)."""
 
 
+def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:
+    """m, L of a torque scale; `pelvis_width` (m) is the distance between the hip centres."""
+    return {
+        TorqueScale.BODY_HEIGHT: subject.height,
+        TorqueScale.PELVIS_WIDTH: pelvis_width,
+        TorqueScale.MILLIMETRE: 1e-3,
+    }[scale]
+
+
 def equations_of(
     motions: Sequence[LoadedMotion], parameters: Parameters, subject: Subject, scale: TorqueScale, pelvis_width: float
 ) -> RootEquations:
@@ -97,11 +106,7 @@ def equations_of(
 
     `pelvis_width` (m): distance between the hip centres, for the torque scale of that name.
     """
-    length = {
-        TorqueScale.BODY_HEIGHT: subject.height,
-        TorqueScale.PELVIS_WIDTH: pelvis_width,
-        TorqueScale.MILLIMETRE: 1e-3,
-    }[scale]
+    length = torque_length(subject, scale, pelvis_width)
     dynamics = Dynamics(parameters)
     regressors, grounds = [], []
     for motion in motions:

@@ -71,10 +71,10 @@ def print_remarks(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> 
 
 
 def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
-    """Fit of every trial beside its rigid-segment floor, and pelvis residuals."""
+    """Fit of every trial beside its floors, its ratio to that of the joints, and pelvis residuals."""
     table = frameless_table(())
     table.add_column("trial", no_wrap=True)
-    for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "ratio"):
+    for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "joint floor mm", "ratio"):
         table.add_column(name, justify="right", min_width=max(map(len, name.split())))  # no word of it is cut
     for trial in trials:
         rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
@@ -95,8 +95,9 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
 
 
 def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
-    _, calibrated, floor = values = trial.rms_mm(*segments)
-    shown = ["-" if v is None else f"{v:.2f}" for v in values]
+    _, calibrated, _ = values = trial.rms_mm(*segments)
+    floor = trial.joint_floor_mm(*segments)
+    shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
     ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
     return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
 

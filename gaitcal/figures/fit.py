@@ -31,6 +31,9 @@ class RmsErrors:
     nominal: float | None
     calibrated: float | None
     floor: float | None
+    """Of rigid segments."""
+    joint_floor: float | None = None
+    """Of each joint by itself."""
     rigid: bool = True
     """False for one segment with fewer than three markers: whatever they do, it follows them nearly exactly."""
 
@@ -40,6 +43,13 @@ class RmsErrors:
         if self.calibrated is None or not self.floor or not self.rigid:
             return None
         return self.calibrated / self.floor
+
+    @property
+    def joint_ratio(self) -> float | None:
+        """Calibrated over what each joint by itself reaches; None for segments in no joint, or of few markers."""
+        if self.calibrated is None or not self.joint_floor or not self.rigid:
+            return None
+        return self.calibrated / self.joint_floor
 
 
 def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
@@ -51,6 +61,7 @@ def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
         nominal=nominal,
         calibrated=calibrated,
         floor=floor,
+        joint_floor=trial.joint_floor_mm(*segments),
         rigid=rigid,
     )
 

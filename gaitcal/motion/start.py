@@ -129,12 +129,12 @@ def _path(chain: Chain, segment: int) -> list[int]:
 
 def _root_coordinates(fit: RigidFit) -> Array:
     """(nf, 6) from R = Rz(tilt) Rx(list) Ry(rotation)."""
-    angles = _three_angles(fit.rotation)
+    angles = root_angles(fit.rotation)
     return np.hstack([_fill(fit.origin, fit.determined), _fill(_unwrap(angles, fit.determined), fit.determined)])
 
 
-def _three_angles(r: Array) -> Array:
-    """(nf, 3) a, b, c of rotations Rz(a) Rx(b) Ry(c)."""
+def root_angles(r: Array) -> Array:
+    """(nf, 3) a, b, c of rotations (nf, 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
     angles = (
         np.arctan2(-r[:, 0, 1], r[:, 1, 1]),
         np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0)),
@@ -174,7 +174,7 @@ def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Arra
     plain = [constants.plain_offsets[0][k] for k in own]
     if axes == [2, 0, 1] and all(plain[1:]):
         first = target if plain[0] else constants.offset_rotation[own[0]].T @ target
-        angles = _three_angles(first)
+        angles = root_angles(first)
     else:
         angles = _swept(constants, own, axes, target)
     signs = np.array([chain.elements[k].sign for k in own])

@@ -15,7 +15,7 @@ from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
-"""Marker error over the rigid-segment floor. A gait trial calibrated in its method's own laboratory reaches 1.4."""
+"""Marker error over what each joint by itself reaches."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +44,15 @@ def _fit(calibration: Calibration) -> Answer | None:
     fits = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
     if not fits:
         return None
-    fit, trial = max(fits, key=lambda pair: pair[0].ratio or 0.0)
+    fit, trial = max(fits, key=lambda pair: _ratio(pair[0]) or 0.0)
     whole, where = trial_fit(trial), "of pelvis and legs" if trial.joint is None else "of this joint's segments"
     tone, verdict, meaning = _judge(fit)
     before = "" if fit.nominal is None else f" Before calibration it was {fit.nominal:.1f} mm."
     floor = ""
-    if fit.floor is not None and fit.ratio is not None:
-        floor = f" No model of rigid segments can come below {fit.floor:.1f} mm; this is {fit.ratio:.2f} times that. "
+    if fit.floor is not None and (ratio := _ratio(fit)) is not None:
+        floor = f" No model of rigid segments can come below {fit.floor:.1f} mm"
+        floor += f", each joint by itself reaches {fit.joint_floor:.1f} mm" if fit.joint_floor is not None else ""
+        floor += f"; this is {ratio:.2f} times that. "
     others = ""
     if whole.calibrated is not None and fit.calibrated is not None and whole.calibrated > fit.calibrated + 0.05:
         others = f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
@@ -64,16 +66,21 @@ def _fit(calibration: Calibration) -> Answer | None:
     )
 
 
+def _ratio(fit: RmsErrors) -> float | None:
+    """Over the joint floor, as three markers a segment make a low rigid floor whatever the joints."""
+    return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
+
+
 def _judge(fit: RmsErrors) -> tuple[str, str, str]:
     """Tone, verdict, and a sentence."""
     worse = fit.nominal is not None and fit.calibrated is not None and fit.calibrated > 1.02 * fit.nominal
     if worse:
         return "poor", "worse than before", "Calibration made this fit worse: look at the trials and the warnings."
-    if fit.ratio is None:
+    if (ratio := _ratio(fit)) is None:
         return "plain", "", ""
-    if fit.ratio <= GOOD_RATIO:
-        return "good", "good", "The joints explain nearly all that rigid segments can explain."
-    if fit.ratio <= FAIR_RATIO:
+    if ratio <= GOOD_RATIO:
+        return "good", "good", "Together the joints explain nearly all that each could explain alone."
+    if ratio <= FAIR_RATIO:
         return "look", "fair", "Some error is left that other joint positions, or better markers, could explain."
     return "poor", "poor", "Much error is left that the joints do not explain: look at the segments below."
 

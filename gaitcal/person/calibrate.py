@@ -5,16 +5,21 @@ nominal model (static trial) -> motions -> joint parameters -> inertial paramete
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import InertialFit, fit_consistent, fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
-from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
+from gaitcal.calibration.inertial_chart import LogChart
+from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
+from gaitcal.calibration.inertial_evidence import fit_by_evidence, stay_nominal
+from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.calibration.residual_noise import LoadedProblem, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
@@ -64,7 +69,8 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         for t in trials
         if t.role is Role.GAIT and t.recording.plates
     }
-    inertial = _inertial_fit(nominal, parameters, motions, reactions, settings, progress)
+    influence = nominal_influence() if joint is None else joint.influence
+    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, reactions, settings, progress)
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
@@ -79,7 +85,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         }
         stages[Stage.COMBINED] = parameters, motions
     progress("standard errors and inverse dynamics")
-    uncertainty = _uncertainty(joint, inertial)
+    uncertainty = Uncertainty(influence, _inertial_spread(inertial, parameters, settings))
     results = tuple(
         trial_result(
             t,
@@ -93,7 +99,8 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         )
         for t in trials
     )
-    notes = (*nominal.notes, *(note for t in results for note in t.notes))
+    kept = () if inertial is None or inertial.moved else (inertial.message,)
+    notes = (*nominal.notes, *kept, *(note for t in results for note in t.notes))
     warnings = calibration_warnings(settings, joint.warnings if joint else (), results, parameters)
     return Calibration(
         study=study,
@@ -111,25 +118,44 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
 
 
 def _inertial_fit(
+    trials: Sequence[PreparedTrial],
     nominal: SubjectModel,
     parameters: Parameters,
+    influence: Influence,
     motions: Mapping[str, Motion],
     reactions: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
 ) -> InertialFit | None:
     """None where the settings leave inertial parameters alone or no trial has a valid frame."""
-    loaded = [
-        LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
-        for name, m, r in ((name, motions[name], r) for name, r in reactions.items() if r.valid.any())
-    ]
-    if settings.ip == "none" or not loaded:
+    on_plates = {name: r for name, r in reactions.items() if r.valid.any()}
+    if settings.ip == "none" or not on_plates:
         return None
     progress("inertial parameters")
+    began = time.perf_counter()
+    loaded = [
+        LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
+        for name, m, r in ((name, motions[name], r) for name, r in on_plates.items())
+    ]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
-    equations = equations_of(loaded, parameters, nominal.subject, TorqueScale(settings.torque_scale), width)
-    fit = fit_consistent if settings.ip == "consistent" else fit_published
-    return fit(equations, parameters.inertial, _inertial_set(settings))
+    subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
+    equations = equations_of(loaded, parameters, subject, scale, width)
+    if settings.ip == "published":
+        return fit_published(equations, parameters.inertial, which)
+    noise = residual_noise(
+        [
+            LoadedProblem(problem=t.body, nodes=motions[t.name].nodes, reactions=on_plates[t.name])
+            for t in trials
+            if t.name in on_plates
+        ],
+        parameters,
+        influence,
+        subject,
+        LogChart(parameters.inertial, which),
+        torque_length(subject, scale, width),
+    )
+    fit = fit_by_evidence(equations, parameters.inertial, which, noise)
+    return replace(fit, seconds=time.perf_counter() - began)
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
@@ -160,11 +186,15 @@ def _combined_fit(
     return combined_fit(steps, parameters, joint.free, _inertial_set(settings), nominal.subject, chosen)
 
 
-def _uncertainty(joint: JointCalibration | None, inertial: InertialFit | None) -> Uncertainty:
-    """Errors of all joint parameters, nominal ones as far as nobody calibrated them, and of the inertial ones."""
-    influence = nominal_influence() if joint is None else joint.influence
-    known = inertial is not None and inertial.statistical
-    return Uncertainty(influence, inertial_square_root(inertial) if inertial is not None and known else None)
+def _inertial_spread(
+    inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings
+) -> Array | None:
+    """(84, n) R with covariance R R^T: of the fit, or of people about the table without one; None: unknown."""
+    if inertial is None:
+        if impossible_bodies(parameters.inertial):
+            return None
+        inertial = stay_nominal(parameters.inertial, _inertial_set(settings))
+    return inertial_square_root(inertial) if inertial.statistical else None
 
 
 def _phases(

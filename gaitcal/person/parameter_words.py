@@ -161,7 +161,7 @@ def range_of_motion(calibration: Calibration, joint: str) -> float | None:
 def counts(calibration: Calibration) -> tuple[int, int]:
     """How many joint parameters and how many independent inertial ones were fitted."""
     joint = sum(r.status in ("fitted", "at bound") for r in _rows(calibration, joints=True))
-    return joint, len(calibration.inertial.names) if calibration.inertial else 0
+    return joint, len(calibration.inertial.names) if calibration.inertial and calibration.inertial.moved else 0
 
 
 def counts_sentence(calibration: Calibration) -> str:

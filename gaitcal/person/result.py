@@ -18,6 +18,7 @@ from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnit
 from gaitcal.errors import InputError, nearest
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.trial_bandwidth import Bandwidth
@@ -88,6 +89,8 @@ class TrialResult:
     """With the parameters at the end of the whole calibration: the same, but for isolated trials before gait."""
     floor: MarkerErrors
     """Rigid-segment floor of the same markers."""
+    joint_floor: JointFloor | None
+    """Their joint floor; None where no joint shows markers on both of its segments."""
     body: Motion
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
     loads: LoadedTrial | None
@@ -108,6 +111,11 @@ class TrialResult:
             for errors in (self.nominal.errors, self.calibrated.errors, self.floor)
         )
         return nominal, calibrated, floor
+
+    def joint_floor_mm(self, *segments: str) -> float | None:
+        """RMS marker distance (mm) that each joint by itself can reach, over the same markers; None where none is."""
+        value = None if self.joint_floor is None else self.joint_floor.rms(*segments)
+        return None if value is None else 1e3 * value
 
     @property
     def notes(self) -> tuple[str, ...]:

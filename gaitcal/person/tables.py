@@ -69,7 +69,7 @@ def _figures(
 
 
 def _free_inertial(calibration: Calibration) -> set[str]:
-    if calibration.inertial is None:
+    if calibration.inertial is None or not calibration.inertial.moved:
         return set()
     moved = np.abs(calibration.inertial.jacobian).sum(axis=1) > 0
     return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}

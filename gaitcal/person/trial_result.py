@@ -20,6 +20,7 @@ from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut
@@ -53,6 +54,7 @@ def trial_result(
     """
     final, _ = stages[max(stages, key=list(Stage).index)]
     calibrated = last = body
+    reached = final if trial.joint is None else fitted_with
     if trial.joint is not None:
         calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
     with_skin = replace(trial.body, tissue=trial.tissue)
@@ -70,6 +72,7 @@ def trial_result(
         calibrated=calibrated,
         final=last,
         floor=rigid_floor(trial.fitted),
+        joint_floor=joint_floor(trial.fitted, reached, calibrated.q),
         body=body,
         loads=loads,
         coordinate_errors=None if moves is None else coordinate_standard_errors(trial.body, moves),

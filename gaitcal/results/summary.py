@@ -70,6 +70,8 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
         for segment in SEGMENTS
         if errors.kept(segment).any()
     }
+    if trial.joint_floor is not None:
+        out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()}
     if trial.loads is not None:
         out["valid_frames"] = int(trial.loads.reactions.valid.sum())
         if trial.loads.reactions.valid.any():
@@ -80,9 +82,13 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
 
 def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     nominal, calibrated, floor = trial.rms_mm(*segments)
+    joint_floor = trial.joint_floor_mm(*segments)
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
-    if calibrated is not None and floor is not None and floor > NO_FLOOR:
-        out["calibrated_to_floor"] = calibrated / floor
+    if joint_floor is not None:
+        out["joint_floor"] = joint_floor
+    for name, least in (("calibrated_to_floor", floor), ("calibrated_to_joint_floor", joint_floor)):
+        if calibrated is not None and least is not None and least > NO_FLOOR:
+            out[name] = calibrated / least
     if trial.final is not trial.calibrated:
         final = trial.final.errors.rms(*segments)
         out["final_model"] = None if final is None else 1e3 * final

@@ -38,13 +38,16 @@ def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
 
 @pytest.mark.parametrize(("floor", "verdict"), [(1.0, "good"), (0.7, "fair"), (0.5, "poor")])
 def test_the_verdict_follows_from_error_over_floor(whole: Calibration, floor: float, verdict: str) -> None:
-    """6 mm over a floor of 5 mm times `floor`."""
+    """6 mm over what each joint reaches, 5 mm times `floor`; over the rigid floor where there is no joint."""
     walk, *others = whole.trials
     nearer = replace(walk.floor, distance=floor * walk.floor.distance)
-    person = replace(whole, trials=(replace(walk, floor=nearer), *others))
-    answer = answered(person)["Does the model follow the markers?"]
-    assert answer.verdict == verdict
-    assert f"this is {6.0 / (5.0 * floor):.2f} times that" in answer.text
+    assert walk.joint_floor is not None
+    lower = replace(walk.floor, distance=0.1 * walk.floor.distance)
+    by_joints = replace(walk, floor=lower, joint_floor=replace(walk.joint_floor, errors=nearer))
+    for trial in (by_joints, replace(walk, floor=nearer, joint_floor=None)):
+        answer = answered(replace(whole, trials=(trial, *others)))["Does the model follow the markers?"]
+        assert answer.verdict == verdict
+        assert f"this is {6.0 / (5.0 * floor):.2f} times that" in answer.text
 
 
 def test_a_ratio_is_error_over_floor() -> None:

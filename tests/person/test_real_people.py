@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +30,20 @@ def calibrated(name: str, folder: Path, data: Path) -> Calibration:
     return calibrate(Study.load(write_study(name, data.resolve(), own)))
 
 
+@cache
+def _with_toes(folder: Path, data: Path) -> Calibration:
+    own = folder / "toes"
+    own.mkdir()
+    study = Study.load(write_study("subject01", data.resolve(), own))
+    weights = {f"{side}.Toe.Tip": 1.0 for side in "RL"}
+    return calibrate(replace(study, marker_set=study.marker_set.with_weights(weights)))
+
+
+def weighed_as_the_peer(name: str, folder: Path, data: Path) -> Calibration:
+    """subject01; for ankle angles with the toe tips at full weight, as OpenSim's inverse kinematics has them."""
+    return _with_toes(folder, data) if name.startswith("ankle") else calibrated("subject01", folder, data)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("people")
@@ -39,9 +54,9 @@ def test_subject01_fits_its_walk(data_dir: Path, folder: Path) -> None:
     nominal, fitted, floor = (
         MM * (e.rms(*LOWER_BODY) or 0) for e in (walk.nominal.errors, walk.calibrated.errors, walk.floor)
     )
-    assert int(walk.calibrated.errors.kept(*LOWER_BODY).sum()) == 27
-    assert floor == pytest.approx(3.3, abs=0.1)
-    assert floor < fitted < 6.0 < nominal < 12.0
+    assert int(walk.calibrated.errors.kept(*LOWER_BODY).sum()) == 25  # of 27 the toe tips have no weight
+    assert floor == pytest.approx(2.3, abs=0.1)
+    assert floor < (walk.joint_floor_mm(*LOWER_BODY) or 0) < fitted < 5.6 < nominal < 12.0
 
 
 def test_subject01_contacts_are_found_on_its_treadmill(data_dir: Path, folder: Path) -> None:
@@ -77,7 +92,18 @@ ANGLES = [(f"{name}_{side}", sign) for side in "rl" for name, sign in REFERENCE_
 def test_subject01_moves_as_the_peer_says(name: str, sign: int, data_dir: Path, folder: Path) -> None:
     """Wanted: 0.97; the left ankle's is what was measured (0.965), see the expected failure below."""
     least = 0.95 if name == "ankle_angle_l" else 0.97
-    assert correlation(name, sign, calibrated("subject01", folder, data_dir), data_dir)[0] > least
+    assert correlation(name, sign, weighed_as_the_peer(name, folder, data_dir), data_dir)[0] > least
+
+
+@pytest.mark.parametrize("side", ["r", "l"])
+def test_a_foot_that_bends_at_the_toes_is_no_plantarflexion(side: str, data_dir: Path, folder: Path) -> None:
+    """The peer's toe joint is locked and its toe tips pull: its ankle bends for the toes. As measured: 0.943, 0.939."""
+    name = f"ankle_angle_{side}"
+    ours, like_the_peer = (
+        correlation(name, 1, c, data_dir)[0]
+        for c in (calibrated("subject01", folder, data_dir), weighed_as_the_peer(name, folder, data_dir))
+    )
+    assert 0.93 < ours < like_the_peer - 0.02
 
 
 @pytest.mark.parametrize(("name", "sign"), ANGLES)
@@ -89,7 +115,7 @@ def test_subject01_is_driven_as_the_peer_says(name: str, sign: int, data_dir: Pa
 
 @pytest.mark.xfail(strict=True, reason="not reached: 0.965; not with the peer's own hip centres either")
 def test_subject01_left_ankle_angle_reaches_the_target(data_dir: Path, folder: Path) -> None:
-    assert correlation("ankle_angle_l", 1, calibrated("subject01", folder, data_dir), data_dir)[0] > 0.97
+    assert correlation("ankle_angle_l", 1, weighed_as_the_peer("ankle_angle_l", folder, data_dir), data_dir)[0] > 0.97
 
 
 @pytest.mark.xfail(
@@ -122,25 +148,23 @@ def test_uf3_isolated_trials_come_near_their_floor(data_dir: Path, folder: Path)
         nominal, fitted, floor = (e.rms() or 0.0 for e in (trial.nominal.errors, trial.calibrated.errors, trial.floor))
         assert fitted < nominal
         if trial.joint:
-            assert fitted < 1.3 * floor, trial.name
+            assert floor < fitted < 1.25 * 1e-3 * (trial.joint_floor_mm() or 0.0), trial.name
     knee = calibration.trial("knee_r").floor.rms() or 0.0
     assert MM * knee == pytest.approx(2.0, abs=0.1)
-    assert gait_over_floor(calibration) < 1.65  # as measured: 1.63
+    assert gait_over_floor(calibration) < 1.7  # as measured: 1.66
 
 
-@pytest.mark.xfail(
-    strict=True, reason="not reached: 1.63, as gait adds to what isolated trials know; 1.50 by gait alone"
-)
+@pytest.mark.xfail(strict=True, reason="not reached: 1.66, as gait adds to what isolated trials know")
 def test_uf3_gait_reaches_the_target(data_dir: Path, folder: Path) -> None:
     assert gait_over_floor(calibrated("uf3", folder, data_dir)) < 1.4
 
 
 def gait_over_floor(calibration: Calibration) -> float:
-    """RMS marker distance of leg and pelvis over that of rigid segments."""
+    """RMS marker distance of leg and pelvis over what each joint by itself reaches."""
     gait = calibration.trial("gait")
-    fitted, floor = gait.calibrated.errors.rms(*LOWER_BODY), gait.floor.rms(*LOWER_BODY)
+    fitted, floor = gait.calibrated.errors.rms(*LOWER_BODY), gait.joint_floor_mm(*LOWER_BODY)
     assert fitted and floor
-    return fitted / floor
+    return MM * fitted / floor
 
 
 def test_uf3_hips_lie_near_the_regression(data_dir: Path, folder: Path) -> None:

@@ -1,0 +1,199 @@
+"""What else than wrong masses makes a pelvis residual, and how much of it a change of the masses would look like.
+
+With rho the pelvis residual [F; T] of the valid frames, in units of a scale, every source c of error moves it by
+
+    d rho_c = (d rho/d q) B d N_c + (d rho/d v) B' d N_c + (d rho/d a) B'' d N_c + (d rho/d p) d p_c
+
+for marker coordinates and nominal joint parameters (`influence.py`), and directly for
+
+    plates       gain g:  d rho = -g w_foot;  a place off by d:  d T = -d x F_foot   (the plate under each foot)
+    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
+    the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
+
+A fit of inertial variables x hears of the residual through the scores A^T rho alone, A = d rho/d x at the nominal
+model: their covariance is sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other, s_c = A^T d rho_c.
+Sources that several trials share are summed before they are squared.
+
+Plates: four commercial ones placed the centre of pressure 2.3, 2.6, 11.8 and 14.0 mm off, and after linear calibration
+force components by 3.0 to 5.0 N (Cappello et al., Gait & Posture 33:724, 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array, IntArray
+from gaitcal.calibration.inertial_chart import LogChart
+from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.dynamics.derivatives import RootResidual, root_residual
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.model.inertial_parameters import dynamic_jacobian
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import Subject
+from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, spline_basis
+from gaitcal.motion.trial_problem import TrialProblem
+
+BLOCK = 500
+"""Frames whose changes are held at once."""
+COARSER = np.sqrt(2.0)
+"""Spans of the motion that bandwidth is judged by, over those of the motion: half an octave."""
+
+
+@dataclass(frozen=True)
+class PlateNoise:
+    """Standard deviations of what force plates say."""
+
+    place: float = 0.005
+    """m, of a plate's origin along each axis."""
+    gain: float = 0.01
+    """Of a plate's gain."""
+    rest: float = 0.005
+    """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
+    memory: float = 0.1
+    """s, for which an error of the rest repeats itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedProblem:
+    """A gait trial with its motion and the ground reactions on it."""
+
+    problem: TrialProblem
+    """Of the whole body."""
+    nodes: Array
+    """(nn, 27)."""
+    reactions: GroundReactions
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualNoise:
+    """What a fit of inertial variables hears that is not theirs."""
+
+    covariance: Array
+    """(n, n) of the scores A^T rho, rho in units of the scale."""
+    rms_force: float
+    """N, RMS over valid frames and three components of the residual that is to be expected."""
+    rms_moment: float
+    """N·m."""
+
+
+def residual_noise(
+    trials: Sequence[LoadedProblem],
+    parameters: Parameters,
+    influence: Influence,
+    subject: Subject,
+    chart: LogChart,
+    length: float,
+    plates: PlateNoise | None = None,
+) -> ResidualNoise:
+    """What noise makes of the pelvis residual over the valid frames of all trials.
+
+    Parameters
+    ----------
+    parameters : joint parameters of the motions; the inertial ones are where `chart` begins.
+    influence : errors of the joint parameters.
+    length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
+    """
+    plates = plates or PlateNoise()
+    per_ip = (dynamic_jacobian(parameters.inertial), chart.jacobian(np.zeros(chart.size)).reshape(12, 7, -1))
+    by_variable = np.einsum("sdk,skn->sdn", *per_ip).reshape(120, -1)
+    scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
+    rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
+    total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
+    scores: dict[str, Array] = {}
+    frames = 0
+    for trial in trials:
+        sources = _TrialSources(trial, parameters, influence, plates)
+        time = trial.problem.basis.time
+        repeated = max(plates.memory * (len(time) - 1) / (time[-1] - time[0]), 1.0)
+        for at in sources.blocks():
+            residual, moved = sources.at(at)
+            rows = scale[:, None] * (residual.regressor @ by_variable)
+            """(frames, 6, n) A."""
+            pulls = np.einsum("fin,fic->nc", rows, scale[:, None] * moved)
+            for k, name in enumerate(sources.names):
+                scores[name] = scores.get(name, 0.0) + pulls[:, k]
+            covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
+            total += (moved**2).sum(axis=(0, 2)) + len(at) * rest**2
+            frames += len(at)
+    columns = np.stack(list(scores.values()), axis=1)
+    mean = np.sqrt(total.reshape(2, 3).mean(axis=1) / max(frames, 1))
+    return ResidualNoise(
+        covariance=covariance + columns @ columns.T, rms_force=float(mean[0]), rms_moment=float(mean[1])
+    )
+
+
+class _TrialSources:
+    """The sources of one trial, and what each makes of its pelvis residual."""
+
+    def __init__(self, trial: LoadedProblem, parameters: Parameters, influence: Influence, plates: PlateNoise) -> None:
+        self.trial, self.parameters, self.plates = trial, parameters, plates
+        self.opened = trial.problem.with_free(influence.free)
+        own = trial_scores(self.opened, parameters, trial.nodes)
+        self.node_moves, self.sensitivity = -own.nodes, own.sensitivity
+        self.shift = influence.parameters[self.opened.places_in(influence.free)]
+        """(np, nc) d p_c."""
+        markers = tuple(dict.fromkeys((*influence.clusters, *own.clusters)))
+        place = {name: k for k, name in enumerate(markers)}
+        self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
+        self.known = np.array([place[name] for name in influence.clusters], dtype=np.intp)
+        feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
+        self.markers, self.names = len(markers), (*markers, *feet, "bandwidth")
+        self.coarse = _coarser(trial.problem.basis, trial.nodes)
+        self.dynamics = Dynamics(parameters)
+
+    def blocks(self) -> list[IntArray]:
+        """Valid frames, some at a time."""
+        valid = np.flatnonzero(self.trial.reactions.valid)
+        return [valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)]
+
+    def at(self, frames: IntArray) -> tuple[RootResidual, Array]:
+        """The residual, and (frames, 6, sources) what each source makes of it; N and N·m."""
+        basis, wrench = self.trial.problem.basis, self.trial.reactions.wrench[frames]
+        q, v, a = (basis.evaluate(self.trial.nodes, k)[frames] for k in range(3))
+        residual = root_residual(self.parameters, self.opened.chain.free, q, v, a, wrench)
+        out = np.zeros((len(frames), 6, len(self.names)))
+        by_parameter = residual.by_parameter - _through(residual, basis, frames, self.sensitivity)
+        out[:, :, self.known] = by_parameter @ self.shift
+        out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
+        out[:, :, self.markers : -1] = _plate_moves(q, wrench, self.plates)
+        coarse_basis, nodes = self.coarse
+        coarse = (coarse_basis.evaluate(nodes, k)[frames] for k in range(3))
+        slower_q, slower_v, slower_a = coarse
+        slower = pelvis_residual(slower_q, self.dynamics.forces(slower_q, slower_v, slower_a, wrench))
+        out[:, :, -1] = residual.value - slower
+        return residual, out
+
+
+def _through(residual: RootResidual, basis: SplineBasis, frames: IntArray, columns: Array) -> Array:
+    """(frames, 6, k) change of the residual by changes of the nodes (nn * nq, k)."""
+    nq = residual.by_position.shape[2]
+    near = slice(int(basis.first[frames[0]]), int(basis.first[frames[-1]]) + ORDER)
+    by_node = columns[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
+    out = np.zeros((len(frames), 6, columns.shape[1]))
+    for k, slope in enumerate((residual.by_position, residual.by_velocity, residual.by_acceleration)):
+        out += slope @ (basis_matrix(basis, k)[frames][:, near] @ by_node).reshape(len(frames), nq, -1)
+    return out
+
+
+def _plate_moves(q: Array, wrench: Array, plates: PlateNoise) -> Array:
+    """(frames, 6, 8) gain and place of the plate under either foot."""
+    columns = []
+    for foot in range(len(FEET)):
+        force = wrench[:, foot, :3]
+        moment = wrench[:, foot, 3:] - np.cross(q[:, :3], force)
+        columns.append(-plates.gain * np.hstack([force, moment]))
+        for axis in np.eye(3):
+            turned = np.cross(plates.place * axis, force)
+            columns.append(-np.hstack([np.zeros_like(force), turned]))
+    return np.stack(columns, axis=2)
+
+
+def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:
+    """The same motion with longer knot spans."""
+    spans = max(round((basis.nodes - MINIMUM_NODES + 1) / COARSER), 1)
+    coarse = spline_basis(basis.time, spans + MINIMUM_NODES - 1)
+    return coarse, coarse.fit(basis.evaluate(nodes))

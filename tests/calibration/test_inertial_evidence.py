@@ -1,0 +1,232 @@
+"""Inertial parameters move where the residual asks for it: the noise against simulation, the fit against algebra."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.inertial_calibration import by_inertial
+from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
+from gaitcal.calibration.inertial_evidence import STRONG, fit_by_evidence, log_bayes_factor, stay_nominal
+from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
+from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical, symmetric_set, table
+from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.motion import gait_motion
+from tests.synthetic_studies import made_recording
+
+MODEL, MOTION = published_model(), gait_motion()
+SUBJECT, TRUE = MODEL.subject, MODEL.parameters
+SETTINGS = ConsistentSettings()
+WHICH = symmetric_set()
+ROUNDING = 1e-9
+
+
+def problem_of(noise: float, seed: int = 0) -> TrialProblem:
+    """The published walk, its markers moved by white noise (m)."""
+    problem = trial_problem("walk", MODEL, made_recording(MOTION), NodeRule())
+    moved = np.random.default_rng(seed).normal(0.0, noise, problem.data.measured.shape)
+    return problem.with_measured(problem.data.measured + moved)
+
+
+def reactions() -> GroundReactions:
+    """That leave no residual with the true inertial parameters, valid but for the ends."""
+    wrench = residual_free_wrench(TRUE, MOTION)
+    inside = np.zeros(len(wrench), dtype=bool)
+    inside[10:-10] = True
+    down = np.ones((len(wrench), 2), dtype=bool)
+    return GroundReactions(wrench=wrench, valid=inside, loaded=down, resting=down, notes=())
+
+
+def loaded(noise: float, seed: int = 0) -> LoadedProblem:
+    problem = problem_of(noise, seed)
+    nodes = tracked_motion(problem, TRUE).nodes
+    return LoadedProblem(problem=problem, nodes=nodes, reactions=reactions())
+
+
+def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
+    q, v, a = (trial.problem.basis.evaluate(trial.nodes, k) for k in range(3))
+    motion = LoadedMotion(
+        name="walk", q=q, velocity=v, acceleration=a, wrench=trial.reactions.wrench, valid=trial.reactions.valid
+    )
+    return equations_of([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
+
+
+def noise_of(trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None) -> ResidualNoise:
+    none = replace(nominal_influence(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    chart = LogChart(parameters.inertial, WHICH)
+    return residual_noise([trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates)
+
+
+def changed(masses: float) -> Parameters:
+    """Nominal parameters of which the shanks are that much too heavy, and the trunk too light."""
+    rows = table(TRUE.inertial.copy())
+    shanks = [MASSIVE_SEGMENTS.index(f"shank_{side}") for side in "rl"]
+    before = rows[shanks, 0].sum()
+    rows[shanks, 0] *= 1.0 + masses
+    rows[MASSIVE_SEGMENTS.index("head_trunk"), 0] -= rows[shanks, 0].sum() - before
+    return TRUE.with_inertial(rows.ravel())
+
+
+def mass_error(inertial: Array) -> float:
+    return float(np.sqrt(np.mean((table(inertial)[:, 0] - table(TRUE.inertial)[:, 0]) ** 2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_noise_makes_moves_no_mass(seed: int) -> None:
+    """10 mm of noise, true masses: the residual is what was to be expected, and the parameters stay where they are."""
+    trial = loaded(0.010, seed)
+    noise = noise_of(trial, TRUE)
+    found = fit_by_evidence(system(trial, TRUE), TRUE.inertial, WHICH, noise)
+    assert not found.moved
+    np.testing.assert_array_equal(found.inertial, TRUE.inertial)
+    assert found.rms_force > 5.0, "there is a residual"
+    assert found.rms_force < 1.5 * noise.rms_force and found.rms_moment < 1.5 * noise.rms_moment
+    assert found.message.startswith("inertial parameters stay nominal: the pelvis residual (")
+
+
+def test_masses_that_are_wrong_move_towards_the_truth() -> None:
+    """Shanks half as heavy again, 2 mm of noise: decisive, nearer, possible, as heavy as before, and told."""
+    trial, wrong = loaded(0.002, 3), changed(0.5)
+    found = fit_by_evidence(system(trial, wrong), wrong.inertial, WHICH, noise_of(trial, wrong))
+    assert found.moved and found.converged
+    assert mass_error(found.inertial) < 0.6 * mass_error(wrong.inertial)
+    assert is_physical(found.inertial).all()
+    assert table(found.inertial)[:, 0].sum() == pytest.approx(table(TRUE.inertial)[:, 0].sum(), abs=1e-9)
+    force, moment = system(trial, wrong).rms(wrong.inertial)
+    assert found.rms_force < force and found.rms_moment < moment
+    assert "ln K" in found.message and "stay nominal" not in found.message
+    spread = inertial_square_root(stay_nominal(wrong.inertial, WHICH))
+    known = inertial_square_root(found)
+    narrower = (known**2).sum(axis=1) / np.maximum((spread**2).sum(axis=1), 1e-300)
+    free = (spread**2).sum(axis=1) > 0
+    assert narrower[free].min() < 0.5, "what the residual tells is better known than by the table"
+
+
+def test_people_scatter_about_nominal_values() -> None:
+    """Masses by a tenth, at unchanged total; centres by 10 mm; second moments by 15 %."""
+    kept = stay_nominal(TRUE.inertial, WHICH)
+    errors = table(np.sqrt((inertial_square_root(kept) ** 2).sum(axis=1)))
+    thigh, rows = MASSIVE_SEGMENTS.index("thigh_r"), table(TRUE.inertial)
+    assert errors[thigh, 2] == pytest.approx(SETTINGS.centre_spread, rel=ROUNDING)
+    assert 0.5 * SETTINGS.mass_spread < errors[thigh, 0] / rows[thigh, 0] < SETTINGS.mass_spread
+    assert 0.5 * SETTINGS.moment_spread < errors[thigh, 4] / rows[thigh, 4] < 1.5 * SETTINGS.moment_spread
+
+
+def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None:
+    """Gain and place alone, against the residual of wrenches so changed."""
+    trial = loaded(0.0)
+    plates = PlateNoise(place=0.004, gain=0.0, rest=0.0)
+    basis, valid = trial.problem.basis, trial.reactions.valid
+    q, v, a = (basis.evaluate(trial.nodes, k)[valid] for k in range(3))
+    dynamics, wrench = Dynamics(TRUE), trial.reactions.wrench[valid]
+    before = pelvis_residual(q, dynamics.forces(q, v, a, wrench))
+
+    def change(foot: int, moved: Array) -> Array:
+        other = wrench.copy()
+        other[:, foot] = moved
+        return pelvis_residual(q, dynamics.forces(q, v, a, other)) - before
+
+    total = np.zeros(6)
+    for foot in range(2):
+        for axis in np.eye(3):
+            force = wrench[:, foot, :3]
+            turned = wrench[:, foot, 3:] + np.cross(plates.place * axis, force)
+            total += (change(foot, np.hstack([force, turned])) ** 2).sum(axis=0)
+    without = noise_of(trial, TRUE, replace(plates, place=0.0))
+    with_place = noise_of(trial, TRUE, plates)
+    expected = float(np.sqrt(total[3:].sum() / (3 * valid.sum())))
+    found = float(np.sqrt(with_place.rms_moment**2 - without.rms_moment**2))
+    assert found == pytest.approx(expected, rel=1e-6)
+    gains = noise_of(trial, TRUE, PlateNoise(place=0.0, gain=0.02, rest=0.0))
+    total = np.zeros(6)
+    for foot in range(2):
+        total += (change(foot, 1.02 * wrench[:, foot]) ** 2).sum(axis=0)
+    found = (gains.rms_force**2 - without.rms_force**2, gains.rms_moment**2 - without.rms_moment**2)
+    np.testing.assert_allclose(found, total.reshape(2, 3).sum(axis=1) / (3 * valid.sum()), rtol=1e-6)
+
+
+def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
+    """sigma^2 A^T A, as often as frames repeat each other: six of sixty a second."""
+    trial, rest = loaded(0.0), 0.007
+    frames = len(trial.problem.basis.time)
+    rate = (frames - 1) / (trial.problem.basis.time[-1] - trial.problem.basis.time[0])
+    with_rest, without = (noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0))
+    chart = LogChart(TRUE.inertial, WHICH)
+    rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(np.zeros(chart.size))
+    expected = max(0.1 * rate, 1.0) * rest**2 * rows.T @ rows
+    difference = with_rest.covariance - without.covariance
+    np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(without.covariance).max())
+
+
+def test_half_an_octave_of_the_motion_is_a_source() -> None:
+    """A walk without noise and plates without error: what is left is what longer knot spans lose."""
+    trial, none = loaded(0.0), PlateNoise(place=0.0, gain=0.0, rest=0.0)
+    basis, valid = trial.problem.basis, trial.reactions.valid
+    spans = round((basis.nodes - 5) / np.sqrt(2.0))
+    longer = spline_basis(basis.time, spans + 5)
+    residuals = []
+    for own, nodes in ((basis, trial.nodes), (longer, longer.fit(basis.evaluate(trial.nodes)))):
+        q, v, a = (own.evaluate(nodes, k)[valid] for k in range(3))
+        residuals.append(pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, trial.reactions.wrench[valid])))
+    expected = np.sqrt(((residuals[0] - residuals[1]) ** 2).reshape(-1, 2, 3).mean(axis=(0, 2)))
+    found = noise_of(trial, TRUE, none)
+    # what the splines themselves leave of the markers, far below a millimetre, is a source too
+    np.testing.assert_allclose((found.rms_force, found.rms_moment), expected, rtol=0.1)
+    assert expected.min() > 0.1
+
+
+def test_expected_residuals_are_those_of_noise_repeated() -> None:
+    """Marker noise of 6 mm that lasts for a second, drawn again and again: RMS residuals within a third of expected."""
+    problem, down = problem_of(0.0), reactions()
+    basis, valid = problem.basis, down.valid
+    rng = np.random.default_rng(5)
+    expected, seen = [], []
+    for _ in range(6):
+        phase = rng.uniform(0.0, 2.0 * np.pi, (*problem.data.measured.shape[:2], 1))
+        rate = rng.uniform(0.0, 25.0, phase.shape)
+        moved = problem.with_measured(problem.data.measured + 0.0085 * np.sin(rate * basis.time + phase))
+        nodes = tracked_motion(moved, TRUE).nodes
+        trial = LoadedProblem(problem=moved, nodes=nodes, reactions=down)
+        q, v, a = (basis.evaluate(nodes, k)[valid] for k in range(3))
+        residual = pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, down.wrench[valid]))
+        seen.append((residual**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
+        noise = noise_of(trial, TRUE, PlateNoise(place=0.0, gain=0.0, rest=0.0))
+        expected.append((noise.rms_force**2, noise.rms_moment**2))
+    ratio = np.sqrt(np.mean(expected, axis=0) / np.mean(seen, axis=0))
+    assert (ratio > 0.67).all() and (ratio < 1.5).all(), ratio
+
+
+def test_joint_parameters_of_which_nothing_is_known_explain_more() -> None:
+    trial = loaded(0.005)
+    chart = LogChart(TRUE.inertial, WHICH)
+    known = noise_of(trial, TRUE)
+    wide = residual_noise([trial], TRUE, nominal_influence(JP_NAMES), SUBJECT, chart, SUBJECT.height)
+    assert wide.rms_moment > known.rms_moment
+    values = np.linalg.eigvalsh(wide.covariance - known.covariance)
+    assert values.min() > -1e-6 * values.max()
+
+
+def test_the_bayes_factor_is_that_of_two_normal_distributions() -> None:
+    rng = np.random.default_rng(6)
+    scores, slopes = rng.normal(size=5), rng.normal(size=(5, 3))
+    wide = np.eye(5) + slopes @ slopes.T
+
+    def log_density(covariance: Array) -> float:
+        return float(-0.5 * (np.linalg.slogdet(covariance)[1] + scores @ np.linalg.solve(covariance, scores)))
+
+    assert log_bayes_factor(scores, slopes) == pytest.approx(log_density(wide) - log_density(np.eye(5)), rel=1e-12)
+    assert log_bayes_factor(np.zeros(5), slopes) < 0.0 < STRONG < log_bayes_factor(10.0 * slopes[:, 0], slopes)
