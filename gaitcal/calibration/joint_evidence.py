@@ -18,12 +18,13 @@ from gaitcal.calibration.identifiability import in_words, small_turns
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
+from gaitcal.calibration.joint_noise import FEWEST_MARKERS
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.calibration.skin_evidence import skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
-from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
+from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, SEGMENTS, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
@@ -79,6 +80,10 @@ def calibrate_by_evidence(
     tissue: dict[str, SoftTissue] = {}
     if free:
         plain, errors = estimate_joints(problems, nominal, free)
+        quiet = _quiet_joints([t for t in used if t.joint is None], problems, plain, nominal)
+        if quiet:
+            used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
+            plain, errors = estimate_joints(problems, nominal, free)
         angles = {t.body.name: _angles(t.body, plain.parameters, posture) for t in trials}
         columns = [replace(p, tissue=skin_columns(p, angles[t.body.name])) for t, p in zip(used, problems, strict=True)]
         sizes = skin_sizes(columns)
@@ -104,12 +109,48 @@ def calibrate_by_evidence(
     return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
 
 
+def _quiet_joints(
+    walks: Sequence[EvidenceTrial], problems: Sequence[TrialProblem], plain: JointEstimate, nominal: Parameters
+) -> list[tuple[EvidenceTrial, TrialProblem]]:
+    """Joints of gait trials that follow their markers far better by themselves than the legs as a whole do.
+
+    Where one joint is not what the model has (a knee that rolls), its misfit is the noise of all legs, and pushes their
+    other joints. Those that are quiet by themselves take part by themselves, too.
+    """
+    legs = {p.name: nu for p, nu in zip(problems, plain.noise, strict=True)}
+    pieces = [
+        (walk, _part(walk.fitted, joint_segments(joint), nominal))
+        for walk in walks
+        for joint in ISOLATED_JOINTS
+        if _shows(walk.fitted, joint)
+    ]
+    free = free_of([piece for _, piece in pieces], plain.free)
+    if not free:
+        return []
+    alone, _ = estimate_joints([piece for _, piece in pieces], nominal, free)
+    return [
+        (walk, piece)
+        for (walk, piece), nu in zip(pieces, alone.noise, strict=True)
+        if nu < QUIET * legs[walk.fitted.name]
+    ]
+
+
+def _shows(problem: TrialProblem, joint: str) -> bool:
+    """Whether both segments at the ends of a joint show three markers with weight."""
+    pulling = np.flatnonzero((problem.data.weight > 0).any(axis=1))
+    shown = [problem.chain.segments[s] for s in problem.data.segment[pulling]]
+    ends = joint_segments(joint)
+    return all(shown.count(segment) >= FEWEST_MARKERS for segment in (ends[0], ends[-1]))
+
+
 def _part(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
-    """Some segments of a whole body, pelvis free in the laboratory, with the same bandwidth."""
-    part = body.part("pelvis", segments)
+    """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
+    part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
+QUIET = 0.5
+"""Part of the legs' noise below which a joint takes part by itself: what it then says twice is at most a quarter."""
 _LEG = ("hip", "knee", "talocrural", "subtalar")
 
 

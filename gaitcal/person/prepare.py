@@ -85,6 +85,11 @@ class PreparedTrial:
                 raise
             return self.fitted
 
+    @property
+    def with_skin(self) -> TrialProblem:
+        """The whole body with the skin that its error bars count."""
+        return replace(self.body, tissue=self.tissue)
+
     def with_problems(self, body: TrialProblem, fitted: TrialProblem, legs: TrialProblem) -> PreparedTrial:
         """The same trial with other weights in its problems."""
         return replace(self, body=body, reweighted=(fitted, legs))

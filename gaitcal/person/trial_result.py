@@ -6,7 +6,6 @@ A calibration assembles its own trials here, and `gaitcal dynamics` every furthe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from gaitcal.calibration.torque_errors import (
     MarkerMoves,
@@ -57,8 +56,7 @@ def trial_result(
     reached = final if trial.joint is None else fitted_with
     if trial.joint is not None:
         calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
-    with_skin = replace(trial.body, tissue=trial.tissue)
-    moves = None if trial.joint else marker_moves(with_skin, body.nodes, final, uncertainty.joint)
+    moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}
