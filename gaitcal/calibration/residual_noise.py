@@ -27,14 +27,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, spline_basis
+from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 500
