@@ -16,7 +16,7 @@ to be expected, lost + 2 noise less a constant, is least (Mallows 1973, for nois
 
 Skin movement is slow: it says nothing of the noise at 10 Hz. Generalised cross-validation, which takes noise for white,
 asks for 8 Hz where markers with 4 mm of it show a foot's impact at 14 Hz, and leg torques are then 8.0 N·m wrong; the
-rule above asks for 23 Hz, 3.9 N·m. Where the model is poor (18 mm), it asks for 4 Hz of a walk, the rule for 6.
+rule above asks for 25 Hz, 3.8 N·m. Where the model is poor (18 mm), it asks for 4 Hz of a walk, the rule for 6.
 """
 
 from __future__ import annotations

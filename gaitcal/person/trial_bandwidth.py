@@ -10,7 +10,8 @@ Filtered at f themselves, they would agree with the motion the better the less o
 alone and take no further part in the motion, and their say is limited:
 
 - F weighs the trunk and hardly sees a foot: they move f by half an octave at most.
-- Where mass or model are wrong, F falls with f for ever: they are asked only where half of f would raise sum |F|^2.
+- Where mass or model are wrong, or all markers shake together, F falls with f for ever: plates are asked only where
+  half of the f found so would raise sum |F|^2.
 
 One motion leaves the trial, the one that the torques are of.
 """

@@ -101,13 +101,21 @@ def _root_force(q: Array, v: Array, a: Array, wrench: Array) -> Array:
 
 
 def test_plates_that_do_not_tell_have_no_say() -> None:
-    """A force that never changes agrees the better the less the body moves: half of the cut-off would please it."""
+    """Where a plate reads 300 N too much, that is what F is made of, and no cut-off changes much of it."""
     plates = made_plates(gait_motion())
-    weight = np.array([0.0, 0.5 * 69.4 * 9.81, 0.0])
-    assert (
-        prepared(walk(0.002, changed(plates, lambda f: np.tile(weight, (len(f), 1))))).bandwidth.by is ChosenBy.MARKERS
-    )
-    assert prepared(walk(0.002, changed(plates, np.zeros_like))).bandwidth.by is ChosenBy.MARKERS
+    for force in (lambda f: f + [0.0, 300.0, 0.0] * (f[:, 1:2] > 20.0), np.zeros_like):
+        trial = prepared(walk(0.002, changed(plates, force)))
+        assert trial.bandwidth.by is ChosenBy.MARKERS
+        assert trial.bandwidth.motion_hz == prepared(walk(0.002)).bandwidth.motion_hz
+
+
+def test_plates_that_would_go_far_have_no_say() -> None:
+    """All markers shake at 10 Hz, which they cannot tell from motion; with F alone 6.5 Hz would remain of 16."""
+    trial = walk(0.0003, made_plates(gait_motion()))
+    shaken = trial.recording.markers.copy()
+    shaken[:, :, 1] += 0.001 * np.sin(2 * np.pi * 10.0 * trial.recording.time)[:, None]
+    told = prepared(replace(trial, recording=replace(trial.recording, markers=shaken))).bandwidth
+    assert told.by is ChosenBy.MARKERS and told.motion_hz > 10.0
 
 
 def test_given_by_the_settings() -> None:
@@ -178,4 +186,3 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         assert f"{name}: {told.notes[0]}" in done.notes
     further = analyse(done.model, study.moving[0], study.settings, done.uncertainty)
     assert trial_summary(further)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]
-    assert done.joint is not None and "bandwidth/knee_r" in done.joint.influence.clusters
