@@ -27,14 +27,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.influence import Influence, basis_matrix, trial_scores
+from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, spline_basis
+from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 500
@@ -62,7 +62,7 @@ class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
     problem: TrialProblem
-    """Of the whole body."""
+    """Of the whole body, with the skin that was found to move."""
     nodes: Array
     """(nn, 27)."""
     reactions: GroundReactions
@@ -135,7 +135,7 @@ class _TrialSources:
         own = trial_scores(self.opened, parameters, trial.nodes)
         self.node_moves, self.sensitivity = -own.nodes, own.sensitivity
         self.shift = influence.parameters[self.opened.places_in(influence.free)]
-        """(np, nc) d p_c."""
+        """(np, nc) d p_c, those of the skin last."""
         markers = tuple(dict.fromkeys((*influence.clusters, *own.clusters)))
         place = {name: k for k, name in enumerate(markers)}
         self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
@@ -156,7 +156,8 @@ class _TrialSources:
         q, v, a = (basis.evaluate(self.trial.nodes, k)[frames] for k in range(3))
         residual = root_residual(self.parameters, self.opened.chain.free, q, v, a, wrench)
         out = np.zeros((len(frames), 6, len(self.names)))
-        by_parameter = residual.by_parameter - _through(residual, basis, frames, self.sensitivity)
+        by_parameter = -_through(residual, basis, frames, self.sensitivity)
+        by_parameter[:, :, : len(residual.free)] += residual.by_parameter
         out[:, :, self.known] = by_parameter @ self.shift
         out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
         out[:, :, self.markers : -1] = _plate_moves(q, wrench, self.plates)

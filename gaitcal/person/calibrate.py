@@ -144,7 +144,9 @@ def _inertial_fit(
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
         [
-            LoadedProblem(problem=t.body, nodes=motions[t.name].nodes, reactions=on_plates[t.name])
+            LoadedProblem(
+                problem=replace(t.body, tissue=t.tissue), nodes=motions[t.name].nodes, reactions=on_plates[t.name]
+            )
             for t in trials
             if t.name in on_plates
         ],
