@@ -130,9 +130,14 @@ def with_phase(calibration: Calibration, converged: bool) -> Calibration:
 
 
 def _joint(parameters: Any) -> JointCalibration:
-    fit = cast(Any, SimpleNamespace(free=FREE, at_bound=("knee_r.thigh.front",)))
     return JointCalibration(
-        parameters=parameters, phases=(), fits=(fit,), influence=(), unidentifiable=UNSEEN, warnings=()
+        parameters=parameters,
+        phases=(),
+        free=FREE,
+        influence=cast(Any, ()),
+        unidentifiable=UNSEEN,
+        warnings=(),
+        at_bound=("knee_r.thigh.front",),
     )
 
 
