@@ -8,6 +8,7 @@ for marker coordinates and nominal joint parameters (`influence.py`), and direct
 
     plates       gain g:  d rho = -g w_foot;  a place off by d:  d T = -d x F_foot   (the plate under each foot)
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
+                 (a motion that a penalty smooths has a source of its own for that, `trial_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
 
 A fit of inertial variables x hears of the residual through the scores A^T rho alone, A = d rho/d x at the nominal
@@ -62,7 +63,7 @@ class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
     problem: TrialProblem
-    """Of the whole body."""
+    """Of the whole body, with the skin that was found to move."""
     nodes: Array
     """(nn, 27)."""
     reactions: GroundReactions
@@ -141,9 +142,11 @@ class _TrialSources:
         self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
         self.known = np.array([place[name] for name in influence.clusters], dtype=np.intp)
         feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
-        self.markers, self.names = len(markers), (*markers, *feet, "bandwidth")
-        self.coarse = _coarser(trial.problem.basis, trial.nodes)
-        self.dynamics = Dynamics(parameters)
+        self.markers, self.names = len(markers), (*markers, *feet)
+        self.coarse = None if trial.problem.penalty else _coarser(trial.problem.basis, trial.nodes)
+        if self.coarse:
+            self.names += ("bandwidth",)
+            self.dynamics = Dynamics(parameters)
 
     def blocks(self) -> list[IntArray]:
         """Valid frames, some at a time."""
@@ -160,12 +163,12 @@ class _TrialSources:
         by_unknown[:, :, : residual.by_parameter.shape[2]] += residual.by_parameter
         out[:, :, self.known] = by_unknown @ self.shift
         out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
-        out[:, :, self.markers : -1] = _plate_moves(q, wrench, self.plates)
-        coarse_basis, nodes = self.coarse
-        coarse = (coarse_basis.evaluate(nodes, k)[frames] for k in range(3))
-        slower_q, slower_v, slower_a = coarse
-        slower = pelvis_residual(slower_q, self.dynamics.forces(slower_q, slower_v, slower_a, wrench))
-        out[:, :, -1] = residual.value - slower
+        plate_moves = _plate_moves(q, wrench, self.plates)
+        out[:, :, self.markers : self.markers + plate_moves.shape[2]] = plate_moves
+        if self.coarse:
+            coarse, nodes = self.coarse
+            q, v, a = (coarse.evaluate(nodes, k)[frames] for k in range(3))
+            out[:, :, -1] = residual.value - pelvis_residual(q, self.dynamics.forces(q, v, a, wrench))
         return residual, out
 
 

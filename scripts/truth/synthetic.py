@@ -83,7 +83,8 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
         calibration = gaitcal.calibrate(study)
         seconds = perf_counter() - start
     table = gaitcal.parameter_table(calibration).set_index("name")
-    table = table[table["status"] == "fitted"]
+    inertial = ~table["kind"].str.startswith("joint")  # nominal ones count, too: their error bar is people's spread
+    table = table[(table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))]
     true = truth.loc[table.index]
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
