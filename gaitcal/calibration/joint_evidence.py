@@ -119,7 +119,7 @@ def _quiet_joints(
     """
     legs = {p.name: nu for p, nu in zip(problems, plain.noise, strict=True)}
     pieces = [
-        (walk, _part(walk.fitted, joint_segments(joint), nominal))
+        (walk, replace(_part(walk.fitted, joint_segments(joint), nominal), name=f"{walk.fitted.name}, {joint} alone"))
         for walk in walks
         for joint in ISOLATED_JOINTS
         if _shows(walk.fitted, joint)
@@ -149,8 +149,9 @@ def _part(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) ->
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-QUIET = 0.5
-"""Part of the legs' noise below which a joint takes part by itself: what it then says twice is at most a quarter."""
+QUIET = 0.25
+"""Part of the legs' noise below which a joint takes part by itself: what it then says twice is at most a
+sixteenth, and a few parameters more than samples do not pass for quiet."""
 _LEG = ("hip", "knee", "talocrural", "subtalar")
 
 

@@ -112,24 +112,28 @@ def skin_sizes(trials: Sequence[TrialProblem]) -> dict[tuple[str, str], float]:
 
 
 def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Array]:
-    """Q and b of one segment in one trial."""
+    """Q and b of one segment in one trial, from the markers that have weight in it."""
     data, phi = problem.data, group.regressors
-    local, weight = data.local[group.markers], data.weight[group.markers]
-    fit = rigid_fit(local, data.measured[group.markers], weight)
+    width = 3 * (group.markers.stop - group.markers.start)
+    nothing = np.zeros((len(phi) * width,) * 2), np.zeros(len(phi) * width)
+    used = group.markers.start + np.flatnonzero((data.weight[group.markers] > 0).any(axis=1))
+    local, weight = data.local[used], data.weight[used]
+    fit = rigid_fit(local, data.measured[used], weight)
     whole = fit.determined & (weight > 0).all(axis=0)
-    """Frames that show every marker: in others the projector is another."""
-    followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
-    left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - followed)
-    errors = left.reshape(3 * len(local), -1).T[whole]  # (frames, 3 nm)
+    """Frames that show all of them: in others the projector is another."""
     phi = phi[:, whole]
-    width = errors.shape[1]
-    if len(errors) <= len(phi):
-        return np.zeros((len(phi) * width,) * 2), np.zeros(len(phi) * width)
+    if whole.sum() <= len(phi):
+        return nothing
+    followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
+    left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
+    errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     together = np.linalg.qr(np.concatenate([shifts_and_turns(a) for a in local - local.mean(axis=0)]))[0]
-    projector = np.eye(width) - together @ together.T
-    noise = _noise(errors, phi, width - together.shape[1], least_noise(problem.basis.time))
-    information = np.kron(phi @ phi.T, projector) / noise**2
-    return information, (phi @ errors @ projector).ravel() / noise**2
+    noise = _noise(errors, phi, 3 * len(used) - together.shape[1], least_noise(problem.basis.time))
+    columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
+    projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
+    projector[np.ix_(columns, columns)] = np.eye(len(columns)) - together @ together.T
+    seen[:, columns] = errors
+    return np.kron(phi @ phi.T, projector) / noise**2, (phi @ seen @ projector).ravel() / noise**2
 
 
 def _noise(errors: Array, phi: Array, directions: int, least: float) -> float:
