@@ -37,6 +37,8 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 DESCENT = DescentSettings(gain=1e-9, keep_within=0.0, most_steps=60)
+WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, most_steps=60)
+"""Costs are squares of standard errors here: what is then left to gain moves nothing by a hundredth of its own."""
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
@@ -204,7 +206,7 @@ def estimate_joints(
     steps = 0
     while True:
         shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
-        end = descend(shared, shared.joined(theta, nodes), DESCENT)
+        end = descend(shared, shared.joined(theta, nodes), WITH_SKIN if skin.keys else DESCENT)
         steps += end.steps
         theta, nodes = shared.parted(end.x)
         parts = shared.reduced(end.x)

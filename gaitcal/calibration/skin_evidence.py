@@ -133,7 +133,9 @@ def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Ar
     projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - together @ together.T
     seen[:, columns] = errors
-    return np.kron(phi @ phi.T, projector) / noise**2, (phi @ seen @ projector).ravel() / noise**2
+    information: Array = np.kron(phi @ phi.T, projector) / noise**2
+    right: Array = (phi @ seen @ projector).ravel() / noise**2
+    return information, right
 
 
 def _noise(errors: Array, phi: Array, directions: int, least: float) -> float:

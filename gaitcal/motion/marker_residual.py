@@ -94,6 +94,13 @@ class MarkerData:
     def moments(self) -> Array:
         """(n, 4, 4, nf or 1) P_s of the n segments that carry markers; one frame where weights never change."""
         weight, extended = self.weight, self.placed.extended
+        if self.shift is not None:
+            moved = np.concatenate([self.local[:, :, None] + self.shift, np.ones((len(weight), 1, weight.shape[1]))], 1)
+            pairs = [
+                np.matmul((weight[m, None] * moved[m]).transpose(2, 1, 0), moved[m].transpose(2, 0, 1))
+                for _, m in self.placed.groups
+            ]
+            return np.array(pairs).transpose(0, 2, 3, 1)
         if (weight == weight[:, :1]).all():
             weight = weight[:, :1]
         products = (extended[:, :, None] * extended[:, None, :]).reshape(-1, 16)
