@@ -227,6 +227,7 @@ def _calibration(
         ),
         at_bound=beyond,
         skin=dict(found.sizes),
+        skin_values=dict(zip(found.keys, found.values.tolist(), strict=True)),
         tissue=dict(tissue),
     )
 

@@ -91,6 +91,8 @@ class JointCalibration:
     """One a phase, where phases follow each other and trials keep the parameters of their own."""
     skin: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of."""
+    skin_values: Mapping[str, float] = field(default_factory=dict)
+    """Column of the skin -> m/rad."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
 

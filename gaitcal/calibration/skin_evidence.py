@@ -133,9 +133,8 @@ def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Ar
     projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - together @ together.T
     seen[:, columns] = errors
-    information: Array = np.kron(phi @ phi.T, projector) / noise**2
-    right: Array = (phi @ seen @ projector).ravel() / noise**2
-    return information, right
+    information, right = np.kron(phi @ phi.T, projector), (phi @ seen @ projector).ravel()
+    return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
 
 
 def _noise(errors: Array, phi: Array, directions: int, least: float) -> float:

@@ -47,7 +47,7 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     loss = None if settings.robust == "none" else Loss(settings.robust)
     study, warnings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
-    by_evidence = settings.jp and Protocol(settings.protocol) is Protocol.EVIDENCE
+    by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
     posture = static_posture_of(nominal, study.static.recording) if by_evidence else {}
     fit = partial(joint_parameters, nominal=nominal, settings=settings, posture=posture)
     if settings.jp and trials:
@@ -78,7 +78,7 @@ def joint_parameters(
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
-    if Protocol(settings.protocol) is Protocol.EVIDENCE:
+    if settings.decided_by is Protocol.EVIDENCE:
         taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
         by_evidence = calibrate_by_evidence(
             taking_part, nominal.parameters, posture, joint_settings(settings), SIDES[settings.legs]

@@ -59,7 +59,7 @@ def _figures(
     """The figures of one parameter in the unit of the table, from SI; `free` are the parameters that were fitted."""
     error, status = calibration.standard_errors.get(name), "fitted" if name in free else "fixed"
     if name in calibration.unidentifiable:
-        error, status = None, "unidentifiable"
+        status = "unidentifiable"
     return {
         "nominal": nominal / to_si,
         "fitted": fitted / to_si,

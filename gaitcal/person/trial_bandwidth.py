@@ -41,8 +41,8 @@ from gaitcal.study.study import StudyTrial
 PLATES_HZ = 50.0
 """Of the plates while they choose."""
 JOINTS_HZ = 12.0
-"""At least, while joint parameters are fitted: they ask for no accelerations, and a motion smoothed at the 2 Hz that the
-markers of a slow isolated trial ask for gave knee axes 7.5 mm off where 2.5 were to be had (12 and 25 Hz alike)."""
+"""At least, while joint parameters are fitted: they ask for no accelerations, and a motion smoothed at the 2 Hz that
+the markers of a slow isolated trial ask for gave knee axes 7.5 mm off where 2.5 were to be had (12 and 25 Hz alike)."""
 ENDS_S = 0.1
 """s at either end that have no say, whatever f: accelerations there lean on one side only."""
 FEWEST_LOADED = 20

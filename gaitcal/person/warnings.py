@@ -10,7 +10,7 @@ from gaitcal.dynamics.residual_limits import FORCE_SHARE, MOMENT_SHARE, residual
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.person.result import TrialResult
-from gaitcal.study.settings import CalibrationSettings, Mode
+from gaitcal.study.settings import CalibrationSettings
 
 WORSE_M = 1e-4
 """m, by how much markers are met worse before it is told."""
@@ -30,21 +30,19 @@ def calibration_warnings(
             f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
             f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
         )
-    warnings += disagreements(results, Mode(settings.mode))
+    warnings += disagreements(results)
     warnings += large_residuals(results, parameters)
     return tuple(warnings)
 
 
-def disagreements(results: Sequence[TrialResult], mode: Mode) -> Iterator[str]:
+def disagreements(results: Sequence[TrialResult]) -> Iterator[str]:
     """Trials whose markers the final model meets worse than the nominal one."""
-    # The cure is told only where it is not what was done.
-    cure = "" if mode is Mode.SIMULTANEOUS else "; mode = 'simultaneous' weighs them together"
     for t in results:
         first, last = t.nominal.errors.rms(), t.final.errors.rms()
         if first is not None and last is not None and last > first + WORSE_M:
             yield (
                 f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal "
-                f"one ({1e3 * first:.1f} mm): the trials disagree{cure}"
+                f"one ({1e3 * first:.1f} mm): the trials disagree"
             )
 
 

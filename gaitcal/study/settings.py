@@ -44,11 +44,11 @@ class Protocol(Enum):
 class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
-    protocol: Literal["evidence", "published"] = Field(
-        default="evidence",
-        description="evidence: every joint parameter that a trial can move is free, and priors, noise and skin "
-        "movement decide how far; published: the lists and phases of Reinbolt et al. 2007, with mode, prior and "
-        "gait_parameters",
+    protocol: Literal["evidence", "published"] | None = Field(
+        default=None,
+        description="evidence (unless mode, prior or gait_parameters say otherwise): every joint parameter that a "
+        "trial can move is free, and priors, noise and skin movement decide how far; published: the lists and phases "
+        "of Reinbolt et al. 2007, with mode, prior and gait_parameters",
     )
     mode: Literal["sequential", "simultaneous"] = Field(
         default="sequential",
@@ -134,6 +134,21 @@ class CalibrationSettings(Table):
         if count is not None and given != AUTOMATIC:
             raise ValueError(f"found {shown(count)}; allowed only without bandwidth_hz, which is {shown(given)}")
         return count
+
+    @field_validator("mode", "prior", "gait_parameters")
+    @classmethod
+    def _of_the_published_protocol(cls, value: str, info: ValidationInfo) -> str:
+        if info.data.get("protocol") == "evidence" and value != cls.model_fields[info.field_name or ""].default:
+            raise ValueError(f"found '{value}'; it belongs to protocol = 'published', where evidence decides nothing")
+        return value
+
+    @property
+    def decided_by(self) -> Protocol:
+        """Who decides which joint parameters move: as `protocol` says, or as what belongs to one of them implies."""
+        if self.protocol is not None:
+            return Protocol(self.protocol)
+        plain = (self.mode, self.prior, self.gait_parameters) == ("sequential", "weak", "published")
+        return Protocol.EVIDENCE if plain else Protocol.PUBLISHED
 
     @field_validator("joint_step")
     @classmethod

@@ -162,5 +162,5 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(mode="simultaneous", nodes=NODES, force_filter_hz="none"),
+        calibration=CalibrationSettings(nodes=NODES, force_filter_hz="none"),
     )

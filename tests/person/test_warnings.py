@@ -11,7 +11,6 @@ from gaitcal.dynamics import residual_limits as rules
 from gaitcal.dynamics.residual_limits import residual_limits
 from gaitcal.person.result import Calibration, Stage, TrialResult
 from gaitcal.person.warnings import disagreements, large_residuals
-from gaitcal.study.settings import Mode
 from tests.fake_result import fake_calibration
 
 
@@ -62,13 +61,11 @@ def test_trials_without_forces_or_valid_frames_have_no_residual() -> None:
         assert list(large_residuals(made.trials, made.model.parameters)) == []
 
 
-def test_the_other_mode_is_no_cure_for_itself(whole: Calibration) -> None:
+def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
     knee = whole.trial("knee")
     worse = replace(
         knee, final=replace(knee.final, errors=replace(knee.final.errors, distance=3.0 * knee.final.errors.distance))
     )
-    assert list(disagreements([knee], Mode.SEQUENTIAL)) == []
-    (told,) = disagreements([worse], Mode.SEQUENTIAL)
-    assert told.startswith("knee: ") and told.endswith("mode = 'simultaneous' weighs them together")
-    (told,) = disagreements([worse], Mode.SIMULTANEOUS)
-    assert "disagree" in told and "simultaneous" not in told
+    assert list(disagreements([knee])) == []
+    (told,) = disagreements([worse])
+    assert told.startswith("knee: ") and told.endswith("the trials disagree")
