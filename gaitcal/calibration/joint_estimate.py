@@ -5,7 +5,8 @@
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
 about their nominal values p_0 (`joint_prior.py`), z the skin's movement where there is evidence of it
 (`skin_evidence.py`), nu_t the noise of the trial's independent samples (`joint_noise.py`). Trials meet by their full
-information, each in units of its own noise. Steps are those of `descend` on the arrow of `motion/arrow.py`.
+information, each in units of its own noise. Without skin the motions are eliminated (`reduced_problem.py`), which
+follows the narrow valleys of ankles; skin is then found by steps of `descend` on the arrow of `motion/arrow.py`.
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
 
@@ -25,8 +26,9 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations
 from gaitcal.calibration.skin_movement import unit_covariance
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
@@ -36,7 +38,8 @@ from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
-DESCENT = DescentSettings(gain=1e-9, keep_within=0.0, most_steps=60)
+PLAIN = JointSettings(prior_position=POSITION, prior_orientation=ORIENTATION, marker_noise=1.0, tolerance=1e-9)
+"""Costs are in units of the noise already."""
 WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, most_steps=60)
 """Costs are squares of standard errors here: what is then left to gain moves nothing by a hundredth of its own."""
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
@@ -196,28 +199,20 @@ def estimate_joints(
     """
     began = time.perf_counter()
     if start is None:
-        noise = [first_noise(p) for p in problems]
-        nodes = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-        theta, rounds = nominal.joint[[JP_INDEX[n] for n in free]], ROUNDS
+        fit, noise = _without_skin(problems, nominal, free)
+        theta, nodes, steps = fit.values, list(fit.nodes), fit.iterations
+        converged, message = fit.converged, fit.message
     else:
-        noise, nodes, rounds = list(start.noise), list(start.nodes), 0
-        theta = np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
-    least = [least_noise(p.basis.time) for p in problems]
-    steps = 0
-    while True:
-        shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
-        end = descend(shared, shared.joined(theta, nodes), WITH_SKIN if skin.keys else DESCENT)
-        steps += end.steps
-        theta, nodes = shared.parted(end.x)
-        parts = shared.reduced(end.x)
-        inverse = np.linalg.inv(sum(parts) + shared.precision)
-        served = float(np.trace(inverse @ sum(parts)))
-        if rounds == 0:
-            break
-        rounds -= 1
-        moved = nominal.with_joint(free, theta[: len(free)])
-        seen = [seen_noise(p, moved, n) for p, n in zip(problems, nodes, strict=True)]
-        noise = trial_noises(seen, least, served)
+        noise, theta = list(start.noise), np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
+        nodes, steps, converged, message = list(start.nodes), 0, start.converged, start.message
+    shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
+    x = shared.joined(theta, nodes)
+    if skin.keys:
+        end = descend(shared, x, WITH_SKIN)
+        x, steps, converged, message = end.x, steps + end.steps, end.converged, end.ending.value
+    theta, nodes = shared.parted(x)
+    parts = shared.reduced(x)
+    inverse = np.linalg.inv(sum(parts) + shared.precision)
     estimate = JointEstimate(
         free=free,
         keys=skin.keys,
@@ -225,13 +220,32 @@ def estimate_joints(
         parameters=nominal.with_joint(free, theta[: len(free)]),
         nodes=tuple(nodes),
         noise=tuple(noise),
-        served=served,
+        served=float(np.trace(inverse @ sum(parts))),
         iterations=steps,
         seconds=time.perf_counter() - began,
-        converged=end.converged,
-        message=end.ending.value,
+        converged=converged,
+        message=message,
     )
     return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
+
+
+def _without_skin(
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
+) -> tuple[JointFit, list[float]]:
+    """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
+    noise = [first_noise(p) for p in problems]
+    starts: Sequence[Array] = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    least, values = [least_noise(p.basis.time) for p in problems], None
+    precision = np.diag(1.0 / prior_deviations(free) ** 2)
+    for remaining in reversed(range(ROUNDS + 1)):
+        weighed = [p.scaled(1.0 / nu**2) for p, nu in zip(problems, noise, strict=True)]
+        fit = calibrate_joints(weighed, nominal, free, starts, PLAIN, start_values=values)
+        starts, values = fit.nodes, fit.values
+        if remaining:
+            served = float(np.trace(np.linalg.solve(fit.state.hessian + precision, fit.state.hessian)))
+            seen = [seen_noise(p, fit.parameters, n) for p, n in zip(problems, fit.nodes, strict=True)]
+            noise = trial_noises(seen, least, served)
+    return fit, noise
 
 
 def _influence(

@@ -83,6 +83,10 @@ class Smoothing:
         """The same without the coordinates that are not `active` (nq,): nothing draws them from where they are."""
         return replace(self, coupling=np.where(active[:, None] & active, self.coupling, 0.0))
 
+    def scaled(self, share: float) -> Smoothing:
+        """`share` times the penalty."""
+        return replace(self, coupling=share * self.coupling)
+
     def cost(self, nodes: Array) -> float:
         """m^2, for nodes (nn, nq)."""
         return self.roughness.cost(nodes, self.coupling)

@@ -117,6 +117,11 @@ class TrialProblem:
         """The same trial with other marker weights (nm, nf)."""
         return replace(self, data=replace(self.data, weight=weight))
 
+    def scaled(self, share: float) -> TrialProblem:
+        """The same trial with `share` times its cost."""
+        smoothing = self.smoothing and self.smoothing.scaled(share)
+        return replace(self, data=replace(self.data, weight=share * self.data.weight), smoothing=smoothing)
+
     def with_measured(self, measured: Array) -> TrialProblem:
         """The same trial with other measured markers (nm, 3, nf), m; what does not depend on them is not worked out
         again.
