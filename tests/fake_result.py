@@ -12,7 +12,8 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments

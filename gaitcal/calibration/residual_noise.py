@@ -6,7 +6,8 @@ With rho the pelvis residual [F; T] of the valid frames, in units of a scale, ev
 
 for marker coordinates and nominal joint parameters (`influence.py`), and directly for
 
-    plates       gain g:  d rho = -g w_foot;  a place off by d:  d T = -d x F_foot   (the plate under each foot)
+    plates       gain, place and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
+                 (`dynamics/plate_errors.py`, with the sources of their sizes)
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
                  (a motion that a penalty smooths has a source of its own for that, `trial_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
@@ -14,9 +15,6 @@ for marker coordinates and nominal joint parameters (`influence.py`), and direct
 A fit of inertial variables x hears of the residual through the scores A^T rho alone, A = d rho/d x at the nominal
 model: their covariance is sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other, s_c = A^T d rho_c.
 Sources that several trials share are summed before they are squared.
-
-Plates: four commercial ones placed the centre of pressure 2.3, 2.6, 11.8 and 14.0 mm off, and after linear calibration
-force components by 3.0 to 5.0 N (Cappello et al., Gait & Posture 33:724, 2011).
 """
 
 from __future__ import annotations
@@ -32,6 +30,7 @@ from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.plate_errors import DEFAULT, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
@@ -46,12 +45,9 @@ COARSER = np.sqrt(2.0)
 
 @dataclass(frozen=True)
 class PlateNoise:
-    """Standard deviations of what force plates say."""
+    """How far force plates are to be believed where residuals are weighed."""
 
-    place: float = 0.005
-    """m, of a plate's origin along each axis."""
-    gain: float = 0.01
-    """Of a plate's gain."""
+    errors: PlateErrors = DEFAULT
     rest: float = 0.005
     """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
     memory: float = 0.1
@@ -142,7 +138,8 @@ class _TrialSources:
         self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
         self.known = np.array([place[name] for name in influence.clusters], dtype=np.intp)
         feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
-        self.markers, self.names = len(markers), (*markers, *feet)
+        self.markers, self.names = len(markers), (*markers, *feet, "plate/clock")
+        self.rates = wrench_rates(trial.problem.basis.time, trial.reactions.wrench)
         self.coarse = None if trial.problem.penalty else _coarser(trial.problem.basis, trial.nodes)
         if self.coarse:
             self.names += ("bandwidth",)
@@ -163,7 +160,7 @@ class _TrialSources:
         by_unknown[:, :, : residual.by_parameter.shape[2]] += residual.by_parameter
         out[:, :, self.known] = by_unknown @ self.shift
         out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
-        plate_moves = _plate_moves(q, wrench, self.plates)
+        plate_moves = _plate_moves(q, wrench_errors(wrench, self.rates[frames], self.plates.errors))
         out[:, :, self.markers : self.markers + plate_moves.shape[2]] = plate_moves
         if self.coarse:
             coarse, nodes = self.coarse
@@ -183,17 +180,10 @@ def _through(residual: RootResidual, basis: SplineBasis, frames: IntArray, colum
     return out
 
 
-def _plate_moves(q: Array, wrench: Array, plates: PlateNoise) -> Array:
-    """(frames, 6, 8) gain and place of the plate under either foot."""
-    columns = []
-    for foot in range(len(FEET)):
-        force = wrench[:, foot, :3]
-        moment = wrench[:, foot, 3:] - np.cross(q[:, :3], force)
-        columns.append(-plates.gain * np.hstack([force, moment]))
-        for axis in np.eye(3):
-            turned = np.cross(plates.place * axis, force)
-            columns.append(-np.hstack([np.zeros_like(force), turned]))
-    return np.stack(columns, axis=2)
+def _plate_moves(q: Array, errors: Array) -> Array:
+    """(frames, 6, k) change of the residual by errors of the foot wrenches (frames, 2, 6, k)."""
+    force, moment = -errors[:, :, :3].sum(axis=1), -errors[:, :, 3:].sum(axis=1)
+    return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
 
 def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:

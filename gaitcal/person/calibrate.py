@@ -19,9 +19,10 @@ from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, eq
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, stay_nominal
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.residual_noise import LoadedProblem, residual_noise
+from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -94,6 +95,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
             fitted_with=parameters_for(joint, t.name, parameters),
             reactions=reactions.get(t.name),
             uncertainty=uncertainty,
+            plates=PlateErrors.of(settings.plate_error),
             bwh=nominal.subject.bwh,
             held_out=fitted.held_out.get(t.name),
         )
@@ -153,6 +155,7 @@ def _inertial_fit(
         subject,
         LogChart(parameters.inertial, which),
         torque_length(subject, scale, width),
+        PlateNoise(PlateErrors.of(settings.plate_error)),
     )
     fit = fit_by_evidence(equations, parameters.inertial, which, noise)
     return replace(fit, seconds=time.perf_counter() - began)

@@ -12,6 +12,7 @@ from gaitcal.calibration.influence import Influence, influence_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.calibration.torque_errors import MarkerMoves, coordinate_standard_errors, torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.torque_sources import Source
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -59,6 +60,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
         shift=rng.normal(0, 0.005, (len(free), own + others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
+        sources=(Source.MOTION,) * own + (Source.JOINT_MARKERS, Source.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
     influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(own + others)))
@@ -71,7 +73,8 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     errors += [(still, np.zeros(len(FREE)), column) for column in spread.T]
     changes = np.array([moved_torques(problem, nodes, parameters, wrench, error) for error in errors])
     dense = np.sqrt((changes**2).sum(axis=0))
-    found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
+    errors_found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
+    found = errors_found.every
     np.testing.assert_allclose(found, dense, rtol=0, atol=DIFFERENCES * dense.max())
     of_inertia = np.sqrt((changes[own + others :] ** 2).sum(axis=0))
     assert np.median(of_inertia / dense) > 0.05  # so that its absence would show
@@ -100,7 +103,7 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
         torques = torque_errors.torque_standard_errors(
             problem, fit.nodes[0], fit.parameters, wrench, influence_of([problem], fit), None
         )
-        return torques, torque_errors.coordinate_standard_errors(problem, moves)
+        return torques.every, torque_errors.coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
     assert torques.shape == (len(time), 29)
