@@ -16,7 +16,7 @@ from gaitcal.calibration.combined import CombinedFit, CombinedSettings, Combined
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
 from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, stay_nominal
+from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
@@ -192,12 +192,14 @@ def _combined_fit(
 def _inertial_spread(
     inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings
 ) -> Array | None:
-    """(84, n) R with covariance R R^T: of the fit, or of people about the table without one; None: unknown."""
+    """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None: unknown."""
     if inertial is None:
         if impossible_bodies(parameters.inertial):
             return None
         inertial = stay_nominal(parameters.inertial, _inertial_set(settings))
-    return inertial_square_root(inertial) if inertial.statistical else None
+    if not inertial.statistical:
+        return None
+    return np.hstack([inertial_square_root(inertial), spread_of_the_rest(parameters.inertial, _inertial_set(settings))])
 
 
 def _phases(

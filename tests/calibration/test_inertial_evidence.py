@@ -11,14 +11,20 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import by_inertial
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
-from gaitcal.calibration.inertial_evidence import STRONG, fit_by_evidence, log_bayes_factor, stay_nominal
+from gaitcal.calibration.inertial_evidence import (
+    STRONG,
+    fit_by_evidence,
+    log_bayes_factor,
+    spread_of_the_rest,
+    stay_nominal,
+)
 from gaitcal.calibration.influence import nominal_influence
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical, symmetric_set, table
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, full_set, is_physical, symmetric_set, table
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -126,6 +132,22 @@ def test_people_scatter_about_nominal_values() -> None:
     assert errors[thigh, 2] == pytest.approx(SETTINGS.centre_spread, rel=ROUNDING)
     assert 0.5 * SETTINGS.mass_spread < errors[thigh, 0] / rows[thigh, 0] < SETTINGS.mass_spread
     assert 0.5 * SETTINGS.moment_spread < errors[thigh, 4] / rows[thigh, 4] < 1.5 * SETTINGS.moment_spread
+
+
+def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
+    """Those of limbs, by as much as others; masses, moments, pelvis and trunk are the fit's."""
+    rest = table(np.sqrt((spread_of_the_rest(TRUE.inertial, WHICH) ** 2).sum(axis=1)))
+    known = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
+    limbs = np.array([name.endswith(("_r", "_l")) for name in MASSIVE_SEGMENTS])
+    np.testing.assert_allclose((rest + known)[limbs, 1:4], SETTINGS.centre_spread, rtol=1e-6)
+    assert not rest[~limbs].any() and not rest[:, 0].any() and not rest[:, 4:].any()
+    assert spread_of_the_rest(TRUE.inertial, full_set()).shape[1] == 0
+
+
+def test_a_foot_s_mass_is_known_less_well() -> None:
+    errors = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
+    foot, mass = MASSIVE_SEGMENTS.index("foot_r"), table(TRUE.inertial)[:, 0]
+    assert errors[foot, 0] / mass[foot] == pytest.approx(SETTINGS.foot_mass_spread, rel=0.05)
 
 
 def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None:
