@@ -66,7 +66,7 @@ def spread_of_the_rest(inertial: Array, which: InertialSet, settings: Consistent
     """
     every = full_set()
     chart = LogChart(inertial, every)
-    free = which.selection.any(axis=1)
+    free = np.abs(which.selection).sum(axis=1) > 0
     kept = [
         k for k, n in enumerate(every.names) if ".com." in n and n.split(".")[0][-2:] in ("_r", "_l") and not free[k]
     ]
