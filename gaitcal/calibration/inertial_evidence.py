@@ -60,16 +60,16 @@ def stay_nominal(seed: Array, which: InertialSet, settings: ConsistentSettings |
 
 
 def spread_of_the_rest(inertial: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> Array:
-    """(84, n) R with covariance R R^T of the mass centres of the limbs that no variable of `which` moves.
+    """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
     They stay nominal, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
     """
     every = full_set()
     chart = LogChart(inertial, every)
     free = np.abs(which.selection).sum(axis=1) > 0
-    kept = [
-        k for k, n in enumerate(every.names) if ".com." in n and n.split(".")[0][-2:] in ("_r", "_l") and not free[k]
-    ]
+    limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
+    scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
+    kept = np.flatnonzero(scatter & ~free)
     spread = chart.spread(settings or ConsistentSettings())
     out: Array = (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
     return out

@@ -8,6 +8,7 @@ for marker coordinates and nominal joint parameters (`influence.py`), and direct
 
     plates       gain, place and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
                  (`dynamics/plate_errors.py`, with the sources of their sizes)
+    inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
                  (a motion that a penalty smooths has a source of its own for that, `trial_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
@@ -85,6 +86,7 @@ def residual_noise(
     chart: LogChart,
     length: float,
     plates: PlateNoise | None = None,
+    unmoved: Array | None = None,
 ) -> ResidualNoise:
     """What noise makes of the pelvis residual over the valid frames of all trials.
 
@@ -93,10 +95,13 @@ def residual_noise(
     parameters : joint parameters of the motions; the inertial ones are where `chart` begins.
     influence : errors of the joint parameters.
     length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
+    unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
     per_ip = (dynamic_jacobian(parameters.inertial), chart.jacobian(np.zeros(chart.size)).reshape(12, 7, -1))
     by_variable = np.einsum("sdk,skn->sdn", *per_ip).reshape(120, -1)
+    kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
+    by_kept = np.einsum("sdk,skn->sdn", per_ip[0], kept.reshape(12, 7, -1)).reshape(120, -1)
     scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
     rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
@@ -108,10 +113,11 @@ def residual_noise(
         repeated = max(plates.memory * (len(time) - 1) / (time[-1] - time[0]), 1.0)
         for at in sources.blocks():
             residual, moved = sources.at(at)
+            moved = np.concatenate([moved, residual.regressor @ by_kept], axis=2)
             rows = scale[:, None] * (residual.regressor @ by_variable)
             """(frames, 6, n) A."""
             pulls = np.einsum("fin,fic->nc", rows, scale[:, None] * moved)
-            for k, name in enumerate(sources.names):
+            for k, name in enumerate((*sources.names, *(f"inertia/{n}" for n in range(by_kept.shape[1])))):
                 scores[name] = scores.get(name, 0.0) + pulls[:, k]
             covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
             total += (moved**2).sum(axis=(0, 2)) + len(at) * rest**2

@@ -156,6 +156,7 @@ def _inertial_fit(
         LogChart(parameters.inertial, which),
         torque_length(subject, scale, width),
         PlateNoise(PlateErrors.of(settings.plate_error)),
+        spread_of_the_rest(parameters.inertial, which),
     )
     fit = fit_by_evidence(equations, parameters.inertial, which, noise)
     return replace(fit, seconds=time.perf_counter() - began)
