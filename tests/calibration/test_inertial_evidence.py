@@ -145,6 +145,23 @@ def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
     assert spread_of_the_rest(TRUE.inertial, full_set()).shape[1] == 0
 
 
+def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
+    """A^T d rho of every column of its spread, squares summed."""
+    trial, unmoved = loaded(0.0), spread_of_the_rest(TRUE.inertial, WHICH)
+    chart = LogChart(TRUE.inertial, WHICH)
+    none = replace(nominal_influence(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    without, with_it = (
+        residual_noise([trial], TRUE, none, SUBJECT, chart, SUBJECT.height, PlateNoise(EXACT, rest=0.0), unmoved=u)
+        for u in (None, unmoved)
+    )
+    by_ip = by_inertial(system(trial, TRUE).factor, TRUE.inertial)
+    scores = (by_ip @ chart.jacobian(np.zeros(chart.size))).T @ by_ip @ unmoved
+    expected = scores @ scores.T
+    difference = with_it.covariance - without.covariance
+    np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert with_it.rms_moment > 1.1 * without.rms_moment
+
+
 def test_a_foot_s_mass_is_known_less_well() -> None:
     errors = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
     foot, mass = MASSIVE_SEGMENTS.index("foot_r"), table(TRUE.inertial)[:, 0]
