@@ -63,7 +63,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     influence = influence_of([problem], fit)
     wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
-    errors = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
+    errors = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves).every
     fitted = _torques(fit.parameters, [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)], wrench)
     true = _torques(truth, [motion.basis.evaluate(motion.nodes, k) for k in range(3)], wrench)
     inner = slice(ENDS, -ENDS, EVERY)

@@ -12,7 +12,8 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
@@ -30,6 +31,11 @@ FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
 """rad."""
 STRIDE = 1.0
+ERROR_SHARES = {
+    Source.MOTION: 0.2, Source.JOINT_MARKERS: 0.1, Source.JOINT_NOMINAL: 0.25, Source.SKIN: 0.05,
+    Source.BANDWIDTH: 0.05, Source.INERTIA: 0.15, Source.PLATES: 0.2,
+}  # fmt: skip
+"""Of the variance of every torque."""
 HOSTILE = (
     '<script>alert("x")</script> & $\\frac{1}{0}$ ${7*7} {{7*7}} '
     "'\"><img src=http://evil.test/x onerror=alert(1)> \u202e\u4e2d\u6587"
@@ -285,5 +291,6 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
         )
 
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
-    spread = TorqueErrors(np.full((FRAMES, 27), 2.0), np.full((FRAMES, 2), 1.0)) if errors else None
+    sizes = np.append(np.full(27, 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
+    spread = TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()}) if errors else None
     return LoadedTrial(reactions, stages, spread)

@@ -31,7 +31,7 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.calibration.residual_noise import ResidualNoise
-from gaitcal.model.inertial_parameters import InertialSet, dynamic_parameters
+from gaitcal.model.inertial_parameters import InertialSet, dynamic_parameters, full_set
 
 STRONG = float(np.log(20.0))
 """ln K from which the inertial parameters move: odds of 20 to 1."""
@@ -57,6 +57,22 @@ def stay_nominal(seed: Array, which: InertialSet, settings: ConsistentSettings |
         message="inertial parameters stay nominal",
         moved=False,
     )
+
+
+def spread_of_the_rest(inertial: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> Array:
+    """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
+
+    They stay nominal, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
+    """
+    every = full_set()
+    chart = LogChart(inertial, every)
+    free = np.abs(which.selection).sum(axis=1) > 0
+    limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
+    scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
+    kept = np.flatnonzero(scatter & ~free)
+    spread = chart.spread(settings or ConsistentSettings())
+    out: Array = (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
+    return out
 
 
 def fit_by_evidence(

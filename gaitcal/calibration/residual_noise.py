@@ -6,7 +6,9 @@ With rho the pelvis residual [F; T] of the valid frames, in units of a scale, ev
 
 for marker coordinates and nominal joint parameters (`influence.py`), and directly for
 
-    plates       gain g:  d rho = -g w_foot;  a place off by d:  d T = -d x F_foot   (the plate under each foot)
+    plates       gain, place and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
+                 (`dynamics/plate_errors.py`, with the sources of their sizes)
+    inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
                  (a motion that a penalty smooths has a source of its own for that, `trial_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
@@ -14,9 +16,6 @@ for marker coordinates and nominal joint parameters (`influence.py`), and direct
 A fit of inertial variables x hears of the residual through the scores A^T rho alone, A = d rho/d x at the nominal
 model: their covariance is sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other, s_c = A^T d rho_c.
 Sources that several trials share are summed before they are squared.
-
-Plates: four commercial ones placed the centre of pressure 2.3, 2.6, 11.8 and 14.0 mm off, and after linear calibration
-force components by 3.0 to 5.0 N (Cappello et al., Gait & Posture 33:724, 2011).
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.plate_errors import DEFAULT, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
@@ -46,12 +46,9 @@ COARSER = np.sqrt(2.0)
 
 @dataclass(frozen=True)
 class PlateNoise:
-    """Standard deviations of what force plates say."""
+    """How far force plates are to be believed where residuals are weighed."""
 
-    place: float = 0.005
-    """m, of a plate's origin along each axis."""
-    gain: float = 0.01
-    """Of a plate's gain."""
+    errors: PlateErrors = DEFAULT
     rest: float = 0.005
     """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
     memory: float = 0.1
@@ -89,6 +86,7 @@ def residual_noise(
     chart: LogChart,
     length: float,
     plates: PlateNoise | None = None,
+    unmoved: Array | None = None,
 ) -> ResidualNoise:
     """What noise makes of the pelvis residual over the valid frames of all trials.
 
@@ -97,10 +95,13 @@ def residual_noise(
     parameters : joint parameters of the motions; the inertial ones are where `chart` begins.
     influence : errors of the joint parameters.
     length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
+    unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
     per_ip = (dynamic_jacobian(parameters.inertial), chart.jacobian(np.zeros(chart.size)).reshape(12, 7, -1))
     by_variable = np.einsum("sdk,skn->sdn", *per_ip).reshape(120, -1)
+    kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
+    by_kept = np.einsum("sdk,skn->sdn", per_ip[0], kept.reshape(12, 7, -1)).reshape(120, -1)
     scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
     rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
@@ -112,10 +113,11 @@ def residual_noise(
         repeated = max(plates.memory * (len(time) - 1) / (time[-1] - time[0]), 1.0)
         for at in sources.blocks():
             residual, moved = sources.at(at)
+            moved = np.concatenate([moved, residual.regressor @ by_kept], axis=2)
             rows = scale[:, None] * (residual.regressor @ by_variable)
             """(frames, 6, n) A."""
             pulls = np.einsum("fin,fic->nc", rows, scale[:, None] * moved)
-            for k, name in enumerate(sources.names):
+            for k, name in enumerate((*sources.names, *(f"inertia/{n}" for n in range(by_kept.shape[1])))):
                 scores[name] = scores.get(name, 0.0) + pulls[:, k]
             covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
             total += (moved**2).sum(axis=(0, 2)) + len(at) * rest**2
@@ -142,7 +144,8 @@ class _TrialSources:
         self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
         self.known = np.array([place[name] for name in influence.clusters], dtype=np.intp)
         feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
-        self.markers, self.names = len(markers), (*markers, *feet)
+        self.markers, self.names = len(markers), (*markers, *feet, "plate/clock")
+        self.rates = wrench_rates(trial.problem.basis.time, trial.reactions.wrench)
         self.coarse = None if trial.problem.penalty else _coarser(trial.problem.basis, trial.nodes)
         if self.coarse:
             self.names += ("bandwidth",)
@@ -163,7 +166,7 @@ class _TrialSources:
         by_unknown[:, :, : residual.by_parameter.shape[2]] += residual.by_parameter
         out[:, :, self.known] = by_unknown @ self.shift
         out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
-        plate_moves = _plate_moves(q, wrench, self.plates)
+        plate_moves = _plate_moves(q, wrench_errors(wrench, self.rates[frames], self.plates.errors))
         out[:, :, self.markers : self.markers + plate_moves.shape[2]] = plate_moves
         if self.coarse:
             coarse, nodes = self.coarse
@@ -183,17 +186,10 @@ def _through(residual: RootResidual, basis: SplineBasis, frames: IntArray, colum
     return out
 
 
-def _plate_moves(q: Array, wrench: Array, plates: PlateNoise) -> Array:
-    """(frames, 6, 8) gain and place of the plate under either foot."""
-    columns = []
-    for foot in range(len(FEET)):
-        force = wrench[:, foot, :3]
-        moment = wrench[:, foot, 3:] - np.cross(q[:, :3], force)
-        columns.append(-plates.gain * np.hstack([force, moment]))
-        for axis in np.eye(3):
-            turned = np.cross(plates.place * axis, force)
-            columns.append(-np.hstack([np.zeros_like(force), turned]))
-    return np.stack(columns, axis=2)
+def _plate_moves(q: Array, errors: Array) -> Array:
+    """(frames, 6, k) change of the residual by errors of the foot wrenches (frames, 2, 6, k)."""
+    force, moment = -errors[:, :, :3].sum(axis=1), -errors[:, :, 3:].sum(axis=1)
+    return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
 
 def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:

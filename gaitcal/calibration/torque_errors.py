@@ -1,20 +1,19 @@
-"""Standard errors of torques, frame by frame.
+"""Standard errors of torques, frame by frame and source by source.
 
-Every marker coordinate c moves the joint parameters by d p_c and the motion by d N_c (`calibration/influence.py`), and
-with them the generalised forces by
+Every source of error c, a marker coordinate or one of those of the joint parameters (`calibration/influence.py`), moves
+the joint parameters by d p_c and the motion by d N_c = n_c - S d p_c, with n_c what a coordinate of the trial's own
+markers does to its nodes while joints are known, and S = -d N/d p. The generalised forces follow by
 
-    d tau_c = (d tau/d q) B d N_c + (d tau/d v) B' d N_c + (d tau/d a) B'' d N_c + (d tau/d p) d p_c.
+    d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
-Squares sum over marker coordinates; the inertial parameters add the diagonal of (d tau/d IP) cov (d tau/d IP)^T.
-
-What every marker coordinate moves: joint parameters by d p_c, and the motion of one trial by d N_c.
-
-From `calibration/influence.py`. The coordinates themselves then move by B d N_c, frame by frame; squares sum over
-marker coordinates to the variance that skin movement leaves in them.
+Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
+(d tau/d IP) cov (d tau/d IP)^T, force plates the squares of `dynamics/plate_errors.py`. The coordinates of the motion
+move by B d N_c, and their squares sum to the variance that skin movement leaves in them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +21,15 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, trial_scores
-from gaitcal.dynamics.derivatives import ForceDerivatives, force_derivatives
+from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.model.inertial_parameters import dynamic_jacobian
+from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import ORDER, basis_matrix
+from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 
 
@@ -39,43 +41,43 @@ def torque_standard_errors(
     joint: Influence | None,
     inertial: Array | None,
     moves: MarkerMoves | None = None,
-) -> Array:
-    """(nf, 29) standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial.
+    plates: PlateErrors | None = None,
+) -> TorqueErrors:
+    """Standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial, by source.
 
     Parameters
     ----------
     problem, nodes : the whole-body trial and its motion.
-    wrenches : (nf, 2, 6) ground reactions on the feet, taken as exact.
+    wrenches : (nf, 2, 6) ground reactions on the feet.
     joint : influence on the joint parameters; None where they were not calibrated.
     inertial : (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
     moves : what the markers move, where it is known already.
+    plates : how far the ground reactions are to be believed; exact unless given.
     """
     basis = problem.basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
     free = joint.free if joint else ()
     moves = moves or marker_moves(problem, nodes, parameters, joint)
-    variance = np.empty((len(q), len(COORDINATES) + len(REACTIONS)))
+    dynamics, rates = Dynamics(parameters), wrench_rates(basis.time, wrenches)
+    by_source = {source: np.zeros((len(q), len(COORDINATES) + len(REACTIONS))) for source in moves.present}
+    if inertial is not None:
+        by_source[Source.INERTIA] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
+    if plates is not None and plates.any:
+        by_source[Source.PLATES] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
     for start in range(0, len(q), BLOCK):
         part = slice(start, min(start + BLOCK, len(q)))
         slopes = force_derivatives(parameters, free, q[part], v[part], a[part], wrenches[part])
-        variance[part] = (_marker_part(problem, part, moves, slopes) ** 2).sum(axis=2)
+        by_state = (slopes.by_position, slopes.by_velocity, slopes.by_acceleration)
+        own, by_unknown = moves.through(basis, part, by_state)
+        by_unknown[:, :, : len(slopes.free)] += slopes.by_parameter
+        for source, variance in moves.variances(own, by_unknown).items():
+            by_source[source][part] = variance
         if inertial is not None:
-            variance[part] += _inertial_variance(parameters, inertial, q[part], v[part], a[part])
-    out: Array = np.sqrt(variance)
-    return out
-
-
-def _marker_part(problem: TrialProblem, part: slice, moves: MarkerMoves, slopes: ForceDerivatives) -> Array:
-    """(frames of the part, 29, nc) d tau_c."""
-    basis, nq = problem.basis, len(problem.chain.coordinates)
-    # only the nodes whose splines reach these frames: (their nodes, nq, nc)
-    near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-    by_node = moves.change(slice(near.start * nq, near.stop * nq)).reshape(near.stop - near.start, -1)
-    out: Array = slopes.by_parameter @ moves.shift[: len(slopes.free)]
-    for k, slope in enumerate((slopes.by_position, slopes.by_velocity, slopes.by_acceleration)):
-        weights = basis_matrix(basis, k)[part, near]
-        out += slope @ (weights @ by_node).reshape(part.stop - part.start, nq, -1)
-    return out
+            by_source[Source.INERTIA][part] = _inertial_variance(parameters, inertial, q[part], v[part], a[part])
+        if Source.PLATES in by_source and plates is not None:
+            wrong = dynamics.of_ground(q[part], wrench_errors(wrenches[part], rates[part], plates))
+            by_source[Source.PLATES][part] = (wrong**2).sum(axis=2)
+    return TorqueErrors.of(by_source)
 
 
 def _inertial_variance(parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
@@ -101,15 +103,22 @@ BLOCK = 500
 
 @dataclass(frozen=True)
 class MarkerMoves:
-    """What every marker coordinate moves; this trial's own come first, then those of other trials."""
+    """What every source of error moves: this trial's own marker coordinates come first, then all others."""
 
     shift: Array
-    """(np, nc) d p_c of the free joint parameters, then of the skin; all other sources of error are np columns with the
-    same covariance."""
+    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source that is not the trial's
+    own are np or fewer with the same covariance."""
     nodes: Array
-    """(nn * nq, own) of d N_c: what the own coordinates do by themselves."""
+    """(nn * nq, own) n_c: what the own coordinates do by themselves."""
     sensitivity: Array
     """(nn * nq, np) - d N / d p."""
+    sources: tuple[Source, ...]
+    """(nc,)."""
+
+    @property
+    def present(self) -> tuple[Source, ...]:
+        """Every source once."""
+        return tuple(dict.fromkeys(self.sources))
 
     def change(self, rows: slice) -> Array:
         """(rows, nc) d N_c of some rows of the nodes."""
@@ -117,31 +126,78 @@ class MarkerMoves:
         out[:, : self.nodes.shape[1]] += self.nodes[rows]
         return np.asarray(out, dtype=np.float64)
 
+    def through(self, basis: SplineBasis, part: slice, slopes: tuple[Array, ...]) -> tuple[Array, Array]:
+        """(frames, m, own) T n_c and (frames, m, np) - T S, for slopes (frames, m, nq) by q, v, a in some frames."""
+        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
+        columns = np.hstack([self.nodes, -self.sensitivity])
+        nq = slopes[0].shape[2]
+        by_node = columns[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
+        frames, out = part.stop - part.start, np.zeros((*slopes[0].shape[:2], columns.shape[1]))
+        for k, slope in enumerate(slopes):
+            # only the nodes whose splines reach these frames
+            out += slope @ (basis_matrix(basis, k)[part, near] @ by_node).reshape(frames, nq, -1)
+        count = self.nodes.shape[1]
+        return out[:, :, :count], out[:, :, count:]
+
+    def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
+        """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
+        count, out = own.shape[2], {}
+        names = np.array([source.key for source in self.sources])
+        for source in self.present:
+            columns = np.flatnonzero(names == source.key)
+            change = by_unknown @ self.shift[:, columns]
+            mine = columns[columns < count]
+            change[:, :, : len(mine)] += own[:, :, mine]
+            out[source] = (change**2).sum(axis=2)
+        return out
+
+
+def source_of(name: str) -> Source:
+    """The source that a column of an `Influence` belongs to, by its name."""
+    first, _, rest = name.partition("/")
+    if first == "nominal" and rest in JP_INDEX:
+        return Source.JOINT_NOMINAL
+    if first == "skin" and (rest == "found" or rest.split("/")[0] in COORDINATES):
+        return Source.SKIN
+    return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
+
 
 def marker_moves(problem: TrialProblem, nodes: Array, parameters: Parameters, joint: Influence | None) -> MarkerMoves:
     """Moves of one whole-body trial; `joint` is None where no joint parameters were calibrated."""
     opened = problem.with_free(joint.free if joint else ())
     scores = trial_scores(opened, parameters, nodes)
     shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
+    sources = [Source.BANDWIDTH if source_of(c) is Source.BANDWIDTH else Source.MOTION for c in scores.clusters]
     if joint is not None:
         errors = joint.parameters[[joint.free.index(name) for name in opened.unknowns]]
         place = {name: k for k, name in enumerate(scores.clusters)}
         own = np.array([name in place for name in joint.clusters], dtype=bool)
         shift[:, [place[name] for name in joint.clusters if name in place]] = errors[:, own]
-        others = np.asarray(np.linalg.qr(errors[:, ~own].T, mode="r"))
-        shift = np.hstack([shift, others.T])
-    return MarkerMoves(shift, -scores.nodes, scores.sensitivity)
+        for source, columns in _by_source(joint, errors, own).items():
+            compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
+            shift = np.hstack([shift, compressed])
+            sources += [source] * compressed.shape[1]
+    return MarkerMoves(shift, -scores.nodes, scores.sensitivity, tuple(sources))
+
+
+def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, Array]:
+    """Source -> (np, k) columns that are not the trial's own and move something."""
+    out: dict[Source, Array] = {}
+    named = [source_of(name) for name in joint.clusters]
+    for source in dict.fromkeys(named):
+        chosen = [k for k, name in enumerate(named) if name is source and not own[k] and errors[:, k].any()]
+        if chosen:
+            out[source] = errors[:, chosen]
+    return out
 
 
 def coordinate_standard_errors(problem: TrialProblem, moves: MarkerMoves) -> Array:
     """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial."""
     basis, nq = problem.basis, len(problem.chain.coordinates)
     out = np.empty((len(basis.time), nq))
-    weights = basis_matrix(basis, 0)
     for start in range(0, len(out), BLOCK):
         part = slice(start, min(start + BLOCK, len(out)))
-        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-        by_node = moves.change(slice(near.start * nq, near.stop * nq)).reshape(near.stop - near.start, -1)
-        change = (weights[part, near] @ by_node).reshape(part.stop - part.start, nq, -1)
-        out[part] = np.sqrt((change**2).sum(axis=2))
+        still = np.broadcast_to(np.eye(nq), (part.stop - part.start, nq, nq))
+        variances = moves.variances(*moves.through(basis, part, (still,)))
+        out[part] = np.sqrt(sum(variances.values()))
     return out

@@ -78,16 +78,6 @@ class Moments:
         return float(force), float(moment)
 
 
-@dataclass(frozen=True)
-class TorqueErrors:
-    """Standard errors of the final generalised forces, from markers through joint parameters and motion, and IPs."""
-
-    tau: Array
-    """(nf, 27) N·m, N."""
-    knee_adduction: Array
-    """(nf, 2) N·m."""
-
-
 class Dynamics:
     """The linkage of one set of parameters, ready for inverse dynamics of any number of frames."""
 
@@ -103,13 +93,19 @@ class Dynamics:
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
-        q, v, a = (with_reactions(self.linkage, values) for values in (q, v, a))
-        tau = unloaded_forces(self.linkage, self._data, q, v, a)
+        state = (with_reactions(self.linkage, values) for values in (q, v, a))
+        tau = unloaded_forces(self.linkage, self._data, *state)
+        return tau[:, self._rows] + self.of_ground(q, wrenches[..., None])[..., 0]
+
+    def of_ground(self, q: Array, wrenches: Array) -> Array:
+        """(nf, 29, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
+        q = with_reactions(self.linkage, q)
         columns = jacobian(self._chain, self._constants, forward(self._chain, self._constants, q))
-        for k, foot in enumerate(FEET):
-            moved = np.flatnonzero(self._chain.support[:, self._chain.segments.index(foot)])
-            tau[:, moved] -= np.einsum("kif,fi->fk", columns[moved], wrenches[:, k])
-        return tau[:, self._rows]
+        out = np.zeros((*q.shape, wrenches.shape[3]))
+        for foot, name in enumerate(FEET):
+            moved = np.flatnonzero(self._chain.support[:, self._chain.segments.index(name)])
+            out[:, moved] -= columns[moved].transpose(2, 0, 1) @ wrenches[:, foot]
+        return out[:, self._rows]
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, 29, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""

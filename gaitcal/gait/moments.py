@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import Moments, TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS

@@ -22,10 +22,11 @@ from gaitcal.figures.style import Key
 from gaitcal.files.package_data import package_version
 from gaitcal.gait.words import coordinate_title, explained
 from gaitcal.page.answers import answers
+from gaitcal.page.error_sources import COLOURS, ErrorSources, error_sources
 from gaitcal.page.svg import SvgPage
 from gaitcal.page.trials import phase_words, trial_facts, trial_fits
 from gaitcal.person.parameter_words import blind_spots, counts_sentence, fixed_joints, inertial_groups, joint_groups
-from gaitcal.person.result import Calibration
+from gaitcal.person.result import Calibration, TrialResult
 
 MISSING = "–"
 LONGEST_NAME = 40
@@ -66,6 +67,9 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         wide = any(p.size.width > 3.0 for p in chart.panels)
         return ShownChart(chart, panels, tuple((swatch(key), key.label) for key in chart.keys), wide)
 
+    def sources(trial: TrialResult) -> ErrorSources | None:
+        return error_sources(trial, calibration.model.subject.mass)
+
     made = dict(manifest) if manifest is not None else default_manifest(calibration)
     template = environment().get_template("report.html")
     return template.render(
@@ -83,6 +87,8 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         fixed=fixed_joints(calibration),
         counts=counts_sentence(calibration),
         manifest=flat(made),
+        error_sources=sources,
+        source_colours=COLOURS,
         show=show,
         sprite=svg.sprite,
         phase_words=phase_words,

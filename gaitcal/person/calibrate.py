@@ -16,12 +16,13 @@ from gaitcal.calibration.combined import CombinedFit, CombinedSettings, Combined
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
 from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, stay_nominal
+from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.residual_noise import LoadedProblem, residual_noise
+from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -94,6 +95,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
             fitted_with=parameters_for(joint, t.name, parameters),
             reactions=reactions.get(t.name),
             uncertainty=uncertainty,
+            plates=PlateErrors.of(settings.plate_error),
             bwh=nominal.subject.bwh,
             held_out=fitted.held_out.get(t.name),
         )
@@ -153,6 +155,8 @@ def _inertial_fit(
         subject,
         LogChart(parameters.inertial, which),
         torque_length(subject, scale, width),
+        PlateNoise(PlateErrors.of(settings.plate_error)),
+        spread_of_the_rest(parameters.inertial, which),
     )
     fit = fit_by_evidence(equations, parameters.inertial, which, noise)
     return replace(fit, seconds=time.perf_counter() - began)
@@ -189,12 +193,14 @@ def _combined_fit(
 def _inertial_spread(
     inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings
 ) -> Array | None:
-    """(84, n) R with covariance R R^T: of the fit, or of people about the table without one; None: unknown."""
+    """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None: unknown."""
     if inertial is None:
         if impossible_bodies(parameters.inertial):
             return None
         inertial = stay_nominal(parameters.inertial, _inertial_set(settings))
-    return inertial_square_root(inertial) if inertial.statistical else None
+    if not inertial.statistical:
+        return None
+    return np.hstack([inertial_square_root(inertial), spread_of_the_rest(parameters.inertial, _inertial_set(settings))])
 
 
 def _phases(

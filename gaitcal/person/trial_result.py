@@ -14,9 +14,10 @@ from gaitcal.calibration.torque_errors import (
     torque_standard_errors,
 )
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import TorqueErrors, moments_of
+from gaitcal.dynamics.inverse_dynamics import moments_of
+from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.model.inertial_parameters import impossible_bodies
-from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
@@ -37,6 +38,7 @@ def trial_result(
     fitted_with: Parameters,
     reactions: GroundReactions | None,
     uncertainty: Uncertainty,
+    plates: PlateErrors,
     bwh: float,
     held_out: HeldOut | None = None,
 ) -> TrialResult:
@@ -49,6 +51,7 @@ def trial_result(
     fitted_with : the parameters at the end of an isolated trial's own phase.
     reactions : None without force plates.
     uncertainty : of the last model.
+    plates : how far the ground reactions are to be believed.
     bwh : body weight times height, N·m.
     """
     final, _ = stages[max(stages, key=list(Stage).index)]
@@ -60,7 +63,8 @@ def trial_result(
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}
-        loads = LoadedTrial(reactions, moments, _torque_errors(trial.body, body, final, reactions, uncertainty, moves))
+        errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, moves)
+        loads = LoadedTrial(reactions, moments, errors)
     return TrialResult(
         name=trial.name,
         role=trial.role,
@@ -85,15 +89,15 @@ def _torque_errors(
     parameters: Parameters,
     reactions: GroundReactions,
     uncertainty: Uncertainty,
+    plates: PlateErrors,
     moves: MarkerMoves | None,
 ) -> TorqueErrors | None:
     """Standard errors of the final moments; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
         return None
-    errors = torque_standard_errors(
-        problem, motion.nodes, parameters, reactions.wrench, uncertainty.joint, uncertainty.inertial, moves
+    return torque_standard_errors(
+        problem, motion.nodes, parameters, reactions.wrench, uncertainty.joint, uncertainty.inertial, moves, plates
     )
-    return TorqueErrors(errors[:, : len(COORDINATES)], errors[:, len(COORDINATES) :])
 
 
 def analyse(
@@ -105,7 +109,7 @@ def analyse(
     ----------
     model : calibrated, as `gaitcal.load_model` returns it.
     trial : markers named as in the model; with force plates if torques are wanted.
-    settings : of the calibration (splines and force filter).
+    settings : of the calibration (splines, force filter and errors of force plates).
     uncertainty : of the calibration, for standard errors.
     """
     prepared = prepare_trial(trial, model, settings)
@@ -121,5 +125,6 @@ def analyse(
         fitted_with=model.parameters,
         reactions=reactions,
         uncertainty=uncertainty,
+        plates=PlateErrors.of(settings.plate_error),
         bwh=model.subject.bwh,
     )

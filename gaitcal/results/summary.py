@@ -6,12 +6,15 @@ from typing import TypeAlias
 
 import numpy as np
 
+from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 NO_FLOOR = 1e-6
 """mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
+
+SHARE_DIGITS = 4
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
@@ -77,6 +80,8 @@ def trial_summary(trial: TrialResult) -> dict[str, Json]:
         if trial.loads.reactions.valid.any():
             out["torque_change_bwh"] = _torque_change(trial.loads)
             out["pelvis_residual"] = _pelvis_residual(trial.loads)
+            if sources := _error_sources(trial.loads):
+                out["torque_error_sources"] = sources
     return out
 
 
@@ -102,6 +107,16 @@ def _torque_change(loads: LoadedTrial) -> dict[str, Json]:
         if not name.startswith("pelvis"):
             change = 100.0 * (moment_of(loads.final, name) - moment_of(loads.nominal, name)) / loads.final.bwh
             out[name] = float(np.sqrt((change[loads.reactions.valid] ** 2).mean()))
+    return out
+
+
+def _error_sources(loads: LoadedTrial) -> dict[str, Json]:
+    """Part of the variance of each torque that each source of error makes, over valid frames; they sum to 1."""
+    out: dict[str, Json] = {}
+    for column, name in enumerate(FORCES):
+        shares = loads.errors.shares(column, loads.reactions.valid) if loads.errors else {}
+        if shares and not name.startswith("pelvis"):
+            out[name] = {source.key: round(share, SHARE_DIGITS) for source, share in shares.items()}
     return out
 
 

@@ -41,6 +41,18 @@ class Protocol(Enum):
     PUBLISHED = "published"
 
 
+class PlateErrorTable(Table):
+    """`plate_error` in `[calibration]`: standard deviations of what force plates say; sources in
+    `dynamics/plate_errors.py`.
+    """
+
+    place_mm: float = Field(
+        default=5.0, ge=0, le=1000, description="place of a plate, and of its centres of pressure, along each axis"
+    )
+    gain_percent: float = Field(default=1.0, ge=0, le=100, description="gain of a plate")
+    clock_ms: float = Field(default=2.0, ge=0, le=1000, description="clock of the plates against that of the cameras")
+
+
 class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
@@ -125,6 +137,12 @@ class CalibrationSettings(Table):
         description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or less are not filtered at "
         "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of 1.5 N·m wrong without "
         "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
+    )
+
+    plate_error: PlateErrorTable = Field(
+        default=PlateErrorTable(),
+        description="standard deviations of place (mm, along each axis), gain (%) and clock (ms) of force plates: part "
+        "of the error bars of torques, and of what inertial parameters are weighed against; 0 switches a part off",
     )
 
     @field_validator("nodes_per_second", "nodes")

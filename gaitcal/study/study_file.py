@@ -193,7 +193,7 @@ class StudyFile(Table):
         def content(table: Table) -> dict[str, object]:
             values = {key: getattr(table, key) for key in type(table).model_fields}
             written = table.model_dump(exclude_defaults=True)
-            return {k: _relative(v, folder) if isinstance(v, Path) else v for k, v in values.items() if k in written}
+            return {key: _plain(value, folder) for key, value in values.items() if key in written}
 
         markers = content(self.markers)
         if self.markers.set_path:
@@ -203,6 +203,13 @@ class StudyFile(Table):
         if settings := content(self.calibration):
             tables.append(toml_table("[calibration]", settings))
         return "\n".join(tables)
+
+
+def _plain(value: object, folder: Path | None) -> object:
+    """A value as TOML can hold it: paths from `folder`, tables within a table as mappings."""
+    if isinstance(value, Table):
+        return value.model_dump()
+    return _relative(value, folder) if isinstance(value, Path) else value
 
 
 def _relative(path: Path, folder: Path | None) -> Path:

@@ -25,7 +25,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.recording.force_plate import point_and_torque
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion, static_motion
@@ -38,6 +38,10 @@ ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
 PLATE_X, PLATE_Z = (-0.7, 1.9), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
+
+
+EXACT_PLATES = PlateErrorTable(place_mm=0.0, gain_percent=0.0, clock_ms=0.0)
+"""Synthetic ground reactions are those that the motion asks for."""
 
 
 def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
@@ -162,5 +166,5 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(nodes=NODES, force_filter_hz="none"),
+        calibration=CalibrationSettings(nodes=NODES, force_filter_hz="none", plate_error=EXACT_PLATES),
     )

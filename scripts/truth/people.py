@@ -122,6 +122,10 @@ def _static_point(study: Study, known: Recording, track: Array) -> Array:
     return np.asarray(back.mean(axis=0))
 
 
+EXACT_PLATES = {"place_mm": 0.0, "gain_percent": 0.0, "clock_ms": 0.0}
+"""Ground reactions of people that another program made, or we."""
+
+
 def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
-    """The study with gaitcal's default settings, but for these."""
-    return replace(study, settings=type(study.settings).model_validate(dict(changes)))
+    """The study with gaitcal's default settings, but for these and for force plates, which are exact here."""
+    return replace(study, settings=type(study.settings).model_validate({"plate_error": EXACT_PLATES} | dict(changes)))

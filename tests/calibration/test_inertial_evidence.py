@@ -11,13 +11,20 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import by_inertial
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
-from gaitcal.calibration.inertial_evidence import STRONG, fit_by_evidence, log_bayes_factor, stay_nominal
+from gaitcal.calibration.inertial_evidence import (
+    STRONG,
+    fit_by_evidence,
+    log_bayes_factor,
+    spread_of_the_rest,
+    stay_nominal,
+)
 from gaitcal.calibration.influence import nominal_influence
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical, symmetric_set, table
+from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, full_set, is_physical, symmetric_set, table
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -33,6 +40,7 @@ SUBJECT, TRUE = MODEL.subject, MODEL.parameters
 SETTINGS = ConsistentSettings()
 WHICH = symmetric_set()
 ROUNDING = 1e-9
+EXACT = PlateErrors(place=0.0, gain=0.0, clock=0.0)
 
 
 def problem_of(noise: float, seed: int = 0) -> TrialProblem:
@@ -126,10 +134,44 @@ def test_people_scatter_about_nominal_values() -> None:
     assert 0.5 * SETTINGS.moment_spread < errors[thigh, 4] / rows[thigh, 4] < 1.5 * SETTINGS.moment_spread
 
 
+def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
+    """By as much as others; masses and moments are the fit's, pelvis and trunk symmetric."""
+    rest = table(np.sqrt((spread_of_the_rest(TRUE.inertial, WHICH) ** 2).sum(axis=1)))
+    known = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
+    limbs = np.array([name.endswith(("_r", "_l")) for name in MASSIVE_SEGMENTS])
+    np.testing.assert_allclose((rest + known)[limbs, 1:4], SETTINGS.centre_spread, rtol=1e-6)
+    np.testing.assert_allclose((rest + known)[~limbs, 1:3], SETTINGS.centre_spread, rtol=1e-6)
+    assert not rest[~limbs, 3].any() and not rest[:, 0].any() and not rest[:, 4:].any()
+    assert spread_of_the_rest(TRUE.inertial, full_set()).shape[1] == 0
+
+
+def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
+    """A^T d rho of every column of its spread, squares summed."""
+    trial, unmoved = loaded(0.0), spread_of_the_rest(TRUE.inertial, WHICH)
+    chart = LogChart(TRUE.inertial, WHICH)
+    none = replace(nominal_influence(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    without, with_it = (
+        residual_noise([trial], TRUE, none, SUBJECT, chart, SUBJECT.height, PlateNoise(EXACT, rest=0.0), unmoved=u)
+        for u in (None, unmoved)
+    )
+    by_ip = by_inertial(system(trial, TRUE).factor, TRUE.inertial)
+    scores = (by_ip @ chart.jacobian(np.zeros(chart.size))).T @ by_ip @ unmoved
+    expected = scores @ scores.T
+    difference = with_it.covariance - without.covariance
+    np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert with_it.rms_moment > 1.1 * without.rms_moment
+
+
+def test_a_foot_s_mass_is_known_less_well() -> None:
+    errors = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
+    foot, mass = MASSIVE_SEGMENTS.index("foot_r"), table(TRUE.inertial)[:, 0]
+    assert errors[foot, 0] / mass[foot] == pytest.approx(SETTINGS.foot_mass_spread, rel=0.05)
+
+
 def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None:
     """Gain and place alone, against the residual of wrenches so changed."""
     trial = loaded(0.0)
-    plates = PlateNoise(place=0.004, gain=0.0, rest=0.0)
+    plates = PlateNoise(PlateErrors(place=0.004, gain=0.0, clock=0.0), rest=0.0)
     basis, valid = trial.problem.basis, trial.reactions.valid
     q, v, a = (basis.evaluate(trial.nodes, k)[valid] for k in range(3))
     dynamics, wrench = Dynamics(TRUE), trial.reactions.wrench[valid]
@@ -144,14 +186,14 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
     for foot in range(2):
         for axis in np.eye(3):
             force = wrench[:, foot, :3]
-            turned = wrench[:, foot, 3:] + np.cross(plates.place * axis, force)
+            turned = wrench[:, foot, 3:] + np.cross(plates.errors.place * axis, force)
             total += (change(foot, np.hstack([force, turned])) ** 2).sum(axis=0)
-    without = noise_of(trial, TRUE, replace(plates, place=0.0))
+    without = noise_of(trial, TRUE, PlateNoise(EXACT, rest=0.0))
     with_place = noise_of(trial, TRUE, plates)
     expected = float(np.sqrt(total[3:].sum() / (3 * valid.sum())))
     found = float(np.sqrt(with_place.rms_moment**2 - without.rms_moment**2))
     assert found == pytest.approx(expected, rel=1e-6)
-    gains = noise_of(trial, TRUE, PlateNoise(place=0.0, gain=0.02, rest=0.0))
+    gains = noise_of(trial, TRUE, PlateNoise(PlateErrors(place=0.0, gain=0.02, clock=0.0), rest=0.0))
     total = np.zeros(6)
     for foot in range(2):
         total += (change(foot, 1.02 * wrench[:, foot]) ** 2).sum(axis=0)
@@ -174,7 +216,7 @@ def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
 
 def test_half_an_octave_of_the_motion_is_a_source() -> None:
     """A walk without noise and plates without error: what is left is what longer knot spans lose."""
-    trial, none = loaded(0.0), PlateNoise(place=0.0, gain=0.0, rest=0.0)
+    trial, none = loaded(0.0), PlateNoise(EXACT, rest=0.0)
     basis, valid = trial.problem.basis, trial.reactions.valid
     spans = round((basis.nodes - 5) / np.sqrt(2.0))
     longer = spline_basis(basis.time, spans + 5)
@@ -204,7 +246,7 @@ def test_expected_residuals_are_those_of_noise_repeated() -> None:
         q, v, a = (basis.evaluate(nodes, k)[valid] for k in range(3))
         residual = pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, down.wrench[valid]))
         seen.append((residual**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
-        noise = noise_of(trial, TRUE, PlateNoise(place=0.0, gain=0.0, rest=0.0))
+        noise = noise_of(trial, TRUE, PlateNoise(EXACT, rest=0.0))
         expected.append((noise.rms_force**2, noise.rms_moment**2))
     ratio = np.sqrt(np.mean(expected, axis=0) / np.mean(seen, axis=0))
     assert (ratio > 0.67).all() and (ratio < 1.5).all(), ratio

@@ -4,14 +4,24 @@ nothing. Their size is in `test_coverage`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 from gaitcal.calibration import torque_errors
-from gaitcal.calibration.influence import Influence, influence_of
+from gaitcal.calibration.influence import Influence, influence_of, nominal_influence
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.torque_errors import MarkerMoves, coordinate_standard_errors, torque_standard_errors
+from gaitcal.calibration.torque_errors import (
+    MarkerMoves,
+    coordinate_standard_errors,
+    marker_moves,
+    source_of,
+    torque_standard_errors,
+)
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.torque_sources import Source
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -59,6 +69,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
         shift=rng.normal(0, 0.005, (len(free), own + others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
+        sources=(Source.MOTION,) * own + (Source.JOINT_MARKERS, Source.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
     influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(own + others)))
@@ -71,14 +82,98 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     errors += [(still, np.zeros(len(FREE)), column) for column in spread.T]
     changes = np.array([moved_torques(problem, nodes, parameters, wrench, error) for error in errors])
     dense = np.sqrt((changes**2).sum(axis=0))
-    found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
+    errors_found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
+    found = errors_found.every
     np.testing.assert_allclose(found, dense, rtol=0, atol=DIFFERENCES * dense.max())
+    groups = {
+        Source.MOTION: slice(0, own),
+        Source.JOINT_MARKERS: slice(own, own + 1),
+        Source.SKIN: slice(own + 1, own + others),
+        Source.INERTIA: slice(own + others, None),
+    }
+    assert set(errors_found.by_source) == set(groups)
+    for source, columns in groups.items():
+        expected = (changes[columns] ** 2).sum(axis=0)
+        tolerance = DIFFERENCES * dense.max() ** 2
+        np.testing.assert_allclose(errors_found.by_source[source], expected, rtol=0, atol=tolerance, err_msg=source.key)
     of_inertia = np.sqrt((changes[own + others :] ** 2).sum(axis=0))
     assert np.median(of_inertia / dense) > 0.05  # so that its absence would show
 
     by_node = np.array([problem.basis.evaluate(by_nodes) for by_nodes, _, _ in errors[: own + others]])
     coordinates = np.sqrt((by_node**2).sum(axis=0))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
+
+
+def test_force_plates_add_their_own_part_and_change_no_other() -> None:
+    rng = np.random.default_rng(52)
+    parameters = perturbed_parameters(rng)
+    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    wrench = rng.normal(0, 300, (14, 2, 6))
+    known = nominal_influence(FREE)
+    exact, moved = (
+        torque_standard_errors(problem, nodes, parameters, wrench, known, None, plates=plates)
+        for plates in (None, PlateErrors(place=0.003, gain=0.01, clock=0.002))
+    )
+    assert Source.PLATES not in exact.by_source
+    for source, variance in exact.by_source.items():
+        np.testing.assert_array_equal(moved.by_source[source], variance)
+    rates = np.gradient(wrench, problem.basis.time, axis=0)
+    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
+    before = Dynamics(parameters).forces(q, v, a, wrench)
+    expected = np.zeros_like(before)
+    for other in plate_changes(wrench, rates):
+        expected += (Dynamics(parameters).forces(q, v, a, wrench + other) - before) ** 2
+    found = moved.by_source[Source.PLATES]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(moved.every**2, exact.every**2 + found, rtol=1e-9)
+
+
+def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
+    """What one standard deviation of 3 mm, 1 % and 2 ms each makes of the wrenches."""
+    yield 0.002 * rates
+    for foot in range(2):
+        for axis in (None, *np.eye(3)):
+            out = np.zeros_like(wrench)
+            if axis is None:
+                out[:, foot] = 0.01 * wrench[:, foot]
+            else:
+                out[:, foot, 3:] = np.cross(0.003 * axis, wrench[:, foot, :3])
+            yield out
+
+
+def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
+    """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial called skin."""
+    cases = {
+        "markers/walk/3": Source.JOINT_MARKERS,
+        "hip_r/R.Knee/x": Source.JOINT_MARKERS,
+        "skin/R.Knee/x": Source.JOINT_MARKERS,
+        "nominal/R.Knee/z": Source.JOINT_MARKERS,
+        "bandwidth/R.Knee/z": Source.JOINT_MARKERS,
+        "nominal/hip_r.pelvis.ant": Source.JOINT_NOMINAL,
+        "skin/knee_angle_r/R.Knee/x": Source.SKIN,
+        "skin/found": Source.SKIN,
+        "bandwidth/walk": Source.BANDWIDTH,
+    }
+    assert {name: source_of(name) for name in cases} == cases
+
+
+def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
+    """Many columns of one source become few with the same covariance; those of the trial itself stay columns."""
+    rng = np.random.default_rng(53)
+    parameters = perturbed_parameters(rng)
+    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    names = problem.with_free(FREE).chain.free
+    own = f"{problem.name}/{problem.labels[0]}/x"
+    clusters = [own, *(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
+    influence = Influence(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
+    moves = marker_moves(problem, nodes, parameters, influence)
+    for source in (Source.JOINT_MARKERS, Source.JOINT_NOMINAL, Source.SKIN):
+        before = influence.parameters[:, [k for k, name in enumerate(clusters) if k and source_of(name) is source]]
+        after = moves.shift[:, [k for k, name in enumerate(moves.sources) if name is source]]
+        np.testing.assert_allclose(after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size)
+        assert after.shape[1] <= len(names)
+    assert moves.sources[0] is Source.MOTION
+    np.testing.assert_array_equal(moves.shift[:, 0], influence.parameters[:, 0])
 
 
 def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +195,7 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
         torques = torque_errors.torque_standard_errors(
             problem, fit.nodes[0], fit.parameters, wrench, influence_of([problem], fit), None
         )
-        return torques, torque_errors.coordinate_standard_errors(problem, moves)
+        return torques.every, torque_errors.coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
     assert torques.shape == (len(time), 29)

@@ -89,7 +89,11 @@ def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
     own, again = (moments(folder / "result" / name) for name in ("moments/walk.csv", "dynamics/moments/walk2.csv"))
     assert_same_torques(again, own)
     trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
-    assert told(folder)["trials"]["walk2"]["weighted_markers"] == trial["weighted_markers"]  # type: ignore[index]
+    further = told(folder)["trials"]["walk2"]  # type: ignore[index]
+    assert further["weighted_markers"] == trial["weighted_markers"]
+    assert {"plates", "inertia", "joint_nominal"} <= set(further["torque_error_sources"]["hip_flexion_r"])
+    for name, parts in trial["torque_error_sources"].items():
+        assert further["torque_error_sources"][name] == pytest.approx(parts, abs=1e-3), name
     assert told(folder)["warnings"] == []
 
 

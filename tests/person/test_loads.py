@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.plate_errors import DEFAULT
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
@@ -57,7 +58,13 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
     problem = with_bandwidth(plain, done.nominal.parameters, hz)
     errors = torque_standard_errors(
-        problem, trial.body.nodes, done.model.parameters, trial.loads.reactions.wrench, spread.joint, spread.inertial
+        problem,
+        trial.body.nodes,
+        done.model.parameters,
+        trial.loads.reactions.wrench,
+        spread.joint,
+        spread.inertial,
+        plates=DEFAULT,
     )
-    np.testing.assert_allclose(trial.loads.errors.tau, errors[:, :27], rtol=1e-6)
-    np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors[:, 27:], rtol=1e-6)
+    np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
+    np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.page.report import report_html
 from gaitcal.results.summary import trial_summary
-from tests.fake_result import fake_calibration
+from tests.fake_result import ERROR_SHARES, fake_calibration
 
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
@@ -30,3 +30,23 @@ def test_without_a_joint_there_is_no_joint_floor() -> None:
     assert "joint_floor_mm" not in out
     assert not [key for key in out["rms_mm"] if "joint_floor" in key]
     assert "Joint floor" in report_html(replace(whole, trials=(trial,)))
+
+
+def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
+    trial = fake_calibration().trials[0]
+    sources = cast(Any, trial_summary(trial))["torque_error_sources"]
+    assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
+    assert not [name for name in sources if name.startswith("pelvis")]
+    for parts in sources.values():
+        assert sum(parts.values()) == pytest.approx(1.0, abs=1e-3)
+        assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
+    assert trial.loads is not None
+    without = replace(trial, loads=replace(trial.loads, errors=None))
+    assert "torque_error_sources" not in cast(Any, trial_summary(without))
+
+
+def test_the_page_tells_what_makes_each_error_bar() -> None:
+    page = report_html(fake_calibration())
+    assert page.count('class="source"') == 14, "seven torques a leg"
+    assert "nominal values 25 %" in page, "the largest part in words, as colour is never alone"
+    assert "What makes the error bar" not in report_html(fake_calibration(errors=False))

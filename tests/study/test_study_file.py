@@ -104,6 +104,17 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
     assert (str(folder) in text) is not relative
 
 
+def test_plate_errors_are_an_inline_table_that_is_written_and_read_back(folder: Path) -> None:
+    study = load(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = 0, clock_ms = 1.5 }"))
+    plates = study.calibration.plate_error
+    assert (plates.place_mm, plates.gain_percent, plates.clock_ms) == (0.0, 1.0, 1.5)
+    assert load(folder, study.to_toml(folder)) == study
+    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = -1 }"))
+    assert "calibration.plate_error.place_mm" in line and "found -1" in line
+    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place = 1 }"))
+    assert "calibration.plate_error" in line and "'place_mm'" in line
+
+
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
         subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
