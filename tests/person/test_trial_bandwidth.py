@@ -16,7 +16,7 @@ from gaitcal.motion.bandwidth import DenseMotion
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.prepare import PreparedTrial, force_cutoff, prepare_trial
-from gaitcal.person.trial_bandwidth import REACH, Bandwidth, ChosenBy
+from gaitcal.person.trial_bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
 from gaitcal.person.trial_result import analyse
 from gaitcal.recording import ForcePlate, Recording
 from gaitcal.results.summary import summary, trial_summary
@@ -61,8 +61,8 @@ def test_markers_choose_without_plates() -> None:
     for trial in (walk(), knee()):
         found = prepared(trial)
         told = found.bandwidth
-        assert told.by is ChosenBy.MARKERS and told.motion_hz == told.joints_hz
-        assert cutoffs(found) == [told.motion_hz] * 3
+        assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
+        assert cutoffs(found) == [told.motion_hz, told.joints_hz, told.joints_hz]
         assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.warnings == ()
         # an isolated trial is judged by what its joint parameters are fitted to
         assert told.motion_hz == pytest.approx(DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6)
@@ -80,7 +80,7 @@ def test_plates_bring_motion_and_forces_together() -> None:
     told, markers = found.bandwidth, prepared(walk(0.002)).bandwidth
     assert told.by is ChosenBy.PLATES and told.motion_hz != markers.motion_hz
     assert markers.motion_hz / REACH <= told.motion_hz <= markers.motion_hz * REACH
-    assert told.joints_hz == max(markers.motion_hz, told.motion_hz)
+    assert told.joints_hz == max(markers.motion_hz, told.motion_hz, JOINTS_HZ)
     assert cutoffs(found) == [told.motion_hz, told.joints_hz, told.joints_hz]
     assert f"{markers.motion_hz:.1f} Hz" in told.notes[0]
 
