@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
+from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 

@@ -32,16 +32,10 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings, descend
-from gaitcal.motion.marker_residual import (
-    FrameEquations,
-    MarkerData,
-    PlacedMarkers,
-    VariablePairs,
-    frame_equations,
-    marker_positions,
-)
+from gaitcal.motion.marker_residual import FrameEquations, MarkerData, VariablePairs, frame_equations, marker_positions
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
+from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.start import ROOT_COORDINATES, root_angles
 from gaitcal.motion.trial_problem import TrialProblem
 

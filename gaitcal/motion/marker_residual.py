@@ -19,53 +19,30 @@ What Gauss-Newton leaves out (the markers' curvature, below) is added to Y_l J_l
 
 The part of the Hessian that Gauss-Newton leaves out: how the markers curve, weighted by the residuals.
 
-With the notation of the equations above, r_m already multiplied by its weight, the second derivative of marker m by
-variables k before l (k = l too) is  w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
+With r_m already multiplied by its weight, the second derivative of marker m by variables k before l (k = l too) is
+w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
 
     sum_{m after l} r_m . (w_k x (v_l + w_l x x_m))  =  w_k . p_l,     p_l = v_l x F_l + C_l w_l - tr(C_l) w_l,
     F_l = sum r_m,     C_l = sum x_m r_m^T.
 
 Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off, Gauss-Newton alone
-converges by a factor of about two a step, with it by factors of hundreds; with markers 300 mm from where the model has
-them, Gauss-Newton does not converge at all without damping.
+converges by a factor of about two a step, with it by factors of hundreds; 300 mm off, not at all without damping.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_transforms
+from gaitcal.motion.placed_markers import PlacedMarkers
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ALL = slice(None)
-
-
-@dataclass(frozen=True)
-class PlacedMarkers:
-    """Where markers sit in their segments, sorted by segment."""
-
-    segment: IntArray
-    """(nm,) index into the chain's segments, not decreasing."""
-    local: Array
-    """(nm, 3) m, position in the segment frame."""
-
-    @cached_property
-    def groups(self) -> list[tuple[int, slice]]:
-        """Segments that carry markers, and which."""
-        edges = np.flatnonzero(np.diff(self.segment)) + 1
-        bounds = [0, *edges.tolist(), len(self.segment)]
-        return [(int(self.segment[a]), slice(a, b)) for a, b in pairwise(bounds)] if len(self.segment) else []
-
-    @cached_property
-    def extended(self) -> Array:
-        """(nm, 4) [l; 1]."""
-        return np.concatenate([self.local, np.ones((len(self.local), 1))], axis=1)
 
 
 @dataclass(frozen=True)
@@ -78,7 +55,7 @@ class MarkerData:
     weight: Array
     """(nm, nf) >= 0."""
     shift: Array | None = None
-    """(nm, 3, nf) m, how far each marker is from its place, in the axes of its segment; None: not at all."""
+    """(nm, 3, nf) m, how far each marker is from its place, in its segment's axes; None: not at all."""
 
     @property
     def segment(self) -> IntArray:
@@ -95,12 +72,11 @@ class MarkerData:
         """(n, 4, 4, nf or 1) P_s of the n segments that carry markers; one frame where weights never change."""
         weight, extended = self.weight, self.placed.extended
         if self.shift is not None:
-            moved = np.concatenate([self.local[:, :, None] + self.shift, np.ones((len(weight), 1, weight.shape[1]))], 1)
-            pairs = [
-                np.matmul((weight[m, None] * moved[m]).transpose(2, 1, 0), moved[m].transpose(2, 0, 1))
-                for _, m in self.placed.groups
-            ]
-            return np.array(pairs).transpose(0, 2, 3, 1)
+            ones = np.ones((len(weight), 1, weight.shape[1]))
+            moved = np.concatenate([self.local[:, :, None] + self.shift, ones], axis=1)
+            return np.array(
+                [np.einsum("mf,maf,mbf->abf", weight[m], moved[m], moved[m]) for _, m in self.placed.groups]
+            )
         if (weight == weight[:, :1]).all():
             weight = weight[:, :1]
         products = (extended[:, :, None] * extended[:, None, :]).reshape(-1, 16)

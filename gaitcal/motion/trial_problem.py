@@ -19,14 +19,8 @@ from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
-from gaitcal.motion.marker_residual import (
-    MarkerData,
-    PlacedMarkers,
-    VariablePairs,
-    frame_equations,
-    marker_cost,
-    marker_positions,
-)
+from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
+from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis

@@ -16,7 +16,8 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
-from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.motion.marker_residual import marker_positions
+from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.synthetic.motion import GAIT_CYCLE, TrueMotion
 
 NOISE_AMPLITUDE = 0.010
