@@ -67,26 +67,41 @@ def least_noise(time: Array) -> float:
 
 
 def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> SeenNoise:
-    """The noise at a motion, nodes (nn, nq)."""
+    """The noise at a motion, nodes (nn, nq).
+
+    Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
+    what the linkage leaves of the markers themselves, in c = 3 (markers) - (coordinates) directions.
+    """
+    chain, count = problem.chain, len(problem.chain.coordinates)
+    gap, segments = _rigid_gap(problem, parameters, nodes)
+    carried = chain.support[:count][problem.active][:, segments].any(axis=1)
+    directions = 6 * len(segments) - int(carried.sum())
+    if directions < 1:
+        data = problem.data
+        gap = problem.positions(nodes, problem.constants(parameters)) - data.measured
+        gap *= np.sqrt(data.weight)[:, None]
+        pulling = int((data.weight > 0).any(axis=1).sum())
+        directions = max(3 * pulling - int(problem.active.sum()), 1)
+    nf = len(problem.basis.time)
+    smooth = problem.basis.evaluate(problem.basis.fit(gap.reshape(-1, nf).T))
+    tau = frames_per_sample(smooth)
+    return SeenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
+
+
+def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int]]:
+    """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; and the segments that have one."""
     data = problem.data
-    gap = np.zeros_like(data.measured)
+    gap, segments = np.zeros_like(data.measured), []
     model = problem.positions(nodes, problem.constants(parameters))
-    segments = 0
-    for _, markers in data.placed.groups:
+    for segment, markers in data.placed.groups:
         weight = data.weight[markers]
         if ((weight > 0).any(axis=1)).sum() < FEWEST_MARKERS:
             continue
         fit = rigid_fit(data.local[markers], data.measured[markers], weight)
         followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
-        if data.shift is not None:
-            followed += np.einsum("fij,mjf->mif", fit.rotation, data.shift[markers])
         gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
-        segments += 1
-    nf = len(problem.basis.time)
-    smooth = problem.basis.evaluate(problem.basis.fit(gap.reshape(-1, nf).T))
-    directions = max(6 * segments - int(problem.active.sum()), 1)
-    tau = frames_per_sample(smooth)
-    return SeenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
+        segments.append(segment)
+    return gap, segments
 
 
 def trial_noises(seen: Sequence[SeenNoise], least: Sequence[float], served: float) -> list[float]:

@@ -87,16 +87,24 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_noise_free_files_give_the_truth_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("protocol", "within"),
+    [
+        ({}, 0.1),  # priors and what cameras err by at least leave 0.06 deg of the subtalar axis
+        ({"mode": "simultaneous", "prior": "none", "gait_parameters": "leg"}, 0.05),
+    ],
+)
+def test_noise_free_files_give_the_truth_back(tmp_path: Path, protocol: dict[str, str], within: float) -> None:
     """Wrong nominal values, no noise: C3D's 32-bit millimetres limit what can be found."""
     study = Study.load(synthesize(tmp_path / "exact", seed=4, perturb=True))
-    settings = study.settings.model_copy(update={"prior": "none", "gait_parameters": "leg"})
+    settings = study.settings.model_copy(update=protocol)
     calibration = calibrate(Study(**{**study.__dict__, "settings": settings}))
     found = parameter_table(calibration).set_index("name")
     truth = pd.read_csv(tmp_path / "exact/truth.csv").set_index("name")["value"]
-    legs = found[found["status"] == "fitted"].loc[lambda t: t["kind"].str.startswith("joint")]
+    legs = found[found["segment"].str.match("pelvis|thigh|shank|talus|foot") & ~found.index.str.startswith("back")]
+    legs = legs[(legs["status"] == "fitted") & legs["kind"].str.startswith("joint")]
     assert len(legs) == 54
-    assert np.abs(legs["fitted"] - truth.loc[legs.index]).max() < 0.05
+    assert np.abs(legs["fitted"] - truth.loc[legs.index]).max() < within
 
 
 @pytest.mark.slow
