@@ -20,7 +20,8 @@ def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"]
     for z in (joint, np.concatenate([p.torques.ravel() for p in people])):
-        assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 82.0
+        # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
+        assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
         assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
     report = list(check.lines(people))
     assert any(line.startswith("knee       position") and "in 95 %" in line for line in report)
