@@ -109,7 +109,7 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, .
     return tuple(out)
 
 
-def in_words(unseen: Sequence[str], trials: Sequence[str]) -> tuple[str, ...]:
+def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values") -> tuple[str, ...]:
     """One warning a joint: what is not determined, what was done, what to record."""
     joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
     out = []
@@ -120,7 +120,7 @@ def in_words(unseen: Sequence[str], trials: Sequence[str]) -> tuple[str, ...]:
         advice = f"an isolated {kind} trial of the {'right' if side == 'r' else 'left'} leg"
         have = f" by {', '.join(trials)}" if trials else ""
         out.append(
-            f"{joint}: {', '.join(own)} not determined{have}; kept at nominal values. Add {advice} with at least "
+            f"{joint}: {', '.join(own)} not determined{have}; {done}. Add {advice} with at least "
             f"{np.rad2deg(NEEDED_TURN):.0f} deg of movement"
         )
     return tuple(out)

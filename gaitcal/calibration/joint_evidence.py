@@ -29,6 +29,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.soft_tissue import SoftTissue
+from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
 
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
@@ -62,13 +63,13 @@ class SkinFound:
 def calibrate_by_evidence(
     trials: Sequence[EvidenceTrial],
     nominal: Parameters,
-    posture: Mapping[str, float],
+    standing: TrialProblem,
     settings: JointSettings,
     sides: Sequence[str],
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms.
 
-    `posture`: coordinate -> rad in the static trial, where every marker is in its place.
+    `standing`: the whole body in the static trial, where every marker is in its place.
     """
     legs = tuple(n for n in JP_NAMES if n.split(".")[0].startswith(_LEG) and n.split(".")[0][-1] in sides)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
@@ -80,13 +81,14 @@ def calibrate_by_evidence(
     tissue: dict[str, SoftTissue] = {}
     if free:
         plain, errors = estimate_joints(problems, nominal, free)
+        whole = len(problems)
         quiet = _quiet_joints([t for t in used if t.joint is None], problems, plain, nominal)
         if quiet:
             used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
             plain, errors = estimate_joints(problems, nominal, free)
-        angles = {t.body.name: _angles(t.body, plain.parameters, posture) for t in trials}
+        angles = {t.body.name: _angles(t.body, plain.parameters, standing) for t in trials}
         columns = [replace(p, tissue=skin_columns(p, angles[t.body.name])) for t, p in zip(used, problems, strict=True)]
-        sizes = skin_sizes(columns)
+        sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
         estimate = plain
         if sizes:
             own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
@@ -104,6 +106,7 @@ def calibrate_by_evidence(
     rest = free_of(upper, tuple(n for n in JP_NAMES if not n.split(".")[0].startswith(_LEG)))
     if rest:
         trunk, errors = estimate_joints(upper, parameters, rest)
+        errors = Influence(errors.free, errors.parameters, tuple(f"{c} of trunk and arms" for c in errors.clusters))
         phases.append(_phase("joint parameters of trunk and arms", upper, trunk, trunk))
         parameters, influence = trunk.parameters, _joined(influence, errors)
     return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
@@ -155,8 +158,10 @@ sixteenth, and a few parameters more than samples do not pass for quiet."""
 _LEG = ("hip", "knee", "talocrural", "subtalar")
 
 
-def _angles(body: TrialProblem, parameters: Parameters, posture: Mapping[str, float]) -> dict[str, Array]:
+def _angles(body: TrialProblem, parameters: Parameters, standing: TrialProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad from the static posture, of those that a marker of the trial shows."""
+    still = starting_coordinates(standing.chain, standing.constants(parameters), standing.data).mean(axis=0)
+    posture = dict(zip(standing.chain.coordinates, still, strict=True))
     q = tracked_motion(body, parameters).q
     names = zip(body.chain.coordinates, q.T, body.active, strict=True)
     return {name: values - posture[name] for name, values, active in names if active and name in posture}
@@ -222,7 +227,7 @@ def _calibration(
         unidentifiable=unseen,
         warnings=(
             *dict.fromkeys(warnings),
-            *in_words([n for n in unseen if n.startswith(_LEG)], ()),
+            *in_words([n for n in unseen if n.startswith(_LEG)], (), "held near nominal values"),
             *(f"{n} lies further from its nominal value than its bound: look at the static trial" for n in beyond),
         ),
         at_bound=beyond,

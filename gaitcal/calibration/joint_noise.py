@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.trial_problem import TrialProblem
@@ -47,15 +47,17 @@ class SeenNoise:
     """n, independent ones."""
 
 
-def frames_per_sample(errors: Array) -> float:
-    """Tau of errors (nf, k): frames for one that is independent, all columns taken together."""
+def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:
+    """Tau of errors (nf, k): frames for one that is independent, all columns taken together; pairs of `seen` frames."""
     nf = len(errors)
-    spectrum = np.abs(np.fft.rfft(errors, 2 * nf, axis=0)) ** 2
+    known = np.ones(nf) if seen is None else seen.astype(np.float64)
+    spectrum = np.abs(np.fft.rfft(errors * known[:, None], 2 * nf, axis=0)) ** 2
     power = np.fft.irfft(spectrum.sum(axis=1))[:nf]
+    pairs = np.fft.irfft(np.abs(np.fft.rfft(known, 2 * nf)) ** 2)[:nf]
     if power[0] <= 0.0:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
-    rho = power[lags] / power[0] * nf / (nf - lags)
+    rho = power[lags] / power[0] * pairs[0] / np.maximum(pairs[lags], 1.0)
     small = np.flatnonzero(rho < UNCORRELATED)
     return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
 
@@ -73,25 +75,30 @@ def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> S
     what the linkage leaves of the markers themselves, in c = 3 (markers) - (coordinates) directions.
     """
     chain, count = problem.chain, len(problem.chain.coordinates)
-    gap, segments = _rigid_gap(problem, parameters, nodes)
+    gap, segments, seen = _rigid_gap(problem, parameters, nodes)
     carried = chain.support[:count][problem.active][:, segments].any(axis=1)
     directions = 6 * len(segments) - int(carried.sum())
     if directions < 1:
         data = problem.data
         gap = problem.positions(nodes, problem.constants(parameters)) - data.measured
         gap *= np.sqrt(data.weight)[:, None]
-        pulling = int((data.weight > 0).any(axis=1).sum())
-        directions = max(3 * pulling - int(problem.active.sum()), 1)
-    nf = len(problem.basis.time)
-    smooth = problem.basis.evaluate(problem.basis.fit(gap.reshape(-1, nf).T))
-    tau = frames_per_sample(smooth)
+        pulling = (data.weight > 0).sum(axis=0)
+        seen = pulling > pulling.max(initial=0) // 2
+        directions = max(3 * int(np.median(pulling[seen])) - int(problem.active.sum()), 1)
+    nf = max(int(seen.sum()), 1)
+    flat = gap.reshape(-1, len(seen)).T
+    smooth = problem.basis.evaluate(problem.basis.fit(flat)) * seen[:, None]
+    tau = frames_per_sample(smooth, seen)
     return SeenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
 
 
-def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int]]:
-    """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; and the segments that have one."""
+def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int], BoolArray]:
+    """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; the segments that have one; and the frames (nf,) in
+    which all of them do.
+    """
     data = problem.data
-    gap, segments = np.zeros_like(data.measured), []
+    gap, segments = np.zeros_like(data.measured), list[int]()
+    seen = np.ones(data.weight.shape[1], dtype=bool)
     model = problem.positions(nodes, problem.constants(parameters))
     for segment, markers in data.placed.groups:
         weight = data.weight[markers]
@@ -101,7 +108,8 @@ def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> t
         followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
         gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
         segments.append(segment)
-    return gap, segments
+        seen &= fit.determined
+    return gap, segments, seen
 
 
 def trial_noises(seen: Sequence[SeenNoise], least: Sequence[float], served: float) -> list[float]:

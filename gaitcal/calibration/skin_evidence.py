@@ -33,6 +33,8 @@ LIKELIER = 0.5
 """Least rise of twice the log evidence."""
 GRID = np.array([0.02, 0.05, 0.1, 0.2, 0.35, LARGEST])
 """Sizes looked at."""
+LET_GO = 0.5
+"""Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen."""
 SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
@@ -116,11 +118,14 @@ def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Ar
     data, phi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
     nothing = np.zeros((len(phi) * width,) * 2), np.zeros(len(phi) * width)
-    used = group.markers.start + np.flatnonzero((data.weight[group.markers] > 0).any(axis=1))
+    given = data.weight[group.markers]
+    trusted = (given > 0) & (given > LET_GO * given.max(axis=1, keepdims=True))
+    often = trusted.sum(axis=1)
+    used = group.markers.start + np.flatnonzero((often > 0) & (often >= LET_GO * often.max(initial=0)))
     local, weight = data.local[used], data.weight[used]
     fit = rigid_fit(local, data.measured[used], weight)
-    whole = fit.determined & (weight > 0).all(axis=0)
-    """Frames that show all of them: in others the projector is another."""
+    whole = fit.determined & trusted[used - group.markers.start].all(axis=0)
+    """Frames that show all of them and trust them: in others the projector is another."""
     phi = phi[:, whole]
     if whole.sum() <= len(phi):
         return nothing

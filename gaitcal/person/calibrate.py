@@ -186,8 +186,9 @@ def _combined_fit(
         r = loaded.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
+    determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(load_share=settings.joint_step_load_share)
-    return combined_fit(steps, parameters, joint.free, _inertial_set(settings), nominal.subject, chosen)
+    return combined_fit(steps, parameters, determined, _inertial_set(settings), nominal.subject, chosen)
 
 
 def _inertial_spread(

@@ -19,14 +19,13 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.spline import DEGREE
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.person.robust import JointFitter, ParametersOf
 
 FOLDS = 4
-BLOCK_SPANS = 4
-"""Knot spans of a block: in a gap of four every node still reaches frames on one side."""
+BLOCK_S = 0.2
+"""s, of a block: longer than skin movement repeats itself."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,10 @@ def _held_out(trial: PreparedTrial, before: Array, after: Array, folds: int) -> 
 
 def fold_of_frame(trial: PreparedTrial) -> IntArray:
     """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out less often."""
-    basis = trial.fitted.basis
-    spans = basis.nodes - DEGREE
-    block = (basis.first // BLOCK_SPANS).astype(np.intp)
-    return block % FOLDS if spans >= FOLDS * BLOCK_SPANS else np.minimum(block, FOLDS - 1)
+    since = trial.fitted.basis.time - trial.fitted.basis.time[0]
+    block = (since / BLOCK_S + 1e-9).astype(np.intp)
+    folds: IntArray = block % FOLDS if since[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
+    return folds
 
 
 def without(trial: PreparedTrial, held: BoolArray) -> PreparedTrial:

@@ -17,8 +17,9 @@ from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
+from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut, hold_out
-from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, static_posture_of
+from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, standing_problem
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.runtime import Progress
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
@@ -48,8 +49,8 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     study, warnings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
-    posture = static_posture_of(nominal, study.static.recording) if by_evidence else {}
-    fit = partial(joint_parameters, nominal=nominal, settings=settings, posture=posture)
+    standing = standing_problem(nominal, study.static.recording) if by_evidence else None
+    fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
@@ -70,18 +71,18 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
 
 
 def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, posture: Mapping[str, float]
+    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, standing: TrialProblem | None
 ) -> tuple[JointCalibration | None, Parameters]:
     """The joint parameters that the settings ask for, fitted to prepared trials.
 
-    `posture`: coordinate -> rad in the static trial; asked for where the evidence decides.
+    `standing`: the static posture; asked for where the evidence decides.
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
-    if settings.decided_by is Protocol.EVIDENCE:
+    if standing is not None:
         taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
         by_evidence = calibrate_by_evidence(
-            taking_part, nominal.parameters, posture, joint_settings(settings), SIDES[settings.legs]
+            taking_part, nominal.parameters, standing, joint_settings(settings), SIDES[settings.legs]
         )
         return by_evidence, by_evidence.parameters
     calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously

@@ -20,8 +20,7 @@ from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.start import starting_coordinates
-from gaitcal.motion.trial_problem import NODES_PER_SECOND, NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, TrialProblem, trial_problem
 from gaitcal.person.trial_bandwidth import Bandwidth, bandwidth_of
 from gaitcal.recording import still_window, turn_to_progression
 from gaitcal.recording.recording import Recording
@@ -141,13 +140,13 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
     return out
 
 
-def static_posture_of(model: SubjectModel, static: Recording) -> dict[str, float]:
-    """Coordinate -> rad (m) while the person stood still, where every marker is in its place."""
+def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
+    """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
     still = still_window(static, model.markers.labels).frames
-    window = replace(static, time=static.time[still], markers=static.markers[still])
-    problem = trial_problem("static", model, window, NodeRule())
-    q = starting_coordinates(problem.chain, problem.constants(model.parameters), problem.data)
-    return dict(zip(problem.chain.coordinates, q.mean(axis=0).tolist(), strict=True))
+    mean = np.nanmean(static.markers[still], axis=0)
+    posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
+    window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
+    return trial_problem("static", model, window, NodeRule())
 
 
 def joint_settings(settings: CalibrationSettings) -> JointSettings:
