@@ -143,7 +143,8 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
 def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
     """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
     still = still_window(static, model.markers.labels).frames
-    mean = np.nanmean(static.markers[still], axis=0)
+    # in one order of memory, so that a file and its conversion give the same bits
+    mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
     return trial_problem("static", model, window, NodeRule())
