@@ -14,8 +14,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import Feet, feet_of, overhang, steps
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding
 from gaitcal.dynamics.ground_contact import UNDER_FOOT, near
+from gaitcal.findings import Finding
 from gaitcal.model.build import GRAVITY
 from gaitcal.recording import resample_wrench, still_window
 from gaitcal.recording.force_plate import BODY_N

@@ -9,9 +9,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding
 from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
 from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
+from gaitcal.findings import Finding
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, Severity, listed
+from gaitcal.findings import Finding, Severity, listed
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.intervals import runs, spans
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.checks.finding import Finding, Severity
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit

@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
-from gaitcal.checks.finding import Finding, listed
+from gaitcal.findings import Finding, listed
 from gaitcal.recording.intervals import runs, spans
 
 STRANGE_M = 0.02

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding
+from gaitcal.findings import Finding
 
 SIZE = (0.05, 4.0)
 """Size of the cloud of markers, in body heights, outside which the unit of length must be wrong. One shank with its

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
-from gaitcal.checks.finding import Finding, Severity, listed
+from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import LEG_SEGMENTS
 from gaitcal.recording import marker_gaps
 from gaitcal.recording.intervals import runs, spans

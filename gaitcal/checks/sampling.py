@@ -11,7 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding
+from gaitcal.findings import Finding
 from gaitcal.motion.roughness import HALF_POWER
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.recording.axes import net_progression

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding
 from gaitcal.errors import InputError
+from gaitcal.findings import Finding
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import still_window
 from gaitcal.recording.still import LAG_S, STILL_M_S

@@ -11,8 +11,8 @@ import numpy as np
 
 from gaitcal.checks import body_mass, contacts, direction, exchanged, lengths, markers, plates, sampling, standing
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.finding import Finding, Severity
 from gaitcal.errors import InputError
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings

@@ -9,9 +9,10 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.checks import Finding, Severity, check_file
+from gaitcal.checks import check_file
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
+from gaitcal.findings import Finding, Severity
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""
@@ -44,7 +45,7 @@ def _table(findings: Sequence[Finding]) -> Table:
     table.add_column("what to do", ratio=2)
     for f in findings:
         table.add_row(
-            Text(f.severity.value, COLOURS[f.severity]), Text(f.where), Text(f.topic), Text(f.found), Text(f.cure)
+            Text(f.severity.value, COLOURS[f.severity]), Text(f.where), Text(f.topic), Text(f.evidence), Text(f.cure)
         )
     return table
 
@@ -62,5 +63,5 @@ def stop_on_errors(findings: Sequence[Finding], study: Path | None = None) -> No
 def as_warnings(findings: Sequence[Finding]) -> tuple[str, ...]:
     """Errors that the user went past, and warnings, as a result shows them."""
     forced = [f"went on by --force past an error: {f.line}" for f in findings if f.severity is Severity.ERROR]
-    others = [f"{f.where}: {f.topic}: {f.found}; {f.cure}" for f in findings if f.severity is Severity.WARNING]
+    others = [f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in findings if f.severity is Severity.WARNING]
     return (*forced, *others)

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from gaitcal.checks import Finding, check_further
+from gaitcal.checks import check_further
 from gaitcal.commands.check import as_warnings, stop_on_errors
 from gaitcal.commands.console import Talk, print_remarks, print_trials
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
+from gaitcal.findings import Finding
 from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials

@@ -18,7 +18,7 @@ import numpy as np
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import by_jumps
-from gaitcal.checks.finding import listed
+from gaitcal.findings import listed
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking

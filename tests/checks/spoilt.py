@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.checks import Finding, Severity, check_study
+from gaitcal.checks import check_study
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording import ForcePlate, Recording

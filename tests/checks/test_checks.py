@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.checks import Finding, Severity, check_study
+from gaitcal.checks import check_study
+from gaitcal.findings import Finding, Severity
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
 from tests.checks.spoilt import (

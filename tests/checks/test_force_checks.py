@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.checks import Severity
+from gaitcal.findings import Severity
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.nominal import published_model
 from gaitcal.recording import ForcePlate, Recording

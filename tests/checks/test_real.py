@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.checks import Finding, Severity, check_file, check_study
+from gaitcal.checks import check_file, check_study
+from gaitcal.findings import Finding, Severity
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
 from tests.checks.spoilt import with_trial

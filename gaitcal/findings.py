@@ -1,4 +1,4 @@
-"""What a check says: how bad it is, where, what was found, and what to do."""
+"""What is said of data and results: how bad it is, where, what is wrong, by what evidence, and what to do."""
 
 from __future__ import annotations
 
@@ -7,21 +7,24 @@ from enum import Enum
 
 from gaitcal.errors import InputError
 
+STUDY = "study"
+"""Where a finding is that belongs to no single trial."""
+
 
 class Severity(Enum):
     """How bad a finding is."""
 
     ERROR = "error"
-    """A calibration of this would be wrong, or impossible."""
+    """A result of this would be wrong, or impossible: it is refused."""
     WARNING = "warning"
-    """It may be right, and somebody should look."""
+    """It may be right, and somebody should look: the result is doubtful."""
     INFO = "info"
-    """Good to know."""
+    """Good to know; nothing needs to be done."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that a check found."""
+    """One thing that was found."""
 
     severity: Severity
     topic: str
@@ -29,18 +32,30 @@ class Finding:
     where: str
     """Name of the trial, or `study`."""
     found: str
-    """What was found, with numbers."""
+    """The evidence: what was found, with numbers."""
     cure: str
     """What to do; empty where there is nothing to do."""
     source: str = ""
     """The file at fault."""
+    cause: str = ""
+    """What is wrong, in a clause of its own ("the heel marker R_Heel left its place"); empty where the topic and the
+    evidence say it. Findings of one cause are told once."""
+    leg: str = ""
+    """`r` or `l` where it concerns one leg alone."""
+    weight: float = 1.0
+    """How many times its own error bar a torque may be wrong by this, roughly: the worst is told first."""
+
+    @property
+    def evidence(self) -> str:
+        """What was found, after what is wrong."""
+        return f"{self.cause}: {self.found}" if self.cause else self.found
 
     @property
     def line(self) -> str:
         """The finding in one line: file, trial, what was found, what to do."""
-        place = self.where if self.where == "study" else f"trial '{self.where}'"
+        place = self.where if self.where == STUDY else f"trial '{self.where}'"
         parts = [part for part in (self.source, place, self.topic) if part]
-        return f"{': '.join(parts)}: {self.found}" + (f"; {self.cure}" if self.cure else "")
+        return f"{': '.join(parts)}: {self.evidence}" + (f"; {self.cure}" if self.cure else "")
 
     @classmethod
     def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> Finding:
