@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import in_words, small_turns
+from gaitcal.calibration.identifiability import beyond_bound, in_words, small_turns
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
@@ -23,6 +23,7 @@ from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.calibration.skin_evidence import skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
+from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, SEGMENTS, joint_segments
 from gaitcal.model.parameters import Parameters
@@ -76,7 +77,7 @@ def calibrate_by_evidence(
     problems = [t.fitted if t.joint else _part(t.fitted, LOWER_BODY, nominal) for t in used]
     free = free_of(problems, legs)
     phases: list[Phase] = []
-    influence, warnings = nominal_influence(), list[str]()
+    influence, findings = nominal_influence(), list[Finding]()
     parameters, found = nominal, SkinFound({}, (), np.zeros(0))
     tissue: dict[str, SoftTissue] = {}
     if free:
@@ -101,7 +102,7 @@ def calibrate_by_evidence(
         phases.append(_phase("joint parameters of the legs", problems, plain, estimate))
         parameters, influence = estimate.parameters, _joined(influence, _with_skin(errors, found))
         for t, p, nodes in zip(used, problems, estimate.nodes, strict=True):
-            warnings += small_turns(p, nodes, t.joint) if t.joint else ()
+            findings += small_turns(p, nodes, t.joint) if t.joint else ()
     upper = [_part(t.fitted, UPPER_BODY, nominal) for t in trials if t.joint is None]
     rest = free_of(upper, tuple(n for n in JP_NAMES if not n.split(".")[0].startswith(_LEG)))
     if rest:
@@ -109,7 +110,7 @@ def calibrate_by_evidence(
         errors = Influence(errors.free, errors.parameters, tuple(f"{c} of trunk and arms" for c in errors.clusters))
         phases.append(_phase("joint parameters of trunk and arms", upper, trunk, trunk))
         parameters, influence = trunk.parameters, _joined(influence, errors)
-    return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
+    return _calibration(free + rest, parameters, nominal, influence, phases, findings, settings, tissue, found)
 
 
 def _quiet_joints(
@@ -208,7 +209,7 @@ def _calibration(
     nominal: Parameters,
     influence: Influence,
     phases: Sequence[Phase],
-    warnings: Sequence[str],
+    findings: Sequence[Finding],
     settings: JointSettings,
     tissue: Mapping[str, SoftTissue],
     found: SkinFound,
@@ -225,10 +226,10 @@ def _calibration(
         free=free,
         influence=influence,
         unidentifiable=unseen,
-        warnings=(
-            *dict.fromkeys(warnings),
+        findings=(
+            *dict.fromkeys(findings),
             *in_words([n for n in unseen if n.startswith(_LEG)], (), "held near nominal values"),
-            *(f"{n} lies further from its nominal value than its bound: look at the static trial" for n in beyond),
+            *map(beyond_bound, beyond),
         ),
         at_bound=beyond,
         skin=dict(found.sizes),

@@ -13,8 +13,9 @@ from tests.fake_result import ERROR_SHARES, fake_calibration
 
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
-    trial = fake_calibration().trials[0]
-    out = cast(Any, trial_summary(trial))
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    out = cast(Any, trial_summary(trial, whole.verdict))
     for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
         assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
         assert rms["calibrated_to_joint_floor"] == pytest.approx(rms["calibrated"] / rms["joint_floor"])
@@ -26,15 +27,16 @@ def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
 def test_without_a_joint_there_is_no_joint_floor() -> None:
     whole = fake_calibration()
     trial = replace(whole.trials[0], joint_floor=None)
-    out = cast(Any, trial_summary(trial))
+    out = cast(Any, trial_summary(trial, whole.verdict))
     assert "joint_floor_mm" not in out
     assert not [key for key in out["rms_mm"] if "joint_floor" in key]
     assert "Joint floor" in report_html(replace(whole, trials=(trial,)))
 
 
 def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
-    trial = fake_calibration().trials[0]
-    sources = cast(Any, trial_summary(trial))["torque_error_sources"]
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    sources = cast(Any, trial_summary(trial, whole.verdict))["torque_error_sources"]
     assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
     assert not [name for name in sources if name.startswith("pelvis")]
     for parts in sources.values():
@@ -42,7 +44,7 @@ def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
         assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
     assert trial.loads is not None
     without = replace(trial, loads=replace(trial.loads, errors=None))
-    assert "torque_error_sources" not in cast(Any, trial_summary(without))
+    assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
