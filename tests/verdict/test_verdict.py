@@ -104,8 +104,6 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
         return Finding(severity=Severity.WARNING, topic="gaps", where=where, found=text, cure="fill")
 
     (told,) = reasons([plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")])
-    assert (
-        told.trials == ("a", "b")
+    assert told.trials == ("a", "b")
     assert told.line == "a, b: gaps: a: no marker for 0.3 s; b: no marker for 0.51 s; fill"
-    )
     assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
