@@ -102,7 +102,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         for t in trials
     )
     kept = () if inertial is None or inertial.moved else (inertial.message,)
-    notes = (*nominal.notes, *kept, *(note for t in results for note in t.notes))
+    notes = (*nominal.notes, *(joint.notes if joint else ()), *kept, *(note for t in results for note in t.notes))
     warnings = calibration_warnings(settings, joint.warnings if joint else (), results, parameters)
     return Calibration(
         study=study,
