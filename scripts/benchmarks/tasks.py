@@ -133,7 +133,7 @@ def section_ip() -> list[Timing]:
 
 
 def section_bandwidth() -> list[Timing]:
-    """What the data-driven bandwidth of a trial costs, in tracks of 20 nodes a second: wanted at most eight to choose."""
+    """What a bandwidth that the markers choose costs; wanted: to choose it in at most eight tracks of 20 nodes a second."""
     model, seen, p = subject(), recording("gait"), problem("gait")
     parameters = model.parameters
     hz = DenseMotion(p, parameters).by_markers()
