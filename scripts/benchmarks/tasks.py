@@ -133,7 +133,7 @@ def section_ip() -> list[Timing]:
 
 
 def section_bandwidth() -> list[Timing]:
-    """What a bandwidth that the markers choose costs; wanted: to choose it in at most eight tracks of 20 nodes a second."""
+    """What a bandwidth costs that the markers choose; the choice is wanted in eight tracks of 20 nodes a second."""
     model, seen, p = subject(), recording("gait"), problem("gait")
     parameters = model.parameters
     hz = DenseMotion(p, parameters).by_markers()
