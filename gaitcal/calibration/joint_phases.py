@@ -70,7 +70,7 @@ class Phase:
     marker_noise: float | None = None
     """m, the independent noise that priors were weighed against; None where there were none."""
     noise: Mapping[str, float] = field(default_factory=dict)
-    """Trial -> m, the noise of its independent samples, where each trial has its own."""
+    """Trial, or `trial, joint alone` -> m, the noise of its independent samples, where each has its own."""
 
     @property
     def status(self) -> str:
@@ -95,12 +95,12 @@ class JointCalibration:
     """What speaks against it, and what these trials cannot see."""
     at_bound: tuple[str, ...] = ()
     """Fitted parameters on their bound, or beyond."""
+    notes: tuple[str, ...] = ()
+    """What the user should know and need not act upon."""
     fits: tuple[JointFit, ...] = ()
     """One a phase, where phases follow each other and trials keep the parameters of their own."""
     skin: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of."""
-    skin_values: Mapping[str, float] = field(default_factory=dict)
-    """Column of the skin -> m/rad."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
 

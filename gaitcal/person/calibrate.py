@@ -123,7 +123,13 @@ def calibrate(
     found = (*checked, *later, *of_trials)
     verdict = judge(found, walks, forced=errors)
     remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
-    notes = (*nominal.notes, *kept, *(note for t in results for note in t.notes), *remarks)
+    notes = (
+        *nominal.notes,
+        *(joint.notes if joint else ()),
+        *kept,
+        *(note for t in results for note in t.notes),
+        *remarks,
+    )
     calibration = Calibration(
         study=study,
         nominal=nominal,

@@ -36,6 +36,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
                 "status": phase.status,
                 "message": phase.message,
                 **({} if phase.marker_noise is None else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}),
+                **({"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}} if phase.noise else {}),
             }
             for phase in calibration.phases
         ],

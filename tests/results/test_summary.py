@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from gaitcal.page.report import report_html
-from gaitcal.results.summary import trial_summary
+from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 
 
@@ -45,6 +45,15 @@ def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
     assert trial.loads is not None
     without = replace(trial, loads=replace(trial.loads, errors=None))
     assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
+
+
+def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() -> None:
+    whole = fake_calibration()
+    first, *others = whole.phases
+    own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
+    told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
+    assert told[0]["noise_mm"] == {"knee": 1.2346, "walk, hip_r alone": 10.0}
+    assert "noise_mm" not in told[1]
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
