@@ -140,19 +140,23 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
         if step.frames.start > 0 and step.frames.stop < len(walk.feet.time):
             drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
         outward.append(float((force @ walk.right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
-    wrong = []
+    wrong, which = [], []
     if drift and max(drift) < DRIVING:
         wrong.append(f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)")
+        which.append("fore-aft")
     if min(outward) > OUTWARD:
+        which.append("sideways")
         wrong.append(
             f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
         )
     if wrong:
-        cure = "check the sign of the horizontal columns of the forces"
+        cause = f"the {which[0]} force of all plates has the wrong sign"
+        cure = "turn the sign of that column of the forces"
         if len(wrong) > 1:
+            cause = "both horizontal forces of all plates have the wrong sign"
             cure += "; where a note says that a plate was turned round: of the vertical column alone"
         found = f"in {len(walk.steps)} steps: {'; '.join(wrong)}"
-        yield trial.warning("plates", found, cure, cause="horizontal forces seem reversed")
+        yield trial.warning("forces", found, cure, cause=cause)
 
 
 def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
