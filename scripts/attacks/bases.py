@@ -1,0 +1,213 @@
+"""The clean studies that are attacked: short ones, a static trial, a walk named `walk`, and an isolated trial or two.
+
+Made people and real ones, men, women and a child, with and without medial markers, force plates and a trunk.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+
+from gaitcal import Recording, Study, synthesize
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import StudyTrial
+from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial, load_study_file
+
+SEED = 1
+"""Of the synthetic person."""
+MILLIMETRE = 1e-3
+OWN_SETS = Path(__file__).parent
+WALK, SYNTHETIC = "walk", "synthetic"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Base:
+    """A clean study, as files."""
+
+    name: str
+    make: Callable[[Path], Path]
+    """Writes the study file into a folder and returns it."""
+    finish: Callable[[Study], Study] = lambda study: study
+    """What the files do not hold."""
+
+    @property
+    def study(self) -> Study:
+        """The study, read once in each process."""
+        return loaded(self.name)
+
+
+@lru_cache(maxsize=16)
+def loaded(name: str) -> Study:
+    """The clean study of that name."""
+    base = BASES[name]
+    with tempfile.TemporaryDirectory() as folder:
+        return base.finish(Study.load(base.make(Path(folder))))
+
+
+def data() -> Path:
+    """The folder of real recordings; SystemExit where the environment does not name it."""
+    named = os.environ.get("GAITCAL_DATA")
+    if not named:
+        raise SystemExit("real recordings are needed: set the environment variable GAITCAL_DATA to their folder")
+    return Path(named).resolve()
+
+
+def _synthetic(folder: Path) -> Path:
+    """As `gaitcal synthesize --noise --perturb` writes it, with the default settings of a user's own study."""
+    path = synthesize(folder / "study", seed=SEED, noise=True, perturb=True)
+    study = load_study_file(path)
+    wanted = ("static", "hip_r", "knee_r", "gait")
+    trials = [
+        t.model_copy(update={"name": WALK if t.name == "gait" else t.name}) for t in study.trials if t.name in wanted
+    ]
+    path.write_text(
+        study.model_copy(update={"trials": tuple(trials), "calibration": CalibrationSettings()}).to_toml(path.parent),
+        encoding="utf-8",
+    )
+    return path
+
+
+def _recorded(
+    subject: tuple[float, float, str],
+    markers: str,
+    walk: tuple[str, str | None] | None,
+    static: str,
+    joints: dict[Joint, str] | None = None,
+    rename: dict[str, str] | None = None,
+) -> Callable[[Path], Path]:
+    """A study of files in the data folder."""
+
+    def make(folder: Path) -> Path:
+        mass, height, sex = subject
+        trials = [Trial(name="static", role="static", file=data() / static)]
+        trials += [Trial(name=j, role="joint", joint=j, file=data() / f) for j, f in (joints or {}).items()]
+        if walk:
+            forces = data() / walk[1] if walk[1] else None
+            trials.append(Trial(name=WALK, role="gait", file=data() / walk[0], forces=forces))
+        path = folder / "study.toml"
+        chosen = markers.replace("{data}", str(data()))
+        file = StudyFile(
+            subject=SubjectTable(name="person", mass_kg=mass, height_m=height, sex=sex),  # type: ignore[arg-type]
+            markers=Markers(set=chosen, rename=rename or {}),
+            trial=tuple(trials),
+        )
+        path.write_text(file.to_toml(), encoding="utf-8")
+        return path
+
+    return make
+
+
+def _modelled_knees(static: str) -> Callable[[Study], Study]:
+    """A device marked the knees of the static trial: their lateral markers are points that the file computes."""
+
+    def finish(study: Study) -> Study:
+        trial = study.static
+        file = ezc3d.c3d(str(data() / static))
+        names = list(file["parameters"]["POINT"]["LABELS"]["value"])
+        points = MILLIMETRE * np.moveaxis(file["data"]["points"][:3], 0, -1)
+        knees = ("RKNE", "LKNE")
+        known = [label for label in trial.recording.labels if label in names]
+        at = [trial.recording.labels.index(label) for label in known]
+        mine, theirs = trial.recording.markers[:, at].reshape(-1, 3), points[names.index(known[0])][:0]
+        theirs = np.stack([points[names.index(label)] for label in known], axis=1).reshape(-1, 3)
+        good = np.isfinite(mine).all(axis=1) & np.isfinite(theirs).all(axis=1)
+        turn = np.rint(np.linalg.lstsq(theirs[good], mine[good], rcond=None)[0])
+        added = np.stack([points[names.index(label)] @ turn for label in knees], axis=1)
+        recording = replace(
+            trial.recording,
+            labels=(*trial.recording.labels, *knees),
+            markers=np.concatenate([trial.recording.markers, added], axis=1),
+        )
+        return with_recording(study, trial.name, recording)
+
+    return finish
+
+
+def with_recording(study: Study, name: str, recording: Recording) -> Study:
+    """The study with another recording of one trial."""
+
+    def changed(trial: StudyTrial) -> StudyTrial:
+        return replace(trial, recording=recording) if trial.name == name else trial
+
+    return replace(study, trials=tuple(changed(t) for t in study.trials))
+
+
+_ALL = (
+    Base(
+        name="subject01",
+        make=_recorded(
+            (72.6, 1.803, "male"),
+            "gait2354",
+            ("subject01/subject01_walk1.trc", "subject01/subject01_walk1_grf.mot"),
+            "subject01/subject01_static.trc",
+        ),
+    ),
+    Base(name=SYNTHETIC, make=_synthetic),
+    Base(
+        name="pig",
+        make=_recorded((66.5, 1.79, "male"), "plug-in-gait", ("pig_c3d/gait.c3d", None), "pig_c3d/static.c3d"),
+    ),
+    Base(
+        name="kad",
+        make=_recorded(
+            (79.25, 1.624, "female"), "plug-in-gait", ("labs_c3d/kad/walk.c3d", None), "labs_c3d/kad/static.c3d"
+        ),
+        finish=_modelled_knees("labs_c3d/kad/static.c3d"),
+    ),
+    Base(
+        name="multi",
+        make=_recorded(
+            (53.5, 1.634, "female"), "plug-in-gait", ("labs_c3d/multi/walk03.c3d", None), "labs_c3d/multi/static.c3d"
+        ),
+        finish=_modelled_knees("labs_c3d/multi/static.c3d"),
+    ),
+    Base(
+        name="child",
+        make=_recorded(
+            (32.1, 1.45, "male"),
+            str(OWN_SETS / "single_sacral.toml"),
+            ("children/HC002D/straight.c3d", None),
+            "children/HC002D/static.c3d",
+        ),
+    ),
+    Base(
+        name="uf3",
+        make=_recorded(
+            (68.17, 1.70, "male"),
+            "rcnl",
+            ("uf3/gait.trc", None),
+            "uf3/static.trc",
+            {"hip_r": "uf3/hip_r.trc", "knee_r": "uf3/knee_r.trc"},
+        ),
+    ),
+    *(
+        Base(
+            name=person,
+            make=_recorded(
+                subject,
+                "{data}/opensim_truth/markerset.toml",
+                (f"opensim_truth/{person}/walk.trc", f"opensim_truth/{person}/grf.mot"),
+                f"opensim_truth/{person}/static.trc",
+            ),
+        )
+        for person, subject in (("p01", (72.84, 1.808, "male")), ("p18", (64.09, 1.775, "male")))
+    ),
+    Base(
+        name="functional",
+        make=_recorded(
+            (66.0, 1.72, "female"),
+            "conventional73",
+            None,
+            "functional_c3d/static.c3d",
+            {"hip_r": "functional_c3d/hip_r.c3d", "knee_r": "functional_c3d/knee_r.c3d"},
+        ),
+    ),
+)
+BASES = {base.name: base for base in _ALL}

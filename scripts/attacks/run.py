@@ -1,0 +1,136 @@
+"""One attack as the command `calibrate` would meet it: read, check, refuse or calibrate, and what is said of it."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+
+from attacks.attack import Attack, Ending, Result
+from attacks.bases import BASES
+from attacks.corpus import corpus
+from attacks.curves import Curves, curves, largest
+from attacks.markers import pattern
+from attacks.messages import findings_said, names_cause, new, warned
+from gaitcal import GaitcalError, Study, calibrate
+from gaitcal.checks import check_study
+from gaitcal.findings import Severity
+from gaitcal.study.study_file import load_study_file
+
+
+class CorpusError(Exception):
+    """An attack that cannot be made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clean:
+    """A clean study's run."""
+
+    base: str
+    messages: tuple[str, ...]
+    curves: Mapping[str, Curves]
+    seconds: float
+
+
+def run_clean(base: str) -> Clean:
+    """Check and calibrate a clean study; RuntimeError where it is refused."""
+    start = perf_counter()
+    study = BASES[base].study
+    findings = check_study(study)
+    if errors := findings_said(findings, (Severity.ERROR,)):
+        raise RuntimeError(f"the clean study {base} is refused: {errors[0]}")
+    calibration = calibrate(study)
+    return Clean(
+        base=base, messages=warned(findings, calibration), curves=curves(calibration), seconds=perf_counter() - start
+    )
+
+
+def run(attack: Attack, clean: Clean) -> Result:
+    """Spoil, check and calibrate."""
+    start = perf_counter()
+    patterns = [pattern(words, BASES[attack.base].study.marker_set) for words in attack.named]
+
+    def result(ending: Ending, messages: tuple[str, ...], moved: float | None = None, where: str = "") -> Result:
+        return Result(
+            attack=attack.title,
+            kind=attack.kind,
+            ending=ending,
+            messages=messages,
+            moved=moved,
+            where=where,
+            seconds=perf_counter() - start,
+            cause_told=any(names_cause(message, patterns) for message in messages),
+        )
+
+    try:
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            study = spoilt(attack, Path(folder))()
+            findings = check_study(study)
+            if errors := findings_said(findings, (Severity.ERROR,)):
+                return result(Ending.REFUSED, errors)
+            calibration = calibrate(study)
+    except GaitcalError as error:
+        return result(Ending.REFUSED, (str(error),))
+    except CorpusError:
+        raise
+    except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
+        return result(Ending.CRASH, (traceback.format_exc(limit=-3),))
+    said = new(warned(findings, calibration), clean.messages)
+    movement = largest(curves(calibration), clean.curves)
+    moved, where = (None, "no result to compare") if movement is None else (movement.bars, movement.words)
+    if any(names_cause(message, patterns) for message in said):
+        return result(Ending.NAMED, said, moved, where)
+    if said:
+        return result(Ending.ALARMED, said, moved, where)
+    return result(Ending.SILENT if moved is None or moved > 1.0 else Ending.HARMLESS, said, moved, where)
+
+
+def spoilt(attack: Attack, folder: Path) -> Callable[[], Study]:
+    """What reads the study after the attack; what the attack itself raises is a fault of the corpus."""
+    try:
+        if not attack.of_files:
+            study = attack.change(BASES[attack.base].study)  # type: ignore[arg-type]
+            if not isinstance(study, Study):
+                raise TypeError("it returns no study")
+            return lambda: study
+        path = with_files(BASES[attack.base].make(folder))
+        attack.change(path.parent)  # type: ignore[arg-type]
+    except Exception as fault:
+        raise CorpusError(f"{attack.title}: the attack itself failed") from fault
+    return lambda: Study.load(path)
+
+
+def with_files(study: Path) -> Path:
+    """The study file with all its recordings copied beside it, each under the name of its trial."""
+    file = load_study_file(study)
+    folder = study.parent
+    trials = []
+    for trial in file.trials:
+        update: dict[str, Path] = {}
+        for key, stem in (("file", trial.name), ("forces", f"{trial.name}_forces")):
+            source: Path | None = getattr(trial, key)
+            if source is not None:
+                target = folder / f"{stem}{source.suffix}"
+                if source != target:
+                    shutil.copyfile(source, target)
+                update[key] = target
+        trials.append(trial.model_copy(update=update))
+    study.write_text(file.model_copy(update={"trials": tuple(trials)}).to_toml(folder), encoding="utf-8")
+    return study
+
+
+@lru_cache(maxsize=1)
+def _by_title() -> Mapping[str, Attack]:
+    return {attack.title: attack for attack in corpus()}
+
+
+def run_title(title: str, clean: Clean) -> Result:
+    """The attack of that title: its functions cannot be sent to another process, its title can."""
+    return run(_by_title()[title], clean)

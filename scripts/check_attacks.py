@@ -1,0 +1,104 @@
+"""Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that one can live with it.
+
+    python scripts/check_attacks.py [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--list] [--json FILE]
+    python scripts/check_attacks.py --quick        # a dozen, in less than a minute
+    python scripts/check_attacks.py --clean        # every finding on the clean recordings
+
+Each attack changes one thing in one short study (static trial, walk, isolated trials: `attacks/bases.py`), which is
+then checked and calibrated as `gaitcal calibrate` would. Without options each is made on one study, the studies
+taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as one of
+
+refused     an error stops the run
+named       a new message names the cause: it holds the words that the attack lists, marker, trial or plate among them
+harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies within the error bar
+            of its own run around the clean run: the RMS over frames of |difference| / max(1.96 standard errors, floor)
+            is at most 1; floors: 0.2 % of body weight times height, 1 deg, 5 mm (`attacks/curves.py`)
+alarmed     something new is said, but not the cause
+silent      nothing new is said, and a result moved by more than its own error bar
+crash       an exception that is no error of gaitcal's
+
+New is a message (warnings and errors of checks and of the calibration; notes do not count) whose words, numbers left
+out, the clean run does not say. Real recordings are read from the folder that GAITCAL_DATA names; without it only the
+synthetic person is attacked. Exit code 1 where more than 2 % end silent, more than 10 % alarmed, or anything crashes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from pathlib import Path
+
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # read when NumPy is loaded, which the next imports do
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from attacks import report  # noqa: E402
+from attacks.attack import Attack, Result  # noqa: E402
+from attacks.bases import BASES, SYNTHETIC  # noqa: E402
+from attacks.corpus import corpus, once_each  # noqa: E402
+from attacks.run import Clean, run_clean, run_title  # noqa: E402
+from joblib import Parallel, delayed  # noqa: E402
+
+
+def chosen_attacks(arguments: argparse.Namespace) -> list[Attack]:
+    """Those that the command line asks for and whose recordings are there."""
+    there, every = os.environ.get("GAITCAL_DATA"), corpus()
+    wide = arguments.all or arguments.quick or arguments.base or arguments.only
+    return [
+        attack
+        for attack in (every if wide else once_each(every))
+        if (not arguments.only or re.search(arguments.only, attack.title, re.IGNORECASE))
+        and (not arguments.base or attack.base in arguments.base)
+        and (not arguments.quick or attack.quick)
+        and (there or attack.base == SYNTHETIC)
+    ]
+
+
+def print_clean(clean: list[Clean]) -> None:
+    """What is said of the clean recordings, and how long they take."""
+    for one in clean:
+        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s")
+        for message in one.messages:
+            print(f"    {message}")
+
+
+def main(arguments: list[str] | None = None) -> list[Result]:
+    """Make the attacks and print the table; SystemExit 1 where they pass a limit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", action="store_true", help="every attack on every base that it is meant for")
+    parser.add_argument("--only", metavar="REGEX", help="attacks whose title matches")
+    parser.add_argument("--base", action="append", default=[], choices=list(BASES), help="clean study; may be repeated")
+    parser.add_argument("--quick", action="store_true", help="the few that run as a test")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--list", action="store_true", help="print the titles, run nothing")
+    parser.add_argument("--clean", action="store_true", help="what is said of the clean recordings, no attack")
+    parser.add_argument("--json", type=Path, help="write every result to this file")
+    chosen = parser.parse_args(arguments)
+    attacks = chosen_attacks(chosen)
+    if chosen.list:
+        print("\n".join(attack.title for attack in attacks))
+        print(f"{len(attacks)} attacks")
+        return []
+    bases = chosen.base or list(BASES) if chosen.clean else list(dict.fromkeys(attack.base for attack in attacks))
+    workers = Parallel(n_jobs=chosen.jobs, return_as="generator")
+    clean = list(workers(delayed(run_clean)(base) for base in bases))
+    if chosen.clean:
+        print_clean(clean)
+        return []
+    of_base = {one.base: one for one in clean}
+    results: list[Result] = []
+    for result in workers(delayed(run_title)(attack.title, of_base[attack.base]) for attack in attacks):
+        results.append(result)
+        print(f"{len(results):4d} of {len(attacks)}{report.line(result)}", file=sys.stderr, flush=True)
+    print("\n".join(report.lines(results)))
+    if chosen.json:
+        report.write(results, chosen.json)
+    if not report.passed(results):
+        sys.exit(1)
+    return results
+
+
+if __name__ == "__main__":
+    main()
