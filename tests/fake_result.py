@@ -35,7 +35,7 @@ ANGLE_ERROR = 0.02
 STRIDE = 1.0
 ERROR_SHARES = {
     Source.MOTION: 0.2, Source.JOINT_MARKERS: 0.1, Source.JOINT_NOMINAL: 0.25, Source.SKIN: 0.05,
-    Source.BANDWIDTH: 0.05, Source.INERTIA: 0.15, Source.PLATES: 0.2,
+    Source.BANDWIDTH: 0.05, Source.INERTIA: 0.1, Source.PLATES: 0.2, Source.FRAMES: 0.05,
 }  # fmt: skip
 """Of the variance of every torque."""
 HOSTILE = (

@@ -7,7 +7,8 @@ markers does to its nodes while joints are known, and S = -d N/d p. The generali
     d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
 Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
-(d tau/d IP) cov (d tau/d IP)^T, force plates the squares of `dynamics/plate_errors.py`. The coordinates of the motion
+(d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/plate_errors.py` and
+`dynamics/axis_errors.py`. The coordinates of the motion
 move by B d N_c, and their squares sum to the variance that skin movement leaves in them.
 """
 
@@ -21,6 +22,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, trial_scores
+from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
@@ -42,6 +44,7 @@ def torque_standard_errors(
     inertial: Array | None,
     moves: MarkerMoves | None = None,
     plates: PlateErrors | None = None,
+    axes: AxisErrors | None = None,
 ) -> TorqueErrors:
     """Standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial, by source.
 
@@ -53,6 +56,7 @@ def torque_standard_errors(
     inertial : (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
     moves : what the markers move, where it is known already.
     plates : how far the ground reactions are to be believed; exact unless given.
+    axes : how far the directions of segments' axes are, with these parameters; exact unless given.
     """
     basis = problem.basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
@@ -64,6 +68,8 @@ def torque_standard_errors(
         by_source[Source.INERTIA] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
     if plates is not None and plates.any:
         by_source[Source.PLATES] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
+    if axes is not None and axes.columns:
+        by_source[Source.FRAMES] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
     for start in range(0, len(q), BLOCK):
         part = slice(start, min(start + BLOCK, len(q)))
         slopes = force_derivatives(parameters, free, q[part], v[part], a[part], wrenches[part])
@@ -77,6 +83,9 @@ def torque_standard_errors(
         if Source.PLATES in by_source and plates is not None:
             wrong = dynamics.of_ground(q[part], wrench_errors(wrenches[part], rates[part], plates))
             by_source[Source.PLATES][part] = (wrong**2).sum(axis=2)
+        if Source.FRAMES in by_source and axes is not None:
+            turned = axes.torque_moves(q[part], v[part], a[part], wrenches[part])
+            by_source[Source.FRAMES][part] = (turned**2).sum(axis=2)
     return TorqueErrors.of(by_source)
 
 
@@ -191,8 +200,12 @@ def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, A
     return out
 
 
-def coordinate_standard_errors(problem: TrialProblem, moves: MarkerMoves) -> Array:
-    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial."""
+def coordinate_standard_errors(problem: TrialProblem, moves: MarkerMoves, turned: Array | None = None) -> Array:
+    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
+
+    `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
+    no marker moves with is held at zero, and has none.
+    """
     basis, nq = problem.basis, len(problem.chain.coordinates)
     out = np.empty((len(basis.time), nq))
     for start in range(0, len(out), BLOCK):
@@ -200,4 +213,4 @@ def coordinate_standard_errors(problem: TrialProblem, moves: MarkerMoves) -> Arr
         still = np.broadcast_to(np.eye(nq), (part.stop - part.start, nq, nq))
         variances = moves.variances(*moves.through(basis, part, (still,)))
         out[part] = np.sqrt(sum(variances.values()))
-    return out
+    return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

@@ -28,6 +28,7 @@ class Source(Enum):
     BANDWIDTH = ("bandwidth", "bandwidth of the motion")
     INERTIA = ("inertia", "masses and inertia")
     PLATES = ("plates", "force plates")
+    FRAMES = ("frames", "direction of segment axes")
 
     def __init__(self, key: str, words: str) -> None:
         self.key, self.words = key, words

@@ -20,8 +20,9 @@ COLOURS = {
     Source.BANDWIDTH: "#f0e442",
     Source.INERTIA: "#009e73",
     Source.PLATES: "#d55e00",
+    Source.FRAMES: "#999999",
 }
-"""Okabe and Ito's, which colour-blind eyes tell apart."""
+"""Okabe and Ito's, which colour-blind eyes tell apart, and their grey."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
-from gaitcal.person.trial_result import trial_result
+from gaitcal.person.trial_result import axis_deviations, trial_result
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -106,6 +106,7 @@ def calibrate(
             reactions=reactions.get(t.name),
             uncertainty=uncertainty,
             plates=PlateErrors.of(settings.plate_error),
+            axes=axis_deviations(settings),
             bwh=nominal.subject.bwh,
             held_out=fitted.held_out.get(t.name),
         )

@@ -13,6 +13,7 @@ from gaitcal.calibration.torque_errors import (
     marker_moves,
     torque_standard_errors,
 )
+from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.plate_errors import PlateErrors
@@ -39,6 +40,7 @@ def trial_result(
     reactions: GroundReactions | None,
     uncertainty: Uncertainty,
     plates: PlateErrors,
+    axes: Mapping[str, tuple[float, float, float]],
     bwh: float,
     held_out: HeldOut | None = None,
 ) -> TrialResult:
@@ -52,6 +54,7 @@ def trial_result(
     reactions : None without force plates.
     uncertainty : of the last model.
     plates : how far the ground reactions are to be believed.
+    axes : standard deviations of where the segments' axes point, deg (`dynamics/axis_errors.py`).
     bwh : body weight times height, N·m.
     """
     final, _ = stages[max(stages, key=list(Stage).index)]
@@ -60,10 +63,11 @@ def trial_result(
     if trial.joint is not None:
         calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
     moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
+    turned = AxisErrors(final, axes)
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}
-        errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, moves)
+        errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
         loads = LoadedTrial(reactions, moments, errors)
     return TrialResult(
         name=trial.name,
@@ -77,7 +81,9 @@ def trial_result(
         joint_floor=joint_floor(trial.fitted, reached, calibrated.q),
         body=body,
         loads=loads,
-        coordinate_errors=None if moves is None else coordinate_standard_errors(trial.body, moves),
+        coordinate_errors=None
+        if moves is None
+        else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q)),
         held_out=held_out,
         bandwidth=trial.bandwidth,
     )
@@ -90,14 +96,28 @@ def _torque_errors(
     reactions: GroundReactions,
     uncertainty: Uncertainty,
     plates: PlateErrors,
+    axes: AxisErrors,
     moves: MarkerMoves | None,
 ) -> TorqueErrors | None:
     """Standard errors of the final moments; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
         return None
     return torque_standard_errors(
-        problem, motion.nodes, parameters, reactions.wrench, uncertainty.joint, uncertainty.inertial, moves, plates
+        problem,
+        motion.nodes,
+        parameters,
+        reactions.wrench,
+        uncertainty.joint,
+        uncertainty.inertial,
+        moves,
+        plates,
+        axes,
     )
+
+
+def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:
+    """Segment -> deg, how far its axes may point elsewhere."""
+    return EXACT if settings.segment_axes == "exact" else PALPATED_DEG
 
 
 def analyse(
@@ -126,5 +146,6 @@ def analyse(
         reactions=reactions,
         uncertainty=uncertainty,
         plates=PlateErrors.of(settings.plate_error),
+        axes=axis_deviations(settings),
         bwh=model.subject.bwh,
     )

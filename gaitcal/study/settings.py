@@ -145,6 +145,12 @@ class CalibrationSettings(Table):
         "of the error bars of torques, and of what inertial parameters are weighed against; 0 switches a part off",
     )
 
+    segment_axes: Literal["palpated", "exact"] = Field(
+        default="palpated",
+        description="where the segments' axes point: as landmarks on the skin tell, whose scatter (1 to 6 deg) is part "
+        "of the error bars of angles and torques; or exactly as the static trial has them, by definition",
+    )
+
     @field_validator("nodes_per_second", "nodes")
     @classmethod
     def _one_bandwidth(cls, count: float | None, info: ValidationInfo) -> float | None:

@@ -166,5 +166,7 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(nodes=NODES, force_filter_hz="none", plate_error=EXACT_PLATES),
+        calibration=CalibrationSettings(
+            nodes=NODES, force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"
+        ),
     )

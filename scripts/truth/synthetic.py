@@ -73,7 +73,7 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
         truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
         study = Study.load(file)
         if settings is not Settings.SYNTHESIZED:
-            study = with_settings(study, changes or {})
+            study = with_settings(study, {"segment_axes": "exact"} | dict(changes or {}))
         if settings is Settings.GAIT_ONLY:
             study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
         fit = timed_fit(study)

@@ -19,6 +19,7 @@ from gaitcal.calibration.torque_errors import (
     source_of,
     torque_standard_errors,
 )
+from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import Source
@@ -102,6 +103,31 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     by_node = np.array([problem.basis.evaluate(by_nodes) for by_nodes, _, _ in errors[: own + others]])
     coordinates = np.sqrt((by_node**2).sum(axis=0))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
+
+
+def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
+    rng = np.random.default_rng(53)
+    parameters = perturbed_parameters(rng)
+    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    weight = problem.data.weight.copy()
+    weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
+    problem = problem.with_weight(weight)
+    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_influence(FREE), AxisErrors(parameters)
+    exact, moved = (
+        torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=a) for a in (None, axes)
+    )
+    assert Source.FRAMES not in exact.by_source
+    for source, variance in exact.by_source.items():
+        np.testing.assert_array_equal(moved.by_source[source], variance)
+    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
+    expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
+    np.testing.assert_allclose(moved.by_source[Source.FRAMES], expected, rtol=1e-9, atol=1e-12)
+    moves, turned = marker_moves(problem, nodes, parameters, known), axes.coordinate_errors(q)
+    plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
+    held = ~problem.active
+    assert held.any()
+    np.testing.assert_array_equal(whole[:, held], plain[:, held])
+    np.testing.assert_allclose(whole[:, ~held], np.hypot(plain, turned)[:, ~held], rtol=1e-12)
 
 
 def test_force_plates_add_their_own_part_and_change_no_other() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import DEFAULT
 from gaitcal.model.parameters import Parameters
@@ -65,6 +66,7 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
         spread.joint,
         spread.inertial,
         plates=DEFAULT,
+        axes=AxisErrors(done.model.parameters),
     )
     np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
     np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)

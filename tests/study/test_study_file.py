@@ -115,6 +115,13 @@ def test_plate_errors_are_an_inline_table_that_is_written_and_read_back(folder: 
     assert "calibration.plate_error" in line and "'place_mm'" in line
 
 
+def test_segment_axes_are_palpated_unless_exact(folder: Path) -> None:
+    assert load(folder, STUDY).calibration.segment_axes == "palpated"
+    assert load(folder, STUDY.replace("nodes = 20", 'segment_axes = "exact"')).calibration.segment_axes == "exact"
+    line = message(folder, STUDY.replace("nodes = 20", 'segment_axes = "exactly"'))
+    assert "calibration.segment_axes" in line and "'palpated'" in line
+
+
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
         subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),

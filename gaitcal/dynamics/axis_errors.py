@@ -1,0 +1,205 @@
+"""What errors in the direction of the segments' axes make of joint angles and torques.
+
+Landmarks on the skin say where the axes of a segment point. Let those of a segment really be turned by a small d (rad,
+laboratory; constant in the segment), bodies, joint centres and hinges staying where they are. Every joint passes from
+parent to child through turns k about axes a_k: its coordinates, and the joint parameters that tell where a hinge
+lies. They take the turn up so that what is beyond the joint stays,
+
+    sum_k a_k x_k = d       where the segment is the child, the three turns next to it,
+    sum_k a_k x_k = -d      where it is the parent, the three turns next to it,
+
+so that coordinates move by their x_k, and each axis by what has turned before it,
+
+    d a_k = (e + sum_{j before k} a_j x_j) x a_k,      e = d where the segment is the parent, 0 where it is the child.
+
+With the moment M that the joint carries, three components of which are generalised forces, its torques a_k . M move by
+d a_k . M. A hinge stays where it is, and so does its torque; hips, back, pelvis and the knees' reactions do not. What
+nobody knows of the place of a hinge is an error of its own (`calibration/joint_prior.py`), and so is that of a centre.
+
+Sizes: by the landmarks that `model/segment_frames.py` makes each axis of, 1.70 m tall. Palpated landmarks scatter by 6
+to 21 mm (Della Croce et al., Gait Posture 21:226-237, 2005), taken as 10 mm, 6 along each axis; hip centres of
+regressions miss by 15 to 30 mm (Leardini et al., J Biomech 32:99-103, 1999; Sangeux et al., Gait Posture 34:324-328,
+2011), 13 along each axis. Two ASIS 245 mm apart and 170 mm before the sacrum then turn the pelvis by 2, 2 and 2.5
+deg, epicondyles 112 mm apart the thigh by 4.5 about its length. Whole sessions repeated by others scatter alike: mostly
+less than 5 deg, least in obliquity and hip adduction, most in rotations of hip and knee (McGinley et al., Gait Posture
+29:360-369, 2009).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, unloaded_forces
+from gaitcal.model.build import build_linkage
+from gaitcal.model.chain import Chain
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, Source, joint_elements, root_elements
+from gaitcal.model.parameters import Parameters
+
+PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
+    "pelvis": (2.0, 2.0, 2.5),
+    "thigh": (2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
+    "shank": (1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
+    "foot": (1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
+    "head_trunk": (2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
+    "upper_arm": (2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
+    "forearm_hand": (2.0, 6.0, 2.0),
+}
+"""Segment -> deg, standard deviations of turns about its x, y and z axis. A talus has no landmarks, and no error."""
+EXACT: Mapping[str, tuple[float, float, float]] = {}
+"""Axes that are where they are by definition."""
+BLOCK = 500
+"""Frames at a time."""
+
+_ORIENTATIONS = tuple(p.name for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION)
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """A joint, or the six coordinates of the pelvis, as turns from parent to child."""
+
+    parent: str | None
+    child: str
+    turns: tuple[str, ...]
+    """Coordinates, joint parameters and the locked reaction, in their order."""
+
+    @property
+    def absorbing(self) -> tuple[str, ...]:
+        """Turns that may take others up."""
+        return tuple(name for name in self.turns if name not in REACTIONS)
+
+    @property
+    def carried(self) -> tuple[str, ...]:
+        """Three turns whose generalised forces are the joint's whole moment; empty where no torque of it moves."""
+        if any(name in REACTIONS for name in self.turns):
+            at = next(k for k, name in enumerate(self.turns) if name in REACTIONS)
+            return self.turns[at - 1 : at + 2]
+        return self.turns if set(self.turns) <= set(COORDINATES) else ()
+
+
+def _crossings() -> Iterator[_Crossing]:
+    for parent, child, elements in (
+        (None, "pelvis", root_elements("pelvis")),
+        *((joint.parent, joint.child, joint_elements(joint, reactions=True)) for joint in JOINTS),
+    ):
+        yield _Crossing(
+            parent, child, tuple(e.name for e in elements if e.rotates and e.source is not Source.ZERO_ANGLE)
+        )
+
+
+CROSSINGS = tuple(_crossings())
+
+
+class AxisErrors:
+    """Axes of all segments of one set of parameters, each wrong by its standard deviation."""
+
+    def __init__(
+        self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
+    ) -> None:
+        """`deviations_deg`: standard deviations by segment, without its side, about x, y and z."""
+        self._chain = Chain(free=_ORIENTATIONS, reactions=True)
+        self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
+        free = tuple(name for c in CROSSINGS for name in c.carried if name in JP_INDEX)
+        self._linkage = build_linkage(parameters, free, reactions=True)
+        self._fixed = {name: float(parameters.joint[JP_INDEX[name]]) for name in free}
+        self._data = self._linkage.model.createData()
+        each = {s: deviations_deg.get(s.removesuffix("_r").removesuffix("_l"), ()) for s in self._chain.segments}
+        self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
+        self.segments = tuple(self._deviations)
+        """Whose axes are wrong."""
+        self.columns = tuple((segment, axis) for segment in self.segments for axis in range(3))
+        """What each column of the moves below turns: a segment about its x, y or z."""
+
+    def coordinate_errors(self, q: Array) -> Array:
+        """(nf, 27) m, rad: standard errors that these leave in coordinates (nf, 27)."""
+        out = np.empty_like(q)
+        for start in range(0, len(q), BLOCK):
+            part = slice(start, start + BLOCK)
+            out[part] = np.sqrt((self.coordinate_moves(q[part]) ** 2).sum(axis=2))
+        return out
+
+    def coordinate_moves(self, q: Array) -> Array:
+        """(nf, 27, k) m, rad: one standard deviation of each turn, at coordinates (nf, 27)."""
+        axes, segments, _ = self._placed(q)
+        out = np.zeros((*q.shape, len(self.columns)))
+        for _, place, taken in self._taken(axes, segments):
+            for name, by in taken.items():
+                if name in COORDINATES:
+                    out[:, COORDINATES.index(name), place] += by
+        return out
+
+    def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
+        """(nf, 29, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
+        axes, segments, columns = self._placed(q)
+        forces = self._forces(q, v, a, wrenches, columns)
+        out = np.zeros((len(q), len(FORCES), len(self.columns)))
+        for crossing, place, taken in self._taken(axes, segments):
+            if not crossing.carried:
+                continue
+            sides = np.stack([axes[name] for name in crossing.carried], axis=1)  # (nf, 3, 3), an axis a row
+            told = np.stack([forces[name] for name in crossing.carried], axis=1)
+            moment = np.linalg.solve(sides, told[..., None])[:, None, :, 0]  # (nf, 1, 3)
+            turned = self._turns(segments, place) if self.columns[place.start][0] == crossing.parent else 0.0
+            turned = np.zeros((len(q), 3, 3)) + turned  # (nf, turn, xyz)
+            for name in crossing.turns:
+                if name in FORCES:
+                    moved = np.cross(turned, axes[name][:, None])
+                    out[:, FORCES.index(name), place] += (moved * moment).sum(axis=2)
+                if name in taken:
+                    turned = turned + taken[name][:, :, None] * axes[name][:, None]
+        return out
+
+    def _placed(self, q: Array) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
+        """Turn -> axis (nf, 3); segment -> axes (nf, 3, 3), one a row; variable -> spatial column (nf, 6)."""
+        whole = np.zeros((len(q), len(self._chain.coordinates)))
+        whole[:, [self._chain.coordinates.index(name) for name in COORDINATES]] = q
+        poses = forward(self._chain, self._constants, whole)
+        spatial = jacobian(self._chain, self._constants, poses).transpose(0, 2, 1)
+        names = (*self._chain.coordinates, *self._chain.free)
+        columns = dict(zip(names, spatial, strict=True))
+        frames, _ = segment_poses(self._chain, self._constants, poses)
+        segments = dict(zip(self._chain.segments, frames.transpose(0, 3, 1, 2), strict=True))
+        return {name: column[:, 3:] for name, column in columns.items()}, segments, columns
+
+    def _turns(self, segments: Mapping[str, Array], place: slice) -> Array:
+        """(nf, 3, 3) rad, laboratory: turn of a segment about each of its axes, one a row."""
+        segment = self.columns[place.start][0]
+        return segments[segment] * self._deviations[segment][:, None]
+
+    def _taken(
+        self, axes: Mapping[str, Array], segments: Mapping[str, Array]
+    ) -> Iterator[tuple[_Crossing, slice, dict[str, Array]]]:
+        """Joint, columns of a segment beside it, and by how much (nf, 3) each of its turns takes these up."""
+        for k, segment in enumerate(self.segments):
+            place = slice(3 * k, 3 * k + 3)
+            turns = self._turns(segments, place)
+            for crossing in CROSSINGS:
+                if segment not in (crossing.parent, crossing.child):
+                    continue
+                above = segment == crossing.parent
+                names = crossing.absorbing[:3] if above else crossing.absorbing[-3:]
+                basis = np.stack([axes[name] for name in names], axis=2)
+                found = np.linalg.solve(basis, (-turns if above else turns).transpose(0, 2, 1))
+                yield crossing, place, dict(zip(names, found.transpose(1, 0, 2), strict=True))
+
+    def _forces(self, q: Array, v: Array, a: Array, wrenches: Array, columns: Mapping[str, Array]) -> dict[str, Array]:
+        """Turn -> (nf,) N·m its generalised force; also of the joint parameters that complete a knee's moment."""
+        state = np.zeros((3, len(q), len(self._linkage.coordinates)))
+        place = [self._linkage.index(name) for name in COORDINATES]
+        for values, given in zip(state, (q, v, a), strict=True):
+            values[:, place] = given
+        for name, value in self._fixed.items():
+            state[0][:, self._linkage.index(name)] = value
+        forces = dict(zip(self._linkage.coordinates, unloaded_forces(self._linkage, self._data, *state).T, strict=True))
+        names = (*self._chain.coordinates, *self._chain.free)
+        for foot, segment in enumerate(FEET):
+            column = self._chain.segments.index(segment)
+            for name in forces:
+                if self._chain.support[names.index(name), column]:
+                    forces[name] = forces[name] - (columns[name] * wrenches[:, foot]).sum(axis=1)
+        return forces
