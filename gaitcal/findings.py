@@ -68,3 +68,9 @@ def listed(names: list[str], most: int = 6) -> str:
     """The first few names of a list, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def note_of(finding: Finding) -> str:
+    """A finding as a note of a result: it begins with the name of its trial, where it has one."""
+    place = "" if finding.where in (STUDY, "") else f"{finding.where}: "
+    return f"{place}{finding.evidence}" + (f"; {finding.cure}" if finding.cure else "")

@@ -14,6 +14,7 @@ from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
+from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
@@ -26,6 +27,7 @@ from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult, 
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.verdict.verdict import judge
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
@@ -116,6 +118,16 @@ def fake_calibration(
             message="`ftol` reached",
         ),
     )
+    doubts = (
+        Finding(
+            severity=Severity.WARNING,
+            topic="joints",
+            where=STUDY,
+            cause=names.warning,
+            found="by 3 mm",
+            cure="look at it",
+        ),
+    )
     return Calibration(
         study=study,
         nominal=model,
@@ -127,7 +139,8 @@ def fake_calibration(
         uncertainty=_uncertainty(joint and errors),
         unidentifiable=UNSEEN if joint else (),
         notes=(names.note,),
-        warnings=(names.warning,),
+        findings=doubts,
+        verdict=judge(doubts, [t.name for t in trials if t.joint is None]),
     )
 
 
@@ -142,7 +155,7 @@ def _joint(parameters: Any) -> JointCalibration:
         free=FREE,
         influence=cast(Any, ()),
         unidentifiable=UNSEEN,
-        warnings=(),
+        findings=(),
         at_bound=("knee_r.thigh.front",),
     )
 

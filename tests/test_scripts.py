@@ -33,6 +33,15 @@ def test_benchmark_runs_a_section_and_writes_its_figures(
     assert "physically consistent" in capsys.readouterr().out
 
 
+def test_benchmark_tells_what_the_choice_of_a_bandwidth_costs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    figures = importlib.import_module("benchmark").main(["bandwidth", "--runs", "1"])["bandwidth"]
+    assert [bool(f["seconds"] > 0) for f in figures.values()] == [True] * 3
+    assert re.search(r"choice of the bandwidth.* x .* Hz", capsys.readouterr().out)
+
+
 def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(SCRIPTS))
     benchmark = importlib.import_module("benchmark")

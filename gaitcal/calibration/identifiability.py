@@ -17,6 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import MarkerEvidence
 from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -93,8 +94,8 @@ def _turn(problem: TrialProblem, nodes: Array, coordinate: str) -> float:
     return float(np.ptp(problem.basis.evaluate(nodes)[:, problem.chain.coordinates.index(coordinate)]))
 
 
-def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, ...]:
-    """Warnings, in a lab's words, about movements of an isolated trial that are too small to show their axis."""
+def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
+    """Movements of an isolated trial that are too small to show their axis."""
     kind, side = joint.split("_")
     names = _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle"))
     out = []
@@ -102,15 +103,21 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[str, .
         turned = _turn(problem, nodes, f"{name}_{side}")
         if turned < NEEDED_TURN:
             out.append(
-                f"{problem.name}: {joint} moved only {np.rad2deg(turned):.0f} deg in {_WORDS[name]}; at least "
-                f"{np.rad2deg(NEEDED_TURN):.0f} deg are needed to determine that axis: record the trial again with a "
-                "larger movement"
+                Finding(
+                    severity=Severity.INFO if turned >= LEAST_TURN else Severity.WARNING,
+                    topic="range of motion",
+                    where=problem.name,
+                    cause=f"{joint} hardly moved in {_WORDS[name]}",
+                    found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg show that axis",
+                    cure="its error bar is the wider; record the trial again with a larger movement",
+                    leg=side,
+                )
             )
     return tuple(out)
 
 
-def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values") -> tuple[str, ...]:
-    """One warning a joint: what is not determined, what was done, what to record."""
+def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values") -> tuple[Finding, ...]:
+    """One note a joint: what is not determined, what was done, what to record. Its error bar says the rest."""
     joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
     out = []
     for joint in joints:
@@ -120,7 +127,27 @@ def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at 
         advice = f"an isolated {kind} trial of the {'right' if side == 'r' else 'left'} leg"
         have = f" by {', '.join(trials)}" if trials else ""
         out.append(
-            f"{joint}: {', '.join(own)} not determined{have}; {done}. Add {advice} with at least "
-            f"{np.rad2deg(NEEDED_TURN):.0f} deg of movement"
+            Finding(
+                severity=Severity.INFO,
+                topic="joint parameters",
+                where=STUDY,
+                cause=f"{joint} is not fully determined",
+                found=f"{', '.join(own)} not determined{have}; {done}",
+                cure=f"add {advice} with at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement",
+                leg=side,
+            )
         )
     return tuple(out)
+
+
+def beyond_bound(name: str) -> Finding:
+    """Of a joint parameter that lies on its bound, or beyond."""
+    return Finding(
+        severity=Severity.WARNING,
+        topic="joint parameters",
+        where=STUDY,
+        cause=f"{name.split('.')[0]} lies further from where the static trial has it than people do",
+        found=f"{name} is on the bound of how far it may move, or beyond",
+        cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
+        leg=name.split(".")[0][-1] if name.split(".")[0][-2:] in ("_r", "_l") else "",
+    )

@@ -29,12 +29,14 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations
+from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.skin_movement import unit_covariance
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials, eliminate
 from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -46,8 +48,6 @@ FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
 """Fits after which the noise of every trial is found anew."""
-NULL = 1e-12
-"""Part of the largest eigenvalue of S_t below which it counts as zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,9 +161,7 @@ class _MarkersAndPriors(SharedTrials):
 
 def first_noise(problem: TrialProblem) -> float:
     """m, nu of a trial of which nothing is known."""
-    time_ = problem.basis.time
-    rate = (len(time_) - 1) / float(time_[-1] - time_[0])
-    return FIRST_NOISE * float(np.sqrt(max(rate * MEMORY_S, 1.0)))
+    return FIRST_NOISE * float(np.sqrt(max(frame_rate(problem.basis) * MEMORY_S, 1.0)))
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -235,7 +233,7 @@ def _without_skin(
     """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
     noise = [first_noise(p) for p in problems]
     starts: Sequence[Array] = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    least, values = [least_noise(p.basis.time) for p in problems], None
+    least, values = [least_noise(p.basis) for p in problems], None
     precision = np.diag(1.0 / prior_deviations(free) ** 2)
     for remaining in reversed(range(ROUNDS + 1)):
         weighed = [p.scaled(1.0 / nu**2) for p, nu in zip(problems, noise, strict=True)]

@@ -9,32 +9,39 @@ single spine joint make errors of another size, are fitted by themselves in gait
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import in_words, small_turns
+from gaitcal.calibration.identifiability import beyond_bound, in_words, small_turns
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
-from gaitcal.calibration.joint_noise import FEWEST_MARKERS
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_deviations
-from gaitcal.calibration.skin_evidence import skin_sizes
+from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
+from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, SEGMENTS, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
 
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
+LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
+LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
+UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
+QUIET = 0.25
+"""Part of the legs' noise below which a joint takes part by itself: what it then says twice is at most a
+sixteenth, and a few parameters more than samples do not pass for quiet."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,11 @@ class EvidenceTrial:
     joint: str | None
     """The joint of an isolated trial; None for gait."""
 
+    @property
+    def name(self) -> str:
+        """Of the recording, whatever part of the body is fitted to it."""
+        return self.body.name
+
 
 @dataclass(frozen=True)
 class SkinFound:
@@ -58,6 +70,25 @@ class SkinFound:
     keys: tuple[str, ...]
     values: Array
     """(nz,) m/rad."""
+
+
+NO_SKIN_FOUND = SkinFound({}, (), np.zeros(0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """What the fit of one part of the body gives."""
+
+    free: tuple[str, ...]
+    parameters: Parameters
+    """Of the whole body: those of the parts before it, too."""
+    errors: Influence
+    """Of `free`."""
+    phase: Phase
+    findings: tuple[Finding, ...] = ()
+    skin: SkinFound = NO_SKIN_FOUND
+    tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
+    """Trial -> the columns of that skin on the markers of the whole body."""
 
 
 def calibrate_by_evidence(
@@ -71,45 +102,64 @@ def calibrate_by_evidence(
 
     `standing`: the whole body in the static trial, where every marker is in its place.
     """
-    legs = tuple(n for n in JP_NAMES if n.split(".")[0].startswith(_LEG) and n.split(".")[0][-1] in sides)
+    legs = _legs(trials, nominal, standing, sides)
+    upper = _trunk_and_arms(trials, nominal, legs.parameters if legs else nominal)
+    return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
+
+
+def _legs(
+    trials: Sequence[EvidenceTrial], nominal: Parameters, standing: TrialProblem, sides: Sequence[str]
+) -> _Part | None:
+    """Isolated trials of `sides` and gait, with the skin that there is evidence of; None where nothing is free."""
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
-    problems = [t.fitted if t.joint else _part(t.fitted, LOWER_BODY, nominal) for t in used]
-    free = free_of(problems, legs)
-    phases: list[Phase] = []
-    influence, warnings = nominal_influence(), list[str]()
-    parameters, found = nominal, SkinFound({}, (), np.zeros(0))
-    tissue: dict[str, SoftTissue] = {}
-    if free:
+    problems = [t.fitted if t.joint else _segments(t.fitted, LOWER_BODY, nominal) for t in used]
+    free = free_of(problems, tuple(n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides))
+    if not free:
+        return None
+    plain, errors = estimate_joints(problems, nominal, free)
+    whole = len(problems)
+    quiet = _quiet_joints([t for t in used if t.joint is None], problems, plain, nominal)
+    if quiet:
+        used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
         plain, errors = estimate_joints(problems, nominal, free)
-        whole = len(problems)
-        quiet = _quiet_joints([t for t in used if t.joint is None], problems, plain, nominal)
-        if quiet:
-            used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
-            plain, errors = estimate_joints(problems, nominal, free)
-        angles = {t.body.name: _angles(t.body, plain.parameters, standing) for t in trials}
-        columns = [replace(p, tissue=skin_columns(p, angles[t.body.name])) for t, p in zip(used, problems, strict=True)]
-        sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
-        estimate = plain
-        if sizes:
-            own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
-            estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain)
-            found = SkinFound(sizes, estimate.keys, estimate.skin)
-            for t in trials:
-                own_tissue = only(skin_columns(t.body, angles[t.body.name]), t.body.chain.segments, sizes)
-                if own_tissue is not None:
-                    tissue[t.body.name] = own_tissue
-        phases.append(_phase("joint parameters of the legs", problems, plain, estimate))
-        parameters, influence = estimate.parameters, _joined(influence, _with_skin(errors, found))
-        for t, p, nodes in zip(used, problems, estimate.nodes, strict=True):
-            warnings += small_turns(p, nodes, t.joint) if t.joint else ()
-    upper = [_part(t.fitted, UPPER_BODY, nominal) for t in trials if t.joint is None]
-    rest = free_of(upper, tuple(n for n in JP_NAMES if not n.split(".")[0].startswith(_LEG)))
-    if rest:
-        trunk, errors = estimate_joints(upper, parameters, rest)
-        errors = Influence(errors.free, errors.parameters, tuple(f"{c} of trunk and arms" for c in errors.clusters))
-        phases.append(_phase("joint parameters of trunk and arms", upper, trunk, trunk))
-        parameters, influence = trunk.parameters, _joined(influence, errors)
-    return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
+    angles = {t.name: _angles(t.body, plain.parameters, standing) for t in trials}
+    columns = [replace(p, tissue=skin_columns(p, angles[t.name])) for t, p in zip(used, problems, strict=True)]
+    sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
+    estimate, skin, tissue = plain, NO_SKIN_FOUND, dict[str, SoftTissue]()
+    if sizes:
+        own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
+        estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain)
+        skin = SkinFound(sizes, estimate.keys, estimate.skin)
+        for t in trials:
+            moving = only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes)
+            if moving is not None:
+                tissue[t.name] = moving
+    turns = [small_turns(p, n, t.joint) for t, p, n in zip(used, problems, estimate.nodes, strict=True) if t.joint]
+    return _Part(
+        free=free,
+        parameters=estimate.parameters,
+        errors=_with_skin(errors, skin),
+        phase=_phase("joint parameters of the legs", used, [p.name for p in problems], plain, estimate),
+        findings=tuple(dict.fromkeys(finding for of_trial in turns for finding in of_trial)),
+        skin=skin,
+        tissue=tissue,
+    )
+
+
+def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, parameters: Parameters) -> _Part | None:
+    """Gait by itself above the pelvis, about `parameters`; None where nothing is free."""
+    walks = [t for t in trials if t.joint is None]
+    problems = [
+        # the same markers of the pelvis once more: what they do here has a name of its own among the sources of error
+        replace(_segments(t.fitted, UPPER_BODY, nominal), name=f"{t.name}, trunk and arms")
+        for t in walks
+    ]
+    free = free_of(problems, UPPER_PARAMETERS)
+    if not free:
+        return None
+    trunk, errors = estimate_joints(problems, parameters, free)
+    phase = _phase("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk, trunk)
+    return _Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase)
 
 
 def _quiet_joints(
@@ -122,7 +172,7 @@ def _quiet_joints(
     """
     legs = {p.name: nu for p, nu in zip(problems, plain.noise, strict=True)}
     pieces = [
-        (walk, replace(_part(walk.fitted, joint_segments(joint), nominal), name=f"{walk.fitted.name}, {joint} alone"))
+        (walk, replace(_segments(walk.fitted, joint_segments(joint), nominal), name=f"{walk.name}, {joint} alone"))
         for walk in walks
         for joint in ISOLATED_JOINTS
         if _shows(walk.fitted, joint)
@@ -132,9 +182,7 @@ def _quiet_joints(
         return []
     alone, _ = estimate_joints([piece for _, piece in pieces], nominal, free)
     return [
-        (walk, piece)
-        for (walk, piece), nu in zip(pieces, alone.noise, strict=True)
-        if nu < QUIET * legs[walk.fitted.name]
+        (walk, piece) for (walk, piece), nu in zip(pieces, alone.noise, strict=True) if nu < QUIET * legs[walk.name]
     ]
 
 
@@ -146,16 +194,10 @@ def _shows(problem: TrialProblem, joint: str) -> bool:
     return all(shown.count(segment) >= FEWEST_MARKERS for segment in (ends[0], ends[-1]))
 
 
-def _part(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
+def _segments(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
     """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
     part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
-
-
-QUIET = 0.25
-"""Part of the legs' noise below which a joint takes part by itself: what it then says twice is at most a
-sixteenth, and a few parameters more than samples do not pass for quiet."""
-_LEG = ("hip", "knee", "talocrural", "subtalar")
 
 
 def _angles(body: TrialProblem, parameters: Parameters, standing: TrialProblem) -> dict[str, Array]:
@@ -167,17 +209,20 @@ def _angles(body: TrialProblem, parameters: Parameters, standing: TrialProblem) 
     return {name: values - posture[name] for name, values, active in names if active and name in posture}
 
 
-def _phase(name: str, problems: Sequence[TrialProblem], first: JointEstimate, last: JointEstimate) -> Phase:
+def _phase(
+    name: str, trials: Sequence[EvidenceTrial], pieces: Sequence[str], first: JointEstimate, last: JointEstimate
+) -> Phase:
+    """`pieces`: what the noise of each of the `trials` is told as; a joint of a walk alone is not the walk."""
     together = (first,) if first is last else (first, last)
     return Phase(
         name=name,
-        trials=tuple(p.name for p in problems),
+        trials=tuple(dict.fromkeys(t.name for t in trials)),
         parameters=len(last.free) + len(last.keys),
         iterations=sum(e.iterations for e in together),
         seconds=sum(e.seconds for e in together),
         converged=all(e.converged for e in together),
         message=last.message,
-        noise={p.name: nu for p, nu in zip(problems, last.noise, strict=True)},
+        noise=dict(zip(pieces, last.noise, strict=True)),
     )
 
 
@@ -202,38 +247,34 @@ def _joined(known: Influence, errors: Influence) -> Influence:
     return Influence(free, parameters, (*(known.clusters[c] for c in own), *errors.clusters))
 
 
-def _calibration(
-    free: tuple[str, ...],
-    parameters: Parameters,
-    nominal: Parameters,
-    influence: Influence,
-    phases: Sequence[Phase],
-    warnings: Sequence[str],
-    settings: JointSettings,
-    tissue: Mapping[str, SoftTissue],
-    found: SkinFound,
-) -> JointCalibration:
-    errors = influence.standard_errors
-    spread = dict(zip(free, prior_deviations(free), strict=True))
+def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
+    """All parts together, those that came last with all parameters."""
+    influence = nominal_influence()
+    for part in parts:
+        influence = _joined(influence, part.errors)
+    free = tuple(name for part in parts for name in part.free)
+    parameters = parts[-1].parameters if parts else nominal
+    errors, spread = influence.standard_errors, dict(zip(free, prior_deviations(free), strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
+    sizes = {pair: size for part in parts for pair, size in part.skin.sizes.items()}
     return JointCalibration(
         parameters=parameters,
-        phases=tuple(phases),
+        phases=tuple(part.phase for part in parts),
         free=free,
         influence=influence,
         unidentifiable=unseen,
-        warnings=(
-            *dict.fromkeys(warnings),
-            *in_words([n for n in unseen if n.startswith(_LEG)], (), "held near nominal values"),
-            *(f"{n} lies further from its nominal value than its bound: look at the static trial" for n in beyond),
+        findings=(
+            *(finding for part in parts for finding in part.findings),
+            *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], (), "held near nominal values"),
+            *map(beyond_bound, beyond),
         ),
+        notes=skin_in_words(sizes),
         at_bound=beyond,
-        skin=dict(found.sizes),
-        skin_values=dict(zip(found.keys, found.values.tolist(), strict=True)),
-        tissue=dict(tissue),
+        skin=sizes,
+        tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
     )
 
 

@@ -22,7 +22,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.motion.roughness import frame_rate
+from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 
 UNCORRELATED = 0.05
@@ -33,8 +35,6 @@ LEAST_SAMPLES = 0.3
 """Part of the independent samples that is left at least, however many parameters they serve."""
 LEAST_ERROR, MEMORY_S = 5e-5, 0.25
 """m, s: cameras err by at least this much, over at least this time."""
-FEWEST_MARKERS = 3
-"""For a rigid fit."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,9 @@ def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:
     return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
 
 
-def least_noise(time: Array) -> float:
-    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial (nf,) s."""
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * rate, 1.0)))
+def least_noise(basis: SplineBasis) -> float:
+    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial."""
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
 
 
 def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> SeenNoise:

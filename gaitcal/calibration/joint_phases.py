@@ -14,7 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gaitcal.calibration.identifiability import in_words, small_turns, unmoved_parameters, unseen_parameters
+from gaitcal.calibration.identifiability import (
+    beyond_bound,
+    in_words,
+    small_turns,
+    unmoved_parameters,
+    unseen_parameters,
+)
 from gaitcal.calibration.influence import (
     LEAST_NOISE,
     Influence,
@@ -25,6 +31,7 @@ from gaitcal.calibration.influence import (
     nominal_influence,
 )
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
@@ -63,7 +70,7 @@ class Phase:
     marker_noise: float | None = None
     """m, the independent noise that priors were weighed against; None where there were none."""
     noise: Mapping[str, float] = field(default_factory=dict)
-    """Trial -> m, the noise of its independent samples, where each trial has its own."""
+    """Trial, or `trial, joint alone` -> m, the noise of its independent samples, where each has its own."""
 
     @property
     def status(self) -> str:
@@ -84,15 +91,16 @@ class JointCalibration:
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value, or stay where
     their prior holds them."""
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    """What speaks against it, and what these trials cannot see."""
     at_bound: tuple[str, ...] = ()
     """Fitted parameters on their bound, or beyond."""
+    notes: tuple[str, ...] = ()
+    """What the user should know and need not act upon."""
     fits: tuple[JointFit, ...] = ()
     """One a phase, where phases follow each other and trials keep the parameters of their own."""
     skin: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of."""
-    skin_values: Mapping[str, float] = field(default_factory=dict)
-    """Column of the skin -> m/rad."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
 
@@ -108,7 +116,7 @@ class _Run:
         self.information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
         """Per units of p: what the trials so far know of all joint parameters together, noise being 1."""
         self.unseen: list[str] = []
-        self.warnings: list[str] = []
+        self.findings: list[Finding] = []
 
     def fit(
         self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None = None
@@ -121,11 +129,8 @@ class _Run:
             known = {n for earlier in self.fits for n in earlier.free}
             new = [n for n in unseen if n not in known]
             self.unseen += new
-            self.warnings += in_words(new, [p.name for p in problems])
-        self.warnings += [
-            f"{n} ended on its bound: the trials pull it further from its nominal value than the bound allows"
-            for n in fit.at_bound
-        ]
+            self.findings += in_words(new, [p.name for p in problems])
+        self.findings += [beyond_bound(n) for n in fit.at_bound]
         self.parameters = fit.parameters
         self.fits.append(fit)
         self.influence = influence_of(problems, fit, self.influence)
@@ -189,7 +194,7 @@ class _Run:
             free=tuple(dict.fromkeys(name for fit in self.fits for name in fit.free)),
             influence=self.influence,
             unidentifiable=unseen,
-            warnings=tuple(dict.fromkeys(self.warnings)),
+            findings=tuple(dict.fromkeys(self.findings)),
             at_bound=tuple(dict.fromkeys(name for fit in self.fits for name in fit.at_bound)),
             fits=tuple(self.fits),
         )
@@ -208,7 +213,7 @@ def calibrate_sequentially(
         if own and joint[-1] in gait:
             fit = run.fit(f"joint:{joint}", own, isolated_parameters(joint), joint)
             for problem, nodes in zip(own, fit.nodes, strict=True):
-                run.warnings += small_turns(problem, nodes, joint)
+                run.findings += small_turns(problem, nodes, joint)
     walks = [trial.alone for trial in trials if trial.joint is None]
     if walks:
         run.fit("gait", walks, tuple(name for names in gait.values() for name in names))
@@ -235,5 +240,5 @@ def calibrate_simultaneously(
         fit = run.fit("all joints", [t.legs for t in used], tuple(name for name in order if name in wanted))
         for trial, nodes in zip(used, fit.nodes, strict=True):
             if trial.joint is not None:
-                run.warnings += small_turns(trial.legs, nodes, trial.joint)
+                run.findings += small_turns(trial.legs, nodes, trial.joint)
     return run.done()

@@ -35,6 +35,7 @@ from gaitcal.dynamics.plate_errors import DEFAULT, PlateErrors, wrench_errors, w
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
+from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -109,8 +110,7 @@ def residual_noise(
     frames = 0
     for trial in trials:
         sources = _TrialSources(trial, parameters, influence, plates)
-        time = trial.problem.basis.time
-        repeated = max(plates.memory * (len(time) - 1) / (time[-1] - time[0]), 1.0)
+        repeated = max(plates.memory * frame_rate(trial.problem.basis), 1.0)
         for at in sources.blocks():
             residual, moved = sources.at(at)
             moved = np.concatenate([moved, residual.regressor @ by_kept], axis=2)

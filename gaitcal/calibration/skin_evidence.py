@@ -113,6 +113,23 @@ def skin_sizes(trials: Sequence[TrialProblem]) -> dict[tuple[str, str], float]:
     return sizes
 
 
+def skin_in_words(sizes: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
+    """One sentence on the skin that was found to move, segment by segment; nothing where none was."""
+    by_segment: dict[str, list[float]] = {}
+    for (segment, _), size in sizes.items():
+        by_segment.setdefault(segment, []).append(100.0 * size)
+    if not by_segment:
+        return ()
+    told = [
+        f"{segment} by {min(percent):.0f}{f' to {max(percent):.0f}' if max(percent) > min(percent) else ''} %"
+        for segment, percent in by_segment.items()
+    ]
+    return (
+        f"markers show skin that moves with the joints beside it: {', '.join(told)} of the spread that bone pins and "
+        "fluoroscopy found in people; the joint parameters were fitted together with it",
+    )
+
+
 def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Array]:
     """Q and b of one segment in one trial, from the markers that have weight in it."""
     data, phi = problem.data, group.regressors
@@ -133,7 +150,7 @@ def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Ar
     left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     together = np.linalg.qr(np.concatenate([shifts_and_turns(a) for a in local - local.mean(axis=0)]))[0]
-    noise = _noise(errors, phi, 3 * len(used) - together.shape[1], least_noise(problem.basis.time))
+    noise = _noise(errors, phi, 3 * len(used) - together.shape[1], least_noise(problem.basis))
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - together @ together.T

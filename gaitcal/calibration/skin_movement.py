@@ -24,12 +24,12 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINTS, Source
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGEST = 0.5
 """Of the sizes below: with more, a joint hides behind skin that is not there (truth benches)."""
-FEWEST_MARKERS = 3
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def standing(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info("body mass", f"{words}: a foot stood beside the plates")
     elif abs(carried / mass - 1) > DIFFERENCE:
         cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
-        yield trial.warning("body mass", words, cure)
+        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh")
     else:
         yield trial.info("body mass", words)
 
@@ -75,6 +75,7 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
                 f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak {peak:.2f} body weights of "
                 f"{trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1",
                 "check mass_kg, the gain of the plate, and whether the whole foot was on it",
+                cause=f"steps on plate {plate.name} do not carry the body",
             )
 
 
@@ -97,7 +98,7 @@ def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
     words += f"{carried:.1f} kg on average; subject.mass_kg is {mass:g}"
     if abs(carried / mass - 1.0) > DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths))):
         cure = "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the same share"
-        yield trial.warning("body mass", words, cure)
+        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh")
     else:
         yield trial.info("body mass", words)
 

@@ -46,21 +46,45 @@ class TrialEvidence:
         """The file of the markers."""
         return self.recording.source
 
-    def finding(self, severity: Severity, topic: str, found: str, cure: str) -> Finding:
-        """Something found in this trial and its file of markers."""
-        return Finding(severity=severity, topic=topic, where=self.name, found=found, cure=cure, source=self.source)
+    def finding(
+        self,
+        severity: Severity,
+        topic: str,
+        found: str,
+        cure: str,
+        *,
+        cause: str = "",
+        leg: str = "",
+        weight: float = 1.0,
+    ) -> Finding:
+        """Something found in this trial; it puts blame on the file of its markers, unless it is a note."""
+        return Finding(
+            severity=severity,
+            topic=topic,
+            where=self.name,
+            found=found,
+            cure=cure,
+            source="" if severity is Severity.INFO else self.source,
+            cause=cause,
+            leg=leg,
+            weight=weight,
+        )
 
-    def error(self, topic: str, found: str, cure: str) -> Finding:
+    def error(
+        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+    ) -> Finding:
         """A finding that stops a calibration."""
-        return self.finding(Severity.ERROR, topic, found, cure)
+        return self.finding(Severity.ERROR, topic, found, cure, cause=cause, leg=leg, weight=weight)
 
-    def warning(self, topic: str, found: str, cure: str) -> Finding:
+    def warning(
+        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+    ) -> Finding:
         """A finding to look at."""
-        return self.finding(Severity.WARNING, topic, found, cure)
+        return self.finding(Severity.WARNING, topic, found, cure, cause=cause, leg=leg, weight=weight)
 
-    def info(self, topic: str, found: str, cure: str = "") -> Finding:
+    def info(self, topic: str, found: str, cure: str = "", *, cause: str = "") -> Finding:
         """A finding that is good to know; it puts no blame on the file."""
-        return Finding(severity=Severity.INFO, topic=topic, where=self.name, found=found, cure=cure)
+        return self.finding(Severity.INFO, topic, found, cure, cause=cause)
 
     @property
     def is_static(self) -> bool:

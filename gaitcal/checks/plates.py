@@ -58,7 +58,9 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
             cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
             if "never empty" in note:
                 cure = "record some seconds with nobody on the plate, or remove its offset before export"
-            yield trial.warning("plates", note.rstrip("."), cure)
+            yield trial.warning(
+                "plates", note.rstrip("."), cure, cause="a force plate is not described as it should be"
+            )
         else:
             yield trial.info("plates", note.rstrip("."))
 
@@ -74,19 +76,21 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
         if (pulled := int((up < -BODY_N).sum())) > 0:
             found = f"{name}: pulls the body down with up to {-up.min():.0f} N in {pulled} samples; it can only push"
             cure = "check the sign and the offset of its channels"
-            yield trial.warning("plates", found, cure)
+            yield trial.warning("plates", found, cure, cause=f"{name} pulls")
         empty = np.abs(up) < UNLOADED_N
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
         if empty.mean() > 0.1 and abs(rest := float(np.median(up[empty]))) > OFFSET_N:
             found = f"{name}: reads {rest:.0f} N where nobody stands on it"
-            yield trial.warning("plates", found, "remove the offset of the empty plate")
+            cure = "remove the offset of the empty plate"
+            yield trial.warning("plates", found, cure, cause=f"{name} is not at zero when empty")
         yield from _clipped(trial, plate)
         loaded = up > BODY_N
         if loaded.sum() > 10:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
             if ratio > ASLANT:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
-                yield trial.warning("plates", found, "are its axes those of the file, y up?")
+                cure = "are its axes those of the file, y up?"
+                yield trial.warning("plates", found, cure, cause=f"the axes of {name} are not those of the room")
 
 
 def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
@@ -102,8 +106,9 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
             yield trial.warning(
                 "plates",
                 f"plate {plate.name}: F{name} stays at {top:.0f} N for {sum(s.stop - s.start for s in held)} samples "
-                f"({spans(plate.time, held)}): saturated",
+                f"({spans(plate.time, held)})",
                 "choose a larger range of the amplifier; leave these frames out with time = [start, end]",
+                cause=f"plate {plate.name} is saturated",
             )
 
 
@@ -119,6 +124,7 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
                 f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
                 f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
                 "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
+                cause=f"the corners of plate {plate.name} do not hold its centre of pressure",
             )
 
 
@@ -134,20 +140,23 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
         if step.frames.start > 0 and step.frames.stop < len(walk.feet.time):
             drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
         outward.append(float((force @ walk.right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
-    wrong = []
+    wrong, which = [], []
     if drift and max(drift) < DRIVING:
         wrong.append(f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)")
+        which.append("fore-aft")
     if min(outward) > OUTWARD:
+        which.append("sideways")
         wrong.append(
             f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
         )
     if wrong:
-        cure = "check the sign of the horizontal columns of the forces"
+        cause = f"the {which[0]} force of all plates has the wrong sign"
+        cure = "turn the sign of that column of the forces"
         if len(wrong) > 1:
+            cause = "both horizontal forces of all plates have the wrong sign"
             cure += "; where a note says that a plate was turned round: of the vertical column alone"
-        yield trial.warning(
-            "plates", f"horizontal forces of {len(walk.steps)} steps seem reversed: {'; '.join(wrong)}", cure
-        )
+        found = f"in {len(walk.steps)} steps: {'; '.join(wrong)}"
+        yield trial.warning("forces", found, cure, cause=cause)
 
 
 def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
@@ -176,6 +185,7 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
             f"the centres of pressure lie to the {'right' if every[0] > 0 else 'left'} of the line heel-toe of both "
             f"feet: {abs(means[0]):.0f} mm (right foot) and {abs(means[1]):.0f} mm (left foot)",
             "check the positions of the plates in the room (corners), and the origin of the markers",
+            cause="the plates, or the markers, are not where the file has them",
         )
 
 

@@ -34,7 +34,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
         found = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}"
-        yield trial.error("sampling", found, "export the whole trial")
+        yield trial.error("sampling", found, "export the whole trial", cause="the trial is too short")
     if len(time) < 2:
         return
     hz = trial.recording.rate
@@ -43,10 +43,10 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         cure = "is the time column in seconds?"
         if abs(hz - 1) < 1e-6:
             cure = "the time column counts frames: divide it by the frame rate"
-        yield trial.error("time", found, cure)
+        yield trial.error("time", found, cure, cause="the time column is not in seconds")
     elif trial.is_gait and hz < SLOW_GAIT:
         cure = "joint moments at heel strike will be blunted; record at 100 Hz"
-        yield trial.warning("sampling", f"frames come at {hz:.4g} Hz", cure)
+        yield trial.warning("sampling", f"frames come at {hz:.4g} Hz", cure, cause="frames come slowly for walking")
     steps = np.diff(time)
     middle = float(np.median(steps))
     odd = np.abs(steps - middle) > UNEVEN * middle
@@ -57,6 +57,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
             f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
             f"{1e3 * steps[odd].max():.3g} ms)",
             "frames are missing, or the time column was put together: export the trial again",
+            cause="time steps are not even",
         )
 
 
@@ -68,7 +69,7 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
     found = float(np.linalg.norm(net_progression(trial.recording))) / float(time[-1] - time[0])
     if found > SPEED_M_S:
         cure = "if the person did not run, the time column or the unit of length is wrong"
-        yield trial.warning("time", f"the body moves at {found:.2f} m/s", cure)
+        yield trial.warning("time", f"the body moves at {found:.2f} m/s", cure, cause="nobody walks so fast")
 
 
 def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
@@ -85,6 +86,7 @@ def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
             f"time goes at {hz:.4g} Hz{agreed}; the header names {', '.join(f'{k} {v:g}' for k, v in apart.items())}",
             "if frames were not left out on export, the time column was invented: correct it (velocities and torques "
             "follow from it; joint axes do not)",
+            cause="the header and the time column name different frame rates",
         )
 
 
@@ -112,12 +114,14 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     passed, of_what = _passed(settings, time)
     if settings.nodes is not None and settings.nodes > len(time):
         found = f"nodes = {settings.nodes} for {len(time)} frames"
-        yield trial.error("sampling", found, "fewer nodes than frames are needed")
+        cure = "fewer nodes than frames are needed"
+        yield trial.error("sampling", found, cure, cause="there are too many spline nodes")
     elif passed is not None and passed < STEADY_HZ and trial.is_gait:
         yield trial.warning(
             "sampling",
             f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz",
             "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]",
+            cause="the settings smooth the motion too much",
         )
     chosen = settings.force_filter_hz if trial.trial.filter_hz is None else trial.trial.filter_hz
     if not isinstance(chosen, float):
@@ -136,6 +140,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
                 f"plate {plate.name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
                 f"below half of that, {0.5 * sampled:.4g} Hz",
                 'lower filter_hz, or set it to "none"',
+                cause=f"the filter does not suit plate {plate.name}",
             )
 
 

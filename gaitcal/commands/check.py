@@ -58,10 +58,3 @@ def stop_on_errors(findings: Sequence[Finding], study: Path | None = None) -> No
     shown = f": 'gaitcal check {study}' shows all" if study else ""
     more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
     raise InputError(errors[0].line + more)
-
-
-def as_warnings(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Errors that the user went past, and warnings, as a result shows them."""
-    forced = [f"went on by --force past an error: {f.line}" for f in findings if f.severity is Severity.ERROR]
-    others = [f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in findings if f.severity is Severity.WARNING]
-    return (*forced, *others)

@@ -10,9 +10,14 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.runtime import Progress, silent
+from gaitcal.verdict.verdict import Verdict
+
+LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
+"""How a reason begins."""
 
 
 class Talk:
@@ -50,9 +55,17 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
 
 
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
-    """The summary of a calibration: fit of every trial, pelvis residuals, warnings."""
+    """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     print_trials(talk, calibration.trials)
-    print_remarks(talk, calibration.warnings, calibration.notes)
+    print_verdict(talk, calibration.verdict)
+    print_remarks(talk, (), calibration.notes)
+
+
+def print_verdict(talk: Talk, verdict: Verdict) -> None:
+    """How far the result can be believed, and why."""
+    talk.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
+    for reason in verdict.reasons:
+        talk.line(f"{LABELS[reason.severity]}: {reason.line}")
 
 
 def tell_kept(talk: Talk, kept: Sequence[str]) -> None:

@@ -12,17 +12,18 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from gaitcal.checks import check_further
-from gaitcal.commands.check import as_warnings, stop_on_errors
-from gaitcal.commands.console import Talk, print_remarks, print_trials
+from gaitcal.commands.check import stop_on_errors
+from gaitcal.commands.console import Talk, print_remarks, print_trials, print_verdict
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
-from gaitcal.findings import Finding
+from gaitcal.findings import Finding, Severity
 from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.study.study import StudyTrial, read_trial
 from gaitcal.study.study_file import Side, Trial
+from gaitcal.verdict.verdict import judge
 
 
 @dataclass(frozen=True)
@@ -50,21 +51,36 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         for path in trials:
             step(f"{path.name}: reading and checking")
             read.append(_read(path, options, saved))
-        findings = [finding for trial in read for finding in _check(trial, saved)]
+        findings = [*saved.doubts, *(finding for trial in read for finding in _check(trial, saved))]
         stop_on_errors(findings)
         done = []
         for trial in read:
             step(f"{trial.name}: tracking and inverse dynamics")
             done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
         late = [trial.name for trial in done if not trial.calibrated.converged]
-        unsure = (f"{name}: tracking did not converge; its angles and torques are not to be trusted" for name in late)
-        warnings = [*as_warnings(findings), *unsure]
-        stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
+        findings += [*map(_not_tracked, late), *(f for t in done for f in t.findings)]
+        verdict = judge(findings, [trial.name for trial in done])
+        done = [trial.refused() if trial.name in verdict.refused else trial for trial in done]
+        stale = write_trials(done, saved.model, saved.model_file, folder, inputs, verdict)
     print_trials(talk, done)
-    print_remarks(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
+    print_verdict(talk, verdict)
+    print_remarks(talk, stale, [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
+    if verdict.refused and not late:
+        raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].line}")
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+
+
+def _not_tracked(name: str) -> Finding:
+    return Finding(
+        severity=Severity.ERROR,
+        topic="convergence",
+        where=name,
+        cause="tracking did not converge",
+        found="its angles and torques are no minimum",
+        cure="look at its markers",
+    )
 
 
 def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:

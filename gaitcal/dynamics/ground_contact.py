@@ -17,6 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
+from gaitcal.findings import Finding, Severity
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.filters import filterable
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
@@ -67,8 +68,13 @@ class GroundReactions:
     """(nf, 2) the foot is down, judged by its motion."""
     notes: tuple[str, ...]
     """What was found and assumed."""
-    warnings: tuple[str, ...] = ()
-    """What speaks against these ground reactions."""
+    findings: tuple[Finding, ...] = ()
+    """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against these ground reactions, in words."""
+        return tuple(f.evidence for f in self.findings if f.severity is not Severity.INFO)
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:
@@ -104,7 +110,7 @@ def ground_reactions_on_feet(
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes: list[str] = []
-    warnings: list[str] = []
+    findings: list[Finding] = []
     covered = np.ones(len(time), dtype=bool)
     steps: list[_Step] = []
     for plate in plates:
@@ -120,7 +126,7 @@ def ground_reactions_on_feet(
             span = f"plate {plate.name}, {time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
             foot = {"r": 0, "l": 1}.get(side) if side else _foot_under(raw, stretch, feet)
             if foot is None:
-                warnings.append(f"{span}: the centre of pressure is under neither foot; left out")
+                findings.append(_under_neither(plate, span))
                 continue
             wide = _widen(stretch, pressed, time, cutoff)
             wrench[wide, foot] += smooth[wide]
@@ -139,7 +145,7 @@ def ground_reactions_on_feet(
         loaded=loaded,
         resting=resting,
         notes=tuple(notes),
-        warnings=(*warnings, *beside),
+        findings=(*findings, *beside),
     )
 
 
@@ -160,15 +166,27 @@ class _Step:
         return self.foot == other.foot and bool(overlap)
 
 
-def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[str]]:
+def _under_neither(plate: ForcePlate, span: str) -> Finding:
+    return Finding(
+        severity=Severity.WARNING,
+        topic="plate to foot",
+        where="",
+        cause=f"the load on plate {plate.name} is under neither foot",
+        found=f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out",
+        cure="check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+    )
+
+
+def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[Finding]]:
     """Frames in which an end of a loaded foot rests beside the plates that carry it, and what to say of them."""
-    partly, warnings = np.zeros(len(time), dtype=bool), []
+    partly, findings = np.zeros(len(time), dtype=bool), []
     for step in steps:
         frames, foot = step.frames, step.foot
         carriers = [other.plate for other in steps if other.meets(step)]
         if not all(outline_known(plate, LOADED_N) for plate in carriers):
             if step.plate.corners is not None:
-                warnings.append(f"{step.words}: the centre of pressure leaves the plate's corners; corners not used")
+                found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
+                findings.append(_note(f"the corners of plate {step.plate.name} do not hold its forces", found))
             continue
         for name, path, speed in (("heel", feet.heel, feet.heel_speed), ("toes", feet.tip, feet.toe_speed)):
             away = outside(carriers, path[frames, foot])
@@ -176,11 +194,15 @@ def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tup
             if beside.any():
                 partly[frames] |= beside
                 first, last = time[frames][beside][[0, -1]]
-                warnings.append(
-                    f"{step.words}: the {name} of the {SIDE_WORDS[foot]} foot rest up to "
-                    f"{1e3 * away[beside].max():.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
-                )
-    return partly, warnings
+                found = f"{step.words}: the {name} of the {SIDE_WORDS[foot]} foot rest up to "
+                found += f"{1e3 * away[beside].max():.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
+                findings.append(_note(f"a foot rests partly beside plate {step.plate.name}", found))
+    return partly, findings
+
+
+def _note(cause: str, found: str) -> Finding:
+    """A fact that frames that are not valid, or an outline that is not used, already answer."""
+    return Finding(severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="")
 
 
 def _filtered(plate: ForcePlate, cutoff: float | None) -> ForcePlate:

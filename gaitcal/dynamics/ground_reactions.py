@@ -23,6 +23,7 @@ from gaitcal.dynamics.ground_contact import (
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.plate_outline import foot_tip
 from gaitcal.errors import InputError
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
@@ -111,7 +112,7 @@ def reactions_of_motion(
         measured,
         valid=valid,
         notes=(*measured.notes, ends_left_out, filtered),
-        warnings=(*measured.warnings, *unseen_warnings(unseen, motion), *contradictions),
+        findings=(*measured.findings, *unseen_findings(unseen, motion), *contradictions),
     )
 
 
@@ -125,7 +126,7 @@ def _filter_words(recording: Recording, hz: float | None) -> str:
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
 
-def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, motion: Motion) -> list[str]:
+def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, motion: Motion) -> list[Finding]:
     """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
 
     To leave them out would make every residual look small by construction.
@@ -139,8 +140,15 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
     where = spans(motion.time, runs(apart), most=len(apart))
     most = 100 * float(gap[apart].max())
     return [
-        f"{where}: the plates' vertical force differs by up to {most:.0f} % of body weight from what the motion asks "
-        "for; is a foot partly off its plate, a contact not measured, or the mass wrong?"
+        Finding(
+            severity=Severity.WARNING,
+            topic="forces",
+            where="",
+            cause="the plates' vertical force is not what the motion asks for",
+            found=f"{where}: it differs by up to {most:.0f} % of body weight",
+            cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
+            weight=most / (100 * CONTRADICTION),
+        )
     ]
 
 
@@ -182,17 +190,26 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     return out
 
 
-def unseen_warnings(frames: Mapping[str, BoolArray], motion: Motion) -> list[str]:
+def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
     """What to say of `unseen_frames`: one line for the segments that are lost in the same frames."""
     lost_alike: dict[bytes, list[str]] = {}
     for segment, lost in frames.items():
         lost_alike.setdefault(lost.tobytes(), []).append(segment)
-    warnings = []
+    findings = []
     for segments in lost_alike.values():
         lost, names = frames[segments[0]], ", ".join(segments)
-        if lost.all():
-            warnings.append(f"no marker of {names} with weight in this trial; no torque is valid")
-        else:
-            span = spans(motion.time, runs(lost))
-            warnings.append(f"{span}: no marker of {names} is seen; {int(lost.sum())} frames are not valid")
-    return warnings
+        severity, found, cure = Severity.WARNING, "no torque is valid", "label them, or leave the trial out"
+        if not lost.all():
+            severity, cure = Severity.INFO, "fill short gaps when labelling"
+            found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
+        findings.append(
+            Finding(
+                severity=severity,
+                topic="markers",
+                where="",
+                cause=f"no marker of {names} with weight is seen",
+                found=found,
+                cure=cure,
+            )
+        )
+    return findings

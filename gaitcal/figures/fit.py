@@ -10,6 +10,7 @@ from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
 from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.person.result import Calibration, TrialResult
 
 KEYS = (
@@ -19,8 +20,6 @@ KEYS = (
 )
 ROW, LEFT = 0.19, 1.42
 WIDTH = 3.6
-FEWEST_MARKERS = 3
-"""That make the floor of a segment say how rigid it is."""
 
 
 @dataclass(frozen=True, kw_only=True)

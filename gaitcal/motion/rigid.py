@@ -22,6 +22,8 @@ from gaitcal.motion.marker_residual import MarkerData
 COLLINEAR = 1e-3
 """Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
 MOST_STEPS = 60
+FEWEST_MARKERS = 3
+"""That tell where a segment is and how it is turned."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
     """Fit local positions (nm, 3) to measured ones (nm, 3, nf) with weights (nm, nf)."""
     spread, x_mean, l_mean = _moments(local, measured, weight)
     rotation, two_dimensional = best_rotation(spread)
-    determined = ((weight > 0).sum(axis=0) >= 3) & two_dimensional
+    determined = ((weight > 0).sum(axis=0) >= FEWEST_MARKERS) & two_dimensional
     origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
     return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
 
@@ -70,7 +72,7 @@ class SegmentMoments:
         spread = self._mixed[:, :3] - l_mean[:, :, None] * self._mixed[:, 3, None]
         rotation, two_dimensional = best_rotation(spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf))
         rotation = rotation.reshape(3, 3, n, nf)
-        determined = (self._seen >= 3) & two_dimensional.reshape(n, nf)
+        determined = (self._seen >= FEWEST_MARKERS) & two_dimensional.reshape(n, nf)
         origin = x_mean - np.einsum("ijsf,sjf->sif", rotation, l_mean)
         by_frame = np.ascontiguousarray(rotation.transpose(2, 3, 0, 1))
         return {s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()}

@@ -21,24 +21,29 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.checks import check_study
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
-from gaitcal.person.result import Calibration, Stage, Uncertainty
+from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.trial_result import trial_result
-from gaitcal.person.warnings import calibration_warnings
+from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, nominal_of
+from gaitcal.verdict.verdict import judge
 
 
 @with_one_blas_thread
-def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = False) -> Calibration:
+def calibrate(
+    study: Study, progress: Progress = silent, *, leave_out: bool = False, checked: Sequence[Finding] | None = None
+) -> Calibration:
     """Fit a person's joint and inertial parameters and compute the joint torques of every gait trial.
 
     Parameters
@@ -46,6 +51,8 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
     study : from `Study.load`.
     progress : called with a line of text at the beginning of each step.
     leave_out : find the held-out error too (`person/hold_out.py`), which takes four more fits of the joint parameters.
+    checked : what `gaitcal.check_study` found; made here unless given. Errors among it do not stop the calibration, but
+        its verdict is "refused" then: no torque counts as valid, and no error bar is given.
 
     Raises
     ------
@@ -54,6 +61,9 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         that fit no foot. A phase that stops early is no error: see `Calibration.converged` and `phases`.
     """
     settings = study.settings
+    if checked is None:
+        progress("checking the recordings")
+        checked = check_study(study)
     progress("nominal model from the static trial")
     nominal = nominal_of(study)
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
@@ -102,21 +112,39 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         for t in trials
     )
     kept = () if inertial is None or inertial.moved else (inertial.message,)
-    notes = (*nominal.notes, *kept, *(note for t in results for note in t.notes))
-    warnings = calibration_warnings(settings, joint.warnings if joint else (), results, parameters)
-    return Calibration(
+    phases = _phases(joint, inertial, combined, reactions)
+    later = (
+        *fitted.findings,
+        *(joint.findings if joint else ()),
+        *calibration_findings(settings, results, parameters, phases),
+    )
+    of_trials = (finding for t in results for finding in t.findings)
+    walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
+    found = (*checked, *later, *of_trials)
+    verdict = judge(found, walks, forced=errors)
+    remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
+    notes = (
+        *nominal.notes,
+        *(joint.notes if joint else ()),
+        *kept,
+        *(note for t in results for note in t.notes),
+        *remarks,
+    )
+    calibration = Calibration(
         study=study,
         nominal=nominal,
         model=replace(nominal, parameters=parameters, notes=notes),
         trials=results,
-        phases=_phases(joint, inertial, combined, reactions),
+        phases=phases,
         joint=joint,
         inertial=inertial,
         uncertainty=uncertainty,
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
-        warnings=(*fitted.warnings, *warnings),
+        findings=found,
+        verdict=verdict,
     )
+    return withdrawn(calibration)
 
 
 def _inertial_fit(

@@ -13,6 +13,7 @@ from gaitcal.calibration.joint_phases import (
     calibrate_sequentially,
     calibrate_simultaneously,
 )
+from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -39,14 +40,15 @@ class JointStage:
     parameters: Parameters
     held_out: Mapping[str, HeldOut]
     """Trial -> error on frames that took no part; empty unless asked for."""
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    """What a robust loss left out or put right."""
 
 
 def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leave_out: bool) -> JointStage:
     """Prepare the moving trials and fit the joint parameters to them."""
     settings = study.settings
     loss = None if settings.robust == "none" else Loss(settings.robust)
-    study, warnings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
+    study, findings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
     standing = standing_problem(nominal, study.static.recording) if by_evidence else None
@@ -60,14 +62,14 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
         trials, joint, parameters, outliers = calibrate_robustly(
             trials, nominal.parameters, loss, fit, parameters_for, together=together
         )
-        warnings += outliers
+        findings += outliers
     held_out: Mapping[str, HeldOut] = {}
     if leave_out and joint is not None:
         progress("joint parameters with blocks of time left out")
         held_out = hold_out(trials, nominal.parameters, fit, parameters_for)
     if joint is not None:
         trials = [replace(t, tissue=joint.tissue.get(t.name)) for t in trials]
-    return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, warnings=warnings)
+    return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, findings=findings)
 
 
 def joint_parameters(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -17,6 +17,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
+from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
@@ -25,6 +26,7 @@ from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.trial_bandwidth import Bandwidth
 from gaitcal.recording.recording import Recording
 from gaitcal.study.study import Role, Study
+from gaitcal.verdict.verdict import Judgement, Verdict
 
 
 class Stage(Enum):
@@ -123,16 +125,38 @@ class TrialResult:
         """What was assumed about this trial, each with its name."""
         of_motion = self.bandwidth.notes if self.bandwidth else ()
         notes = (*self.recording.notes, *of_motion, *(self.loads.reactions.notes if self.loads else ()))
-        return tuple(f"{self.name}: {note}" for note in notes)
+        remarks = (note_of(f) for f in self.findings if f.severity is Severity.INFO)
+        return (*(f"{self.name}: {note}" for note in notes), *remarks)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What speaks against its motion and its ground reactions, each with the trial's name."""
-        warnings = list(self.bandwidth.warnings) if self.bandwidth else []
-        warnings += self.loads.reactions.warnings if self.loads else ()
-        if self.loads is not None and not self.loads.reactions.valid.any():
-            warnings.append("no frame has every foot on the ground on a force plate; no torque is valid")
-        return tuple(f"{self.name}: {warning}" for warning in warnings)
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against its motion and its ground reactions."""
+        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads())
+
+    def _of_loads(self) -> tuple[Finding, ...]:
+        if self.loads is None:
+            return ()
+        found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
+        if not self.loads.reactions.valid.any():
+            found.append(
+                Finding(
+                    severity=Severity.WARNING,
+                    topic="plates",
+                    where=self.name,
+                    cause="no torque is valid",
+                    found="no frame has every foot on the ground on a force plate",
+                    cure="use a trial in which both feet step on plates, or leave the forces out",
+                )
+            )
+        return tuple(found)
+
+    def refused(self) -> TrialResult:
+        """The same with no torque valid and no error bar: what is wrong with it is told elsewhere."""
+        loads = self.loads
+        if loads is not None:
+            none = np.zeros_like(loads.reactions.valid)
+            loads = replace(loads, reactions=replace(loads.reactions, valid=none), errors=None)
+        return replace(self, loads=loads, coordinate_errors=None)
 
 
 @dataclass(frozen=True)
@@ -178,8 +202,15 @@ class Calibration:
     """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value."""
     notes: tuple[str, ...]
     """What was assumed."""
-    warnings: tuple[str, ...]
-    """What a user should look at."""
+    findings: tuple[Finding, ...]
+    """What was found, before and after the fit."""
+    verdict: Verdict
+    """How far it can be believed, with reasons: what of `findings` is no note, one a cause."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons of the verdict, a line each, the worst first."""
+        return tuple(reason.line for reason in self.verdict.reasons)
 
     @property
     def standard_errors(self) -> Mapping[str, float]:
@@ -205,3 +236,13 @@ class Calibration:
                 return trial
         known = [trial.name for trial in self.trials]
         raise InputError(f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}", field="trial")
+
+
+def withdrawn(calibration: Calibration) -> Calibration:
+    """The same without valid torques and error bars of what its verdict refuses: some trials, or the whole."""
+    verdict, refused = calibration.verdict, set(calibration.verdict.refused)
+    trials = tuple(t.refused() if t.name in refused else t for t in calibration.trials)
+    uncertainty = calibration.uncertainty
+    if verdict.judgement is Judgement.REFUSED:
+        uncertainty = Uncertainty(None, None)
+    return replace(calibration, trials=trials, uncertainty=uncertainty)

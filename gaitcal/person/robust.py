@@ -18,7 +18,7 @@ import numpy as np
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import by_jumps
-from gaitcal.findings import listed
+from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
@@ -39,7 +39,7 @@ ParametersOf = Callable[[JointCalibration | None, str, Parameters], Parameters]
 """The parameters at which the trial of a name was fitted."""
 
 
-def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, tuple[str, ...]]:
+def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, tuple[Finding, ...]]:
     """The study with exchanged labels exchanged back in its moving trials, and what was done."""
     marker_set = study.marker_set.with_weights(study.weights)
     trials, done = [], []
@@ -48,24 +48,23 @@ def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, 
             evidence = TrialEvidence(
                 trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
             )
-            recording, notes = _exchanged_back(evidence)
+            recording, found = _exchanged_back(evidence)
             trial = replace(trial, recording=recording)
-            done += [f"{trial.name}: {note}" for note in notes]
+            done += found
         trials.append(trial)
     return replace(study, trials=tuple(trials)), tuple(done)
 
 
-def _exchanged_back(trial: TrialEvidence) -> tuple[Recording, tuple[str, ...]]:
+def _exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
     recording = trial.recording
-    markers, notes = recording.markers.copy(), []
+    markers, findings = recording.markers.copy(), []
     for jump in by_jumps(trial):
         a, b = trial.place[jump.label], trial.place[jump.other]
         markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
-        notes.append(
-            f"'{jump.label}' and '{jump.other}' carried each other's label in {int(jump.frames.sum())} frames, "
-            f"{spans(recording.time, runs(jump.frames))}; exchanged back"
-        )
-    return (replace(recording, markers=markers) if notes else recording), tuple(notes)
+        found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
+        found += f"{spans(recording.time, runs(jump.frames))}; exchanged back"
+        findings.append(trial.info("labels", found, cause=f"'{jump.label}' and '{jump.other}' are exchanged"))
+    return (replace(recording, markers=markers) if findings else recording), findings
 
 
 class _Rounds:
@@ -83,13 +82,13 @@ class _Rounds:
         fitted, legs = (t.fitted, self.last.problem) if self.together else (self.last.problem, t.legs)
         return t.with_problems(t.body, fitted, legs)
 
-    def finish(self, final: Parameters, fitted_with: Parameters) -> tuple[PreparedTrial, tuple[str, ...]]:
+    def finish(self, final: Parameters, fitted_with: Parameters) -> tuple[PreparedTrial, tuple[Finding, ...]]:
         """The trial with all its parts weighed, for tracking with the joint parameters found; and what was left out."""
         t = self.trial
         body = robust_tracking(t.body, final, self.loss)
         fitted = body if t.joint is None else robust_tracking(t.fitted, fitted_with, self.loss)
         legs = t.legs if self.last is None or not self.together else self.last.problem
-        return t.with_problems(body.problem, fitted.problem, legs), _outlier_words(t.name, fitted)
+        return t.with_problems(body.problem, fitted.problem, legs), _outliers_told(t.name, fitted)
 
 
 def calibrate_robustly(
@@ -100,8 +99,8 @@ def calibrate_robustly(
     parameters_of: ParametersOf,
     *,
     together: bool,
-) -> tuple[list[PreparedTrial], JointCalibration | None, Parameters, tuple[str, ...]]:
-    """Trials with their last weights, the joint parameters fitted with them, and warnings.
+) -> tuple[list[PreparedTrial], JointCalibration | None, Parameters, tuple[Finding, ...]]:
+    """Trials with their last weights, the joint parameters fitted with them, and what was left out.
 
     `together` tells whether all trials are fitted at once, by pelvis and legs.
     """
@@ -114,17 +113,23 @@ def calibrate_robustly(
         joint, parameters = fit(present)
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished = [r.finish(parameters, parameters_of(joint, r.trial.name, parameters)) for r in rounds]
-    warnings = [warning for _, outliers in finished for warning in outliers]
+    findings = [finding for _, outliers in finished for finding in outliers]
     if joint is not None and change > SETTLED:
-        warnings.append(
-            f"robust weights did not settle in {MOST_ROUNDS} rounds: joint parameters still moved by "
-            f"{1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg"
+        findings.append(
+            Finding(
+                severity=Severity.WARNING,
+                topic="robust",
+                where=STUDY,
+                cause=f"robust weights did not settle in {MOST_ROUNDS} rounds",
+                found=f"joint parameters still moved by {1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg",
+                cure="look for markers that are often left out, and give them weight 0",
+            )
         )
-    return [trial for trial, _ in finished], joint, parameters, tuple(warnings)
+    return [trial for trial, _ in finished], joint, parameters, tuple(findings)
 
 
-def _outlier_words(name: str, tracking: RobustTracking) -> tuple[str, ...]:
-    """Outliers of a trial in one sentence; none where there are none."""
+def _outliers_told(name: str, tracking: RobustTracking) -> tuple[Finding, ...]:
+    """Outliers of a trial in one note; none where there are none."""
     problem, outliers = tracking.problem, tracking.outliers
     seen = problem.data.weight > 0
     if not outliers.any():
@@ -137,7 +142,7 @@ def _outlier_words(name: str, tracking: RobustTracking) -> tuple[str, ...]:
     share = 100 * outliers.sum() / max(int(seen.sum()), 1)
     where = spans(problem.basis.time, runs(np.logical_or.reduce(outliers, axis=0)))
     names = f", most in {listed(often)}" if often else ""
-    return (
-        f"{name}: robust loss all but left out {int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at "
-        f"{where}; scale {1e3 * tracking.scale:.1f} mm a coordinate",
-    )
+    found = f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {where}; "
+    found += f"scale {1e3 * tracking.scale:.1f} mm a coordinate"
+    cause = "the robust loss all but left out some samples"
+    return (Finding(severity=Severity.INFO, topic="robust", where=name, cause=cause, found=found, cure=""),)

@@ -26,6 +26,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import DenseMotion, Smoothed
 from gaitcal.motion.motion import motion_of
@@ -78,7 +79,7 @@ class Bandwidth:
     penalised: bool
     """False: the number of nodes alone limits the motion."""
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 def bandwidth_of(
@@ -107,7 +108,7 @@ def bandwidth_of(
     else:
         plates = _by_plates(motion, markers, trial, recording, model) if recording.plates and not trial.joint else None
         chosen = _chosen(markers, plates, motion)
-    return replace(chosen, warnings=_suffering(motion, chosen.motion_hz, markers))
+    return replace(chosen, findings=_suffering(trial.name, motion, chosen.motion_hz, markers))
 
 
 def _given_nodes(problem: TrialProblem) -> Bandwidth:
@@ -155,15 +156,15 @@ def _by_plates(
     return hz if told else None
 
 
-def _suffering(motion: DenseMotion, hz: float, markers: float) -> tuple[str, ...]:
-    """A warning where the markers are met much worse than with the cut-off that they ask for."""
+def _suffering(name: str, motion: DenseMotion, hz: float, markers: float) -> tuple[Finding, ...]:
+    """Where the markers are met much worse than with the cut-off that they ask for."""
     here, best = motion.at(hz).rms, motion.at(markers).rms
     if here <= SUFFERS * best or here <= best + SUFFERS_M:
         return ()
-    return (
-        f"markers are met to about {1e3 * here:.1f} mm RMS with {hz:.1f} Hz, to {1e3 * best:.1f} mm with the "
-        f"{markers:.1f} Hz that they ask for: the motion is smoothed too much",
-    )
+    found = f"markers are met to about {1e3 * here:.1f} mm RMS with {hz:.1f} Hz, to {1e3 * best:.1f} mm with the "
+    found += f"{markers:.1f} Hz that they ask for"
+    cause, cure = "the motion is smoothed too much", 'set bandwidth_hz = "auto", and leave nodes out'
+    return (Finding(severity=Severity.WARNING, topic="bandwidth", where=name, cause=cause, found=found, cure=cure),)
 
 
 def _loaded(recording: Recording) -> Array:

@@ -1,72 +1,68 @@
-"""What speaks against a finished calibration: one sentence for each thing that its own figures put in doubt."""
+"""What speaks against a finished calibration: one finding for each thing that its own figures put in doubt."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from gaitcal.dynamics.residual_limits import FORCE_SHARE, MOMENT_SHARE, residual_limits
+from gaitcal.calibration.joint_phases import Phase
+from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.person.result import TrialResult
 from gaitcal.study.settings import CalibrationSettings
 
-WORSE_M = 1e-4
-"""m, by how much markers are met worse before it is told."""
+WORSE_M, WORSE = 5e-4, 0.02
+"""m, and share of the nominal error, by how much markers are met worse before it is told."""
 
 
-def calibration_warnings(
-    settings: CalibrationSettings, joint: Sequence[str], results: Sequence[TrialResult], parameters: Parameters
-) -> tuple[str, ...]:
-    """All warnings of a calibration that ended with `parameters`, those of its joint parameters, `joint`, first."""
-    warnings = [*joint, *(warning for t in results for warning in t.warnings)]
-    loads = [t.loads for t in results if t.loads is not None]
-    if loads and not any(load.reactions.valid.any() for load in loads):
-        warnings.append("inertial parameters keep their nominal values: no trial has a valid frame")
-    if bodies := impossible_bodies(parameters.inertial):
-        left_out = "; the third step needs possible ones and was left out" if settings.joint_step else ""
-        warnings.append(
-            f"no real body has the inertial parameters found for {', '.join(bodies)}; ip = 'consistent' keeps every "
-            f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
-        )
-    warnings += disagreements(results)
-    warnings += large_residuals(results, parameters)
-    return tuple(warnings)
+def calibration_findings(
+    settings: CalibrationSettings, results: Sequence[TrialResult], parameters: Parameters, phases: Sequence[Phase]
+) -> tuple[Finding, ...]:
+    """What the figures of a calibration that ended with `parameters` put in doubt."""
+    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases))
 
 
-def disagreements(results: Sequence[TrialResult]) -> Iterator[str]:
+def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters) -> Iterator[Finding]:
+    """Inertial parameters that no real body has, which only the published cost can find."""
+    bodies = impossible_bodies(parameters.inertial)
+    if not bodies:
+        return
+    left_out = "; the third step needs possible ones and was left out" if settings.joint_step else ""
+    yield Finding(
+        severity=Severity.WARNING,
+        topic="inertial parameters",
+        where=STUDY,
+        cause=f"no real body has the inertial parameters found for {', '.join(bodies)}",
+        found=f"torques have no standard errors then, and model.xml is not written{left_out}",
+        cure="ip = 'consistent' keeps every body possible",
+    )
+
+
+def disagreements(results: Sequence[TrialResult]) -> Iterator[Finding]:
     """Trials whose markers the final model meets worse than the nominal one."""
     for t in results:
         first, last = t.nominal.errors.rms(), t.final.errors.rms()
-        if first is not None and last is not None and last > first + WORSE_M:
-            yield (
-                f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal "
-                f"one ({1e3 * first:.1f} mm): the trials disagree"
+        if first is not None and last is not None and last > max(first + WORSE_M, (1 + WORSE) * first):
+            yield Finding(
+                severity=Severity.WARNING,
+                topic="trials",
+                where=t.name,
+                cause="the trials disagree about the joints",
+                found=f"with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
+                f"({1e3 * first:.1f} mm)",
+                cure="see whether the trials are of one person with the markers in one place; leave the odd one out",
             )
 
 
-def large_residuals(results: Sequence[TrialResult], parameters: Parameters) -> Iterator[str]:
-    """Trials whose pelvis residual, RMS of its magnitude over valid frames, is above the limits that people use."""
-    for t in results:
-        if t.loads is None or not t.loads.residuals:
-            continue
-        valid, last = t.loads.reactions.valid, t.loads.residuals[-1]
-        limits = residual_limits(parameters, t.body.q, t.loads.reactions, t.recording.plates)
-        force, moment = (float(np.sqrt(np.mean(values[valid] ** 2))) for values in (last.force, last.moment))
-        exceeded = []
-        if force > limits.force:
-            exceeded.append(
-                f"force {force:.0f} N RMS, limit {limits.force:.0f} N ({100 * FORCE_SHARE:g} % of the peak ground "
-                f"reaction of {limits.peak_force:.0f} N)"
-            )
-        if moment > limits.moment:
-            exceeded.append(
-                f"moment {moment:.1f} N·m RMS, limit {limits.moment:.1f} N·m ({100 * MOMENT_SHARE:g} % of that force "
-                f"times the {limits.centre_height:.2f} m of the mass centre)"
-            )
-        if exceeded:
-            yield (
-                f"{t.name}: motion, masses and ground reactions disagree at the pelvis: {'; '.join(exceeded)}; look at "
-                "plate positions, force sign and clock, mass_kg, and whether each foot was wholly on a plate"
+def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
+    """Fits that stopped before they reached their tolerance."""
+    for phase in phases:
+        if not phase.converged:
+            yield Finding(
+                severity=Severity.WARNING,
+                topic="convergence",
+                where=STUDY,
+                cause=f"the fit of {phase.name} did not converge",
+                found=phase.message,
+                cure="its figures are not a minimum: look at the trials it was fitted to",
             )

@@ -30,8 +30,9 @@ from gaitcal.person.tables import (
     parameter_table,
 )
 from gaitcal.recording import write_trc
+from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.summary import Json, summary
+from gaitcal.results.summary import summary
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 

@@ -12,13 +12,16 @@ import numpy as np
 from gaitcal.calibration.influence import Influence
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.findings import Finding
 from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import Uncertainty
+from gaitcal.results.verdict import of_the_model
 from gaitcal.study.settings import CalibrationSettings
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
+SUMMARY = "summary.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +36,8 @@ class SavedResult:
     """Label in the files -> label in the marker set."""
     settings: CalibrationSettings
     uncertainty: Uncertainty
+    doubts: tuple[Finding, ...] = ()
+    """What its verdict says of every further trial."""
 
 
 def load_result(folder: Path) -> SavedResult:
@@ -57,6 +62,7 @@ def load_result(folder: Path) -> SavedResult:
         rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
         settings=CalibrationSettings.model_validate(known),
         uncertainty=load_uncertainty(folder / UNCERTAINTY),
+        doubts=of_the_model(read_object(folder / SUMMARY)),
     )
 
 

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.results.json_types import Json
+from gaitcal.results.verdict import verdict_summary, walk_summary
+from gaitcal.verdict.verdict import Verdict
 
 NO_FLOOR = 1e-6
 """mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
 
 SHARE_DIGITS = 4
 
-Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
-
 
 def summary(calibration: Calibration) -> dict[str, Json]:
     """The content of `summary.json` (mm, N, N·m, s)."""
     return {
         "status": "converged" if calibration.converged else "not converged",
+        **verdict_summary(calibration.verdict),
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
-        "trials": {trial.name: trial_summary(trial) for trial in calibration.trials},
+        "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
         "phases": [
             {
                 "name": phase.name,
@@ -36,17 +36,19 @@ def summary(calibration: Calibration) -> dict[str, Json]:
                 "status": phase.status,
                 "message": phase.message,
                 **({} if phase.marker_noise is None else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}),
+                **({"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}} if phase.noise else {}),
             }
             for phase in calibration.phases
         ],
     }
 
 
-def trial_summary(trial: TrialResult) -> dict[str, Json]:
-    """One trial's entry: markers, segments, residuals, torque changes."""
+def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
+    """One trial's entry: verdict, markers, segments, residuals, torque changes."""
     errors = trial.calibrated.errors
     out: dict[str, Json] = {
         "role": trial.role.value,
+        **walk_summary(verdict, trial.name),
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.kept().sum()),

@@ -14,7 +14,10 @@ from gaitcal.files.package_data import package_version
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.results.calibration import json_text, write_trial
-from gaitcal.results.summary import Json, trial_summary
+from gaitcal.results.json_types import Json
+from gaitcal.results.summary import trial_summary
+from gaitcal.results.verdict import verdict_summary
+from gaitcal.verdict.verdict import Verdict
 
 SUMMARY = "summary.json"
 RUN_AGAIN = "; run it again"
@@ -27,7 +30,7 @@ def write_trials(
     model_file: Path,
     folder: Path,
     inputs: Sequence[Path],
-    warnings: Sequence[str] = (),
+    verdict: Verdict,
 ) -> tuple[str, ...]:
     """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
 
@@ -35,7 +38,7 @@ def write_trials(
     ----------
     model_file : `model.toml`, whose hash tells later whether an earlier trial was made with this model.
     inputs : recordings and forces, which the folder must not hold.
-    warnings : further ones, each beginning with `NAME: `.
+    verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
 
     Returns
     -------
@@ -61,9 +64,10 @@ def write_trials(
         )
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
-            "trials": {**kept, **{t.name: trial_summary(t) for t in trials}},
+            "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
+            "reasons": [*_reasons_about(kept, summary), *cast(list[Json], verdict_summary(verdict)["reasons"])],
             "notes": [*_lines_about(kept, summary, "notes"), *(note for t in trials for note in t.notes)],
-            "warnings": [*earlier_warnings, *stale, *warnings, *(warning for t in trials for warning in t.warnings)],
+            "warnings": [*earlier_warnings, *stale, *(reason.line for reason in verdict.reasons)],
         }
         (out / SUMMARY).write_text(json_text(new_summary), encoding="utf-8")
         new_manifest: dict[str, Json] = {
@@ -98,3 +102,10 @@ def _lines_about(trials: Mapping[str, Json], summary: Mapping[str, object], key:
     stored = summary.get(key)
     lines = [line for line in stored if isinstance(line, str)] if isinstance(stored, list) else []
     return [line for line in lines if any(line.startswith(f"{name}: ") for name in trials)]
+
+
+def _reasons_about(trials: Mapping[str, Json], summary: Mapping[str, object]) -> list[Json]:
+    """Reasons of an earlier summary that are about one of these trials."""
+    stored = summary.get("reasons")
+    entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
+    return [entry for entry in entries if set(str(entry.get("trial")).split(", ")) & set(trials)]

@@ -20,7 +20,8 @@ from gaitcal.model.build import build_model
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.motion import motion_of, track
+from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
+from gaitcal.motion.motion import motion_of, track, tracked_motion
 from gaitcal.motion.trial_problem import NodeRule
 from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
@@ -28,6 +29,8 @@ from gaitcal.synthetic.motion import gait_motion
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
 """A quarter of the gait trial and of its spans: what finite differences are tried on."""
 SHORT_EVALUATIONS = 5
+TWENTY = NodeRule(per_second=20.0)
+"""What every trial had before its markers chose."""
 
 
 def section_track() -> list[Timing]:
@@ -129,6 +132,21 @@ def section_ip() -> list[Timing]:
     ]
 
 
+def section_bandwidth() -> list[Timing]:
+    """What a bandwidth costs that the markers choose; the choice is wanted in eight tracks of 20 nodes a second."""
+    model, seen, p = subject(), recording("gait"), problem("gait")
+    parameters = model.parameters
+    hz = DenseMotion(p, parameters).by_markers()
+    smoothed = with_bandwidth(p, parameters, hz)
+    return [
+        Timing(f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)),
+        Timing(
+            "choice of the bandwidth by the markers", lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"
+        ),
+        Timing("track with it", lambda: tracked_motion(smoothed, parameters), f"{smoothed.basis.nodes} nodes"),
+    ]
+
+
 def section_inverse_dynamics() -> list[Timing]:
     """Generalised forces of 208 frames."""
     model, motion = subject(), gait_motion()
@@ -154,6 +172,7 @@ SECTIONS: dict[str, Callable[[], list[Timing] | list[Timing | Amount]]] = {
     "calibrate-hip": _isolated("hip_l"),
     "calibrate-knee": _isolated("knee_l"),
     "calibrate-ankle": _isolated("ankle_l"),
+    "bandwidth": section_bandwidth,
     "ip": section_ip,
     "inverse-dynamics": section_inverse_dynamics,
     "calibrate-study": section_calibrate_study,

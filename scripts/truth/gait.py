@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +23,7 @@ from truth.outcome import Bars, Figure, Outcome, bars, rms
 from truth.people import WalkingPerson, at_times, walking_person, with_settings
 from truth.rigid import across, rigid_motion
 from truth.skin import Kind, disturbed
+from truth.timed_fit import timed_fit
 from truth.true_joints import hip_parameters, static_frames
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
@@ -35,17 +35,8 @@ def run(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, 
     """Disturb, calibrate and compare one person."""
     person = walking_person(name, data)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
-    start = perf_counter()
-    calibration = gaitcal.calibrate(study)
-    return Outcome(
-        part="gait",
-        case=kind.value,
-        person=name,
-        seed=seed,
-        seconds=perf_counter() - start,
-        converged=calibration.converged,
-        figures=compare(calibration, person, study),
-    )
+    fit = timed_fit(study)
+    return fit.outcome("gait", kind.value, name, seed, compare(fit.calibration, person, study))
 
 
 def compare(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
-import gaitcal
 from gaitcal import Calibration, Study
 from gaitcal.arrays import Array
 from truth.functional import sara, score
@@ -17,6 +15,7 @@ from truth.outcome import Figure, Outcome
 from truth.people import IsolatedPerson, isolated_person, with_settings
 from truth.rigid import Line, rigid_motion
 from truth.skin import Kind, disturbed
+from truth.timed_fit import timed_fit
 from truth.true_joints import DIRECTIONS, SegmentPose, leg_parameters, static_frames, x_axis, z_axis
 
 AXES = {
@@ -34,17 +33,8 @@ def run(
     """Disturb, calibrate and compare one person."""
     person = isolated_person(name, data, cache, gait)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
-    start = perf_counter()
-    calibration = gaitcal.calibrate(study)
-    return Outcome(
-        part="isolated",
-        case=kind.value,
-        person=name,
-        seed=seed,
-        seconds=perf_counter() - start,
-        converged=calibration.converged,
-        figures=compare(calibration, person, study),
-    )
+    fit = timed_fit(study)
+    return fit.outcome("isolated", kind.value, name, seed, compare(fit.calibration, person, study))
 
 
 def compare(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pandas as pd
@@ -26,6 +25,7 @@ from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from truth.outcome import Figure, Outcome, bars, rms
 from truth.people import with_settings
+from truth.timed_fit import TimedFit, timed_fit
 
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 JOINT_KINDS = {"joint position": "mm", "joint orientation": "deg"}
@@ -58,10 +58,7 @@ class SyntheticPerson:
     """(n, 23) N·m, the same with the nominal model."""
     errors: Array
     """(n, 23) N·m, standard errors of the torques."""
-    seconds: float
-    """Of the calibration."""
-    converged: bool
-    """Whether every phase of it did."""
+    fit: TimedFit
 
     @property
     def torques(self) -> Array:
@@ -79,16 +76,14 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
             study = with_settings(study, changes or {})
         if settings is Settings.GAIT_ONLY:
             study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
-        start = perf_counter()
-        calibration = gaitcal.calibrate(study)
-        seconds = perf_counter() - start
-    table = gaitcal.parameter_table(calibration).set_index("name")
+        fit = timed_fit(study)
+    table = gaitcal.parameter_table(fit.calibration).set_index("name")
     inertial = ~table["kind"].str.startswith("joint")  # nominal ones count, too: their error bar is people's spread
     table = table[(table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))]
     true = truth.loc[table.index]
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
-    return SyntheticPerson(table, *torque_errors(calibration, seed), seconds, calibration.converged)
+    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), fit)
 
 
 def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
@@ -116,15 +111,7 @@ def run(seed: int, changes: Mapping[str, object]) -> Outcome:
     """One person with gaitcal's default settings, but for these."""
     person = synthetic_person(seed, Settings.DEFAULT, changes)
     figures = torque_figures(person) | parameter_figures(person.parameters)
-    return Outcome(
-        part="synthetic",
-        case="waves",
-        person=f"synthetic {seed}",
-        seed=seed,
-        seconds=person.seconds,
-        converged=person.converged,
-        figures=figures,
-    )
+    return person.fit.outcome("synthetic", "waves", f"synthetic {seed}", seed, figures)
 
 
 def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:

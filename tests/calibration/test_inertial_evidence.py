@@ -29,6 +29,7 @@ from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
 from gaitcal.synthetic.measurements import residual_free_wrench
@@ -204,8 +205,7 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
 def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
     """sigma^2 A^T A, as often as frames repeat each other: six of sixty a second."""
     trial, rest = loaded(0.0), 0.007
-    frames = len(trial.problem.basis.time)
-    rate = (frames - 1) / (trial.problem.basis.time[-1] - trial.problem.basis.time[0])
+    rate = frame_rate(trial.problem.basis)
     with_rest, without = (noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0))
     chart = LogChart(TRUE.inertial, WHICH)
     rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(np.zeros(chart.size))

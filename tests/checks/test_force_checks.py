@@ -41,7 +41,9 @@ def negated(axis: int) -> Change:
     ],
 )
 def test_reversed_forces(sound: Study, axis: int, words: tuple[str, ...]) -> None:
-    (found,) = [f for f in findings(with_trial(sound, "walk", negated(axis)), "plates", WARNING) if "rever" in f.found]
+    (found,) = [
+        f for f in findings(with_trial(sound, "walk", negated(axis)), "forces", WARNING) if "wrong sign" in f.cause
+    ]
     assert all(word in f"{found.found} {found.cure}" for word in words)
     assert (len(words) > 1) == ("vertical" in found.cure)
 

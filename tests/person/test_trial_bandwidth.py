@@ -63,7 +63,7 @@ def test_markers_choose_without_plates() -> None:
         told = found.bandwidth
         assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
         assert cutoffs(found) == [told.motion_hz, told.joints_hz, told.joints_hz]
-        assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.warnings == ()
+        assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.findings == ()
         # an isolated trial is judged by what its joint parameters are fitted to
         assert told.motion_hz == pytest.approx(DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6)
 
@@ -134,9 +134,9 @@ def test_given_by_the_settings() -> None:
 
 def test_a_fit_that_suffers_is_told() -> None:
     for settings in ({"bandwidth_hz": 2.0}, {"nodes_per_second": 3.0}):
-        (warning,) = prepared(walk(), **settings).bandwidth.warnings
-        assert "smoothed too much" in warning and "mm RMS" in warning
-    assert prepared(walk(), bandwidth_hz=12.0).bandwidth.warnings == ()
+        (told,) = prepared(walk(), **settings).bandwidth.findings
+        assert "smoothed too much" in told.cause and "mm RMS" in told.found
+    assert prepared(walk(), bandwidth_hz=12.0).bandwidth.findings == ()
 
 
 @pytest.mark.parametrize(
@@ -185,4 +185,4 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         assert entry["bandwidth_by"] == told.by.value
         assert f"{name}: {told.notes[0]}" in done.notes
     further = analyse(done.model, study.moving[0], study.settings, done.uncertainty)
-    assert trial_summary(further)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]
+    assert trial_summary(further, done.verdict)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]

@@ -8,13 +8,14 @@ from typing import Any, cast
 import pytest
 
 from gaitcal.page.report import report_html
-from gaitcal.results.summary import trial_summary
+from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
-    trial = fake_calibration().trials[0]
-    out = cast(Any, trial_summary(trial))
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    out = cast(Any, trial_summary(trial, whole.verdict))
     for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
         assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
         assert rms["calibrated_to_joint_floor"] == pytest.approx(rms["calibrated"] / rms["joint_floor"])
@@ -26,15 +27,16 @@ def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
 def test_without_a_joint_there_is_no_joint_floor() -> None:
     whole = fake_calibration()
     trial = replace(whole.trials[0], joint_floor=None)
-    out = cast(Any, trial_summary(trial))
+    out = cast(Any, trial_summary(trial, whole.verdict))
     assert "joint_floor_mm" not in out
     assert not [key for key in out["rms_mm"] if "joint_floor" in key]
     assert "Joint floor" in report_html(replace(whole, trials=(trial,)))
 
 
 def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
-    trial = fake_calibration().trials[0]
-    sources = cast(Any, trial_summary(trial))["torque_error_sources"]
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    sources = cast(Any, trial_summary(trial, whole.verdict))["torque_error_sources"]
     assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
     assert not [name for name in sources if name.startswith("pelvis")]
     for parts in sources.values():
@@ -42,7 +44,16 @@ def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
         assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
     assert trial.loads is not None
     without = replace(trial, loads=replace(trial.loads, errors=None))
-    assert "torque_error_sources" not in cast(Any, trial_summary(without))
+    assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
+
+
+def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() -> None:
+    whole = fake_calibration()
+    first, *others = whole.phases
+    own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
+    told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
+    assert told[0]["noise_mm"] == {"knee": 1.2346, "walk, hip_r alone": 10.0}
+    assert "noise_mm" not in told[1]
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:

@@ -1,0 +1,180 @@
+"""The verdict: trustworthy, doubtful or refused, for the whole, each trial and each leg, with its reasons.
+
+Findings of one cause become one reason, and the worst is told first. An error refuses, a warning makes doubtful, a note
+does neither. What is wrong with the static trial, an isolated trial or the study itself concerns every walk, since all
+stand on its model; what is wrong with one walk, or one leg, concerns that one alone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.model.linkage import SIDES
+
+SHOWN = 3
+"""Pieces of evidence that a reason gives; how many more there are is said."""
+
+
+class Judgement(Enum):
+    """How far a result can be believed."""
+
+    TRUSTWORTHY = "trustworthy"
+    DOUBTFUL = "doubtful"
+    REFUSED = "refused"
+
+    @classmethod
+    def worst(cls, of: Iterable[Judgement]) -> Judgement:
+        """The worst of some; trustworthy where there are none."""
+        order = list(cls)
+        return max(of, key=order.index, default=cls.TRUSTWORTHY)
+
+
+_JUDGED = {
+    Severity.ERROR: Judgement.REFUSED,
+    Severity.WARNING: Judgement.DOUBTFUL,
+    Severity.INFO: Judgement.TRUSTWORTHY,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reason:
+    """One cause for doubt: what is wrong, how that is known, what to do."""
+
+    cause: str
+    evidence: str
+    action: str
+    trials: tuple[str, ...]
+    """Names of trials, the worst first; empty where it is about the study."""
+    leg: str
+    """`r` or `l`; empty where it is about both, or neither."""
+    severity: Severity
+
+    @property
+    def line(self) -> str:
+        """In one line: where, what, evidence, what to do."""
+        where = ", ".join(self.trials) or STUDY
+        return f"{where}: {self.cause}: {self.evidence}" + (f"; {self.action}" if self.action else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialVerdict:
+    """One walk, and its legs."""
+
+    judgement: Judgement
+    legs: Mapping[str, Judgement]
+    """`r`, `l`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """How far a result can be believed, and why."""
+
+    judgement: Judgement
+    reasons: tuple[Reason, ...]
+    """The worst first."""
+    trials: Mapping[str, TrialVerdict]
+    """Every walk."""
+    forced: bool = False
+    """Whether the user went on past errors."""
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Names of the walks that are refused."""
+        return tuple(name for name, trial in self.trials.items() if trial.judgement is Judgement.REFUSED)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        text = _SENTENCES[self.judgement]
+        if self.judgement is not Judgement.REFUSED and self.refused:
+            text += f" Refused: {', '.join(self.refused)}."
+        return text + (" It was made with --force, past errors." if self.forced else "")
+
+
+_SENTENCES = {
+    Judgement.TRUSTWORTHY: "Nothing speaks against this result beyond its error bars.",
+    Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the reasons.",
+    Judgement.REFUSED: "This result is not to be used: no torque counts as valid, and no error bar is given.",
+}
+
+
+def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = False) -> Verdict:
+    """The verdict on a result with these findings.
+
+    Parameters
+    ----------
+    walks : names of the trials that are judged each by itself; findings of any other concern all of them.
+    forced : whether errors of the checks were passed over.
+    """
+    shared = [f for f in findings if f.where not in walks]
+    of_all = _of_legs(shared)
+    trials: dict[str, TrialVerdict] = {}
+    for walk in walks:
+        own = _of_legs([f for f in findings if f.where == walk])
+        legs = {side: Judgement.worst((own[side], of_all[side])) for side in SIDES}
+        whole = Judgement.worst((own[""], of_all[""]))
+        legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
+        refused = all(leg is Judgement.REFUSED for leg in legs.values())
+        partly = Judgement.worst((whole, *(Judgement.DOUBTFUL for leg in legs.values() if leg is not _GOOD)))
+        trials[walk] = TrialVerdict(judgement=Judgement.REFUSED if refused else partly, legs=legs)
+    return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
+
+
+_GOOD = Judgement.TRUSTWORTHY
+
+
+def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
+    """The worst of the findings about each leg, and about neither (``""``)."""
+    out = dict.fromkeys(("", *SIDES), _GOOD)
+    for f in findings:
+        leg = f.leg if f.leg in SIDES else ""
+        out[leg] = Judgement.worst((out[leg], _JUDGED[f.severity]))
+    return out
+
+
+def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, TrialVerdict]) -> Judgement:
+    """Refused where all is: a walk, or a leg, that is refused beside others that are not leaves doubt alone."""
+    everything = [shared[""], *(t.judgement for t in trials.values())]
+    if shared[""] is Judgement.REFUSED or (trials and all(t.judgement is Judgement.REFUSED for t in trials.values())):
+        return Judgement.REFUSED
+    return _GOOD if all(j is _GOOD for j in (*everything, *shared.values())) else Judgement.DOUBTFUL
+
+
+def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
+    """One reason a cause, of errors and warnings, the worst first."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for f in findings:
+        if f.severity is not Severity.INFO:
+            groups.setdefault((f.topic, f.cause or _without_numbers(f.found)), []).append(f)
+    for group in groups.values():
+        group.sort(key=_rank)
+    return tuple(_reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0])))
+
+
+def _rank(finding: Finding) -> tuple[int, float]:
+    return list(Severity).index(finding.severity), -finding.weight
+
+
+def _without_numbers(text: str) -> str:
+    return re.sub(r"[\d.,+-]+", "#", text)
+
+
+def _reason(group: Sequence[Finding]) -> Reason:
+    first = group[0]
+    trials = tuple(dict.fromkeys(f.where for f in group if f.where != STUDY))
+    several = len(trials) > 1
+    pieces = list(dict.fromkeys(f"{f.where}: {f.found}" if several else f.found for f in group))
+    evidence = "; ".join(pieces[:SHOWN]) + (f"; and {len(pieces) - SHOWN} more" if len(pieces) > SHOWN else "")
+    legs: Collection[str] = {f.leg for f in group}
+    return Reason(
+        cause=first.cause or first.topic,
+        evidence=evidence,
+        action=first.cure,
+        trials=trials,
+        leg=first.leg if len(legs) == 1 else "",
+        severity=first.severity,
+    )

@@ -1,0 +1,109 @@
+"""From findings to a verdict: overall, for each walk and each leg, one reason a cause, the worst first."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons
+
+GOOD, DOUBTFUL, REFUSED = Judgement
+WALKS = ("walk", "walk2")
+JUDGED = {Severity.INFO: GOOD, Severity.WARNING: DOUBTFUL, Severity.ERROR: REFUSED}
+
+
+def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weight: float = 1.0) -> Finding:
+    return Finding(
+        severity=severity, topic="t", where=where, cause=cause, found="3 mm", cure="do", leg=leg, weight=weight
+    )
+
+
+def legs_of(verdict: Verdict) -> dict[tuple[str, str], Judgement]:
+    return {(walk, side): j for walk, trial in verdict.trials.items() for side, j in trial.legs.items()}
+
+
+def test_nothing_found_is_trustworthy() -> None:
+    verdict = judge([], WALKS)
+    assert verdict.judgement is GOOD and set(legs_of(verdict).values()) == {GOOD} and verdict.reasons == ()
+
+
+@pytest.mark.parametrize("severity", Severity)
+def test_what_concerns_the_model_concerns_every_walk(severity: Severity) -> None:
+    for where in (STUDY, "static", "hip_r"):
+        verdict = judge([found(severity, where)], WALKS)
+        assert verdict.judgement is JUDGED[severity]
+        assert set(legs_of(verdict).values()) == {JUDGED[severity]}
+
+
+@pytest.mark.parametrize("severity", Severity)
+def test_what_concerns_one_walk_leaves_the_other_alone(severity: Severity) -> None:
+    verdict = judge([found(severity, "walk")], WALKS)
+    assert verdict.trials["walk"].judgement is JUDGED[severity] and verdict.trials["walk2"].judgement is GOOD
+    assert verdict.judgement is (GOOD if severity is Severity.INFO else DOUBTFUL)
+    assert judge([found(severity, "walk")], ("walk",)).judgement is JUDGED[severity]
+
+
+def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
+    verdict = judge([found(Severity.ERROR, "walk", leg="l")], WALKS)
+    assert legs_of(verdict) == {("walk", "r"): GOOD, ("walk", "l"): REFUSED, ("walk2", "r"): GOOD, ("walk2", "l"): GOOD}
+    assert verdict.trials["walk"].judgement is DOUBTFUL and verdict.refused == ()
+    both = judge([found(Severity.ERROR, "walk", "a", "l"), found(Severity.ERROR, "walk", "b", "r")], WALKS)
+    assert both.refused == ("walk",) and both.judgement is DOUBTFUL
+    of_the_model = judge([found(Severity.ERROR, "static", leg="l")], WALKS)
+    assert of_the_model.judgement is DOUBTFUL
+    assert {leg for leg, j in legs_of(of_the_model).items() if j is REFUSED} == {("walk", "l"), ("walk2", "l")}
+
+
+FINDINGS = st.builds(
+    found,
+    st.sampled_from(Severity),
+    st.sampled_from([STUDY, "static", *WALKS]),
+    st.sampled_from("abc"),
+    st.sampled_from(["", "r", "l"]),
+    st.floats(0.1, 10.0),
+)
+
+
+@given(st.lists(FINDINGS, max_size=6))
+def test_more_findings_never_make_it_better(findings: list[Finding]) -> None:
+    order = list(Judgement)
+    before = judge(findings[:-1], WALKS)
+    after = judge(findings, WALKS)
+    assert order.index(after.judgement) >= order.index(before.judgement)
+    for leg, judgement in legs_of(after).items():
+        assert order.index(judgement) >= order.index(legs_of(before)[leg])
+    said = [f for f in findings if f.severity is not Severity.INFO]
+    assert (after.judgement is GOOD) == (not said)
+
+
+@given(st.lists(FINDINGS, min_size=1, max_size=5))
+def test_one_reason_a_cause_the_worst_first(findings: list[Finding]) -> None:
+    told = reasons(findings)
+    said = [f for f in findings if f.severity is not Severity.INFO]
+    assert sorted(r.cause for r in told) == sorted({f.cause for f in said})
+    order = list(Severity)
+    assert [order.index(r.severity) for r in told] == sorted(order.index(r.severity) for r in told)
+    for reason in told:
+        own = [f for f in said if f.cause == reason.cause]
+        assert reason.severity is min((f.severity for f in own), key=order.index)
+        assert set(reason.trials) == {f.where for f in own} - {STUDY}
+
+
+def test_the_worst_of_one_severity_is_told_first() -> None:
+    some = [found(Severity.WARNING, "walk", cause, weight=weight) for cause, weight in (("a", 1), ("b", 9), ("c", 4))]
+    for order in permutations(some):
+        assert [r.cause for r in reasons(order)] == ["b", "c", "a"]
+
+
+def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> None:
+    def plain(where: str, text: str) -> Finding:
+        return Finding(severity=Severity.WARNING, topic="gaps", where=where, found=text, cure="fill")
+
+    (told,) = reasons([plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")])
+    assert told.trials == ("a", "b")
+    assert told.line == "a, b: gaps: a: no marker for 0.3 s; b: no marker for 0.51 s; fill"
+    assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
