@@ -69,8 +69,8 @@ def part(text: str) -> tuple[int, int]:
 def print_clean(clean: list[Clean]) -> None:
     """What is said of the clean recordings, and how long they take."""
     for one in clean:
-        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s")
-        for message in one.messages:
+        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
+        for message in dict.fromkeys((*one.refused, *one.messages)):
             print(f"    {message}")
 
 
@@ -98,7 +98,11 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     if chosen.clean:
         print_clean(clean)
         return []
-    of_base = {one.base: one for one in clean}
+    of_base = {one.base: one for one in clean if not one.refused}
+    if refused := [one for one in clean if one.refused]:
+        print("clean studies that are refused, whose attacks are left out:")
+        print_clean(refused)
+        attacks = [attack for attack in attacks if attack.base in of_base]
     results: list[Result] = []
     for result in workers(delayed(run_title)(attack.title, of_base[attack.base]) for attack in attacks):
         results.append(result)
@@ -106,7 +110,7 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     print("\n".join(report.lines(results)))
     if chosen.json:
         report.write(results, chosen.json)
-    if not report.passed(results):
+    if refused or not report.passed(results):
         sys.exit(1)
     return results
 
