@@ -1,6 +1,6 @@
 """Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that one can live with it.
 
-    python scripts/check_attacks.py [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--list] [--json FILE]
+    python scripts/check_attacks.py [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--part K/N] [--list]
     python scripts/check_attacks.py --quick        # a dozen, in less than a minute
     python scripts/check_attacks.py --clean        # every finding on the clean recordings
 
@@ -44,9 +44,10 @@ from joblib import Parallel, delayed  # noqa: E402
 
 def chosen_attacks(arguments: argparse.Namespace) -> list[Attack]:
     """Those that the command line asks for and whose recordings are there."""
+    first, step = arguments.part
     there, every = os.environ.get("GAITCAL_DATA"), corpus()
     wide = arguments.all or arguments.quick or arguments.base or arguments.only
-    return [
+    found = [
         attack
         for attack in (every if wide else once_each(every))
         if (not arguments.only or re.search(arguments.only, attack.title, re.IGNORECASE))
@@ -54,13 +55,22 @@ def chosen_attacks(arguments: argparse.Namespace) -> list[Attack]:
         and (not arguments.quick or attack.quick)
         and (there or attack.base == SYNTHETIC)
     ]
+    return found[first - 1 :: step]
+
+
+def part(text: str) -> tuple[int, int]:
+    """`2/3`: the second of three parts."""
+    found = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", text)
+    if not found or int(found[1]) > int(found[2]):
+        raise argparse.ArgumentTypeError(f"found '{text}'; allowed: K/N, the Kth of N parts")
+    return int(found[1]), int(found[2])
 
 
 def print_clean(clean: list[Clean]) -> None:
     """What is said of the clean recordings, and how long they take."""
     for one in clean:
-        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s")
-        for message in one.messages:
+        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
+        for message in dict.fromkeys((*one.refused, *one.messages)):
             print(f"    {message}")
 
 
@@ -70,6 +80,7 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     parser.add_argument("--all", action="store_true", help="every attack on every base that it is meant for")
     parser.add_argument("--only", metavar="REGEX", help="attacks whose title matches")
     parser.add_argument("--base", action="append", default=[], choices=list(BASES), help="clean study; may be repeated")
+    parser.add_argument("--part", type=part, default=(1, 1), metavar="K/N", help="the Kth of N parts, kinds mixed")
     parser.add_argument("--quick", action="store_true", help="the few that run as a test")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--list", action="store_true", help="print the titles, run nothing")
@@ -87,7 +98,11 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     if chosen.clean:
         print_clean(clean)
         return []
-    of_base = {one.base: one for one in clean}
+    of_base = {one.base: one for one in clean if not one.refused}
+    if refused := [one for one in clean if one.refused]:
+        print("clean studies that are refused, whose attacks are left out:")
+        print_clean(refused)
+        attacks = [attack for attack in attacks if attack.base in of_base]
     results: list[Result] = []
     for result in workers(delayed(run_title)(attack.title, of_base[attack.base]) for attack in attacks):
         results.append(result)
@@ -95,7 +110,7 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     print("\n".join(report.lines(results)))
     if chosen.json:
         report.write(results, chosen.json)
-    if not report.passed(results):
+    if refused or not report.passed(results):
         sys.exit(1)
     return results
 

@@ -10,13 +10,14 @@ so that moved <= 1 is inside the error bar that the run itself prints. Floors: 0
 1 deg, 5 mm. Torques count where both runs call the frame valid. A hip's centre is compared as a point, knee and ankle
 across their axes, along which a hinge tells nothing; s of a centre is that of its position in the segment above it.
 Centres are compared in the laboratory, after the one rigid motion that brings all markers of one recording on those of
-the other.
+the other. An isolated trial has no error bars of its own angles: there the axis of its knee or ankle is compared, as an
+angle, with that of its two orientations in the segment above; floor 2 deg.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from truth.gait import joint_tracks
@@ -37,8 +38,13 @@ PLACES = {
     "ankle": ("talocrural_{s}.shank.ant", "talocrural_{s}.shank.sup"),
 }
 """Joint -> the parameters whose standard errors are that of its centre in the segment above."""
+DIRECTIONS = {
+    "knee": ("knee_{s}.thigh.front", "knee_{s}.thigh.trans"),
+    "ankle": ("talocrural_{s}.shank.front", "talocrural_{s}.shank.trans"),
+}
+"""Joint -> the parameters whose standard errors are that of its axis in the segment above."""
 WITHIN = 1.96
-FLOOR_BWH, FLOOR_RAD, FLOOR_M = 0.002, np.deg2rad(1.0), 0.005
+FLOOR_BWH, FLOOR_RAD, FLOOR_M, FLOOR_AXIS_RAD = 0.002, np.deg2rad(1.0), 0.005, np.deg2rad(2.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +70,8 @@ class Curves:
     """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3)."""
     centre_bars: Mapping[str, float]
     """m."""
+    axis_bars: Mapping[str, float] = field(default_factory=dict)
+    """rad; of isolated trials."""
 
 
 def curves(calibration: Calibration) -> dict[str, Curves]:
@@ -86,9 +94,8 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
     sides = "rl" if trial.joint is None else trial.joint[-1]
     tracks = joint_tracks(calibration.model.parameters, trial.body)
 
-    def bar(joint: str, side: str) -> float:
-        parts = [errors.get(name.format(s=side), 0.0) for name in PLACES[joint]]
-        return max(WITHIN * float(np.linalg.norm(parts)), FLOOR_M)
+    def bar(names: tuple[str, ...], side: str, floor: float) -> float:
+        return max(WITHIN * float(np.linalg.norm([errors.get(name.format(s=side), 0.0) for name in names])), floor)
 
     return Curves(
         time=trial.body.time,
@@ -100,7 +107,13 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
         torque_bars=torque_bars,
         valid=valid,
         centres={f"{joint}_{s}": tracks[f"{joint}_{s}"] for joint in PLACES for s in sides},
-        centre_bars={f"{joint}_{s}": bar(joint, s) for joint in PLACES for s in sides},
+        centre_bars={f"{joint}_{s}": bar(names, s, FLOOR_M) for joint, names in PLACES.items() for s in sides},
+        axis_bars={
+            f"{joint}_{s}": bar(names, s, FLOOR_AXIS_RAD)
+            for joint, names in DIRECTIONS.items()
+            for s in sides
+            if trial.joint == f"{joint}_{s}"
+        },
     )
 
 
@@ -141,8 +154,14 @@ def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
             names = [f"moment of {name}" for name in (*ANGLES, "knee_adduction_r", "knee_adduction_l")]
             out += _columns(trial, names, gap, found.torque_bars[here][both], 1.0, "N·m")
     rotation, origin = _turn(clean, there, found, here)
-    for joint, (centre, _) in found.centres.items():
+    for joint, (centre, direction) in found.centres.items():
+        if joint not in clean.centres:  # declared for another leg
+            continue
         point, axis = (array[there] @ rotation.T for array in clean.centres[joint])
+        if joint in found.axis_bars:
+            turn = np.arccos(np.clip(np.abs((direction[here] * axis).sum(axis=1)), 0, 1))[:, None]
+            bars = np.full_like(turn, found.axis_bars[joint])
+            out += _columns(trial, [f"axis of {joint}"], turn, bars, np.rad2deg(1.0), "deg")
         gap = centre[here] - (point + origin)
         if not joint.startswith("hip"):
             gap = across(gap, axis)

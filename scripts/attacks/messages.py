@@ -7,24 +7,26 @@ from collections.abc import Iterable, Sequence
 
 from gaitcal import Calibration
 from gaitcal.findings import Finding, Severity
+from gaitcal.verdict.verdict import Judgement
 
 
-def findings_said(findings: Sequence[Finding], severities: tuple[Severity, ...]) -> tuple[str, ...]:
-    """Findings of these severities as a user reads them, without the file, whose name may hold any word."""
-    return tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in findings if f.severity in severities)
+def errors_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """The errors among what the checks found: they stop the run."""
+    return tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in findings if f.severity is Severity.ERROR)
 
 
-def warned(findings: Sequence[Finding], calibration: Calibration | None = None) -> tuple[str, ...]:
+def refusal(calibration: Calibration) -> tuple[str, ...]:
+    """Why a finished calibration is refused; empty where it is not."""
+    verdict = calibration.verdict
+    if verdict.judgement is not Judgement.REFUSED:
+        return ()
+    return tuple(reason.line for reason in verdict.reasons if reason.severity is Severity.ERROR)
+
+
+def warned(calibration: Calibration) -> tuple[str, ...]:
     """Everything that is said to a user who gets a result: facts that need no action do not count."""
-    said = findings_said(findings, (Severity.WARNING, Severity.ERROR))
-    if calibration is None:
-        return said
-    late = () if calibration.converged else ("a phase did not converge: " + _late(calibration),)
-    return (*said, *calibration.warnings, *late)
-
-
-def _late(calibration: Calibration) -> str:
-    return ", ".join(f"{phase.name} ({phase.message})" for phase in calibration.phases if not phase.converged)
+    late = [f"phase {p.name} did not converge: {p.message}" for p in calibration.phases if not p.converged]
+    return (*(reason.line for reason in calibration.verdict.reasons), *late)
 
 
 def bare(message: str) -> str:

@@ -7,7 +7,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -17,10 +17,9 @@ from attacks.bases import BASES
 from attacks.corpus import corpus
 from attacks.curves import Curves, curves, largest
 from attacks.markers import pattern
-from attacks.messages import findings_said, names_cause, new, warned
+from attacks.messages import errors_of, names_cause, new, refusal, warned
 from gaitcal import GaitcalError, Study, calibrate
 from gaitcal.checks import check_study
-from gaitcal.findings import Severity
 from gaitcal.study.study_file import load_study_file
 
 
@@ -33,21 +32,27 @@ class Clean:
     """A clean study's run."""
 
     base: str
-    messages: tuple[str, ...]
-    curves: Mapping[str, Curves]
-    seconds: float
+    refused: tuple[str, ...]
+    """Why it is refused, which it should not be; its attacks then tell nothing."""
+    messages: tuple[str, ...] = ()
+    curves: Mapping[str, Curves] = field(default_factory=dict)
+    seconds: float = 0.0
 
 
 def run_clean(base: str) -> Clean:
-    """Check and calibrate a clean study; RuntimeError where it is refused."""
+    """Check and calibrate a clean study."""
     start = perf_counter()
     study = BASES[base].study
     findings = check_study(study)
-    if errors := findings_said(findings, (Severity.ERROR,)):
-        raise RuntimeError(f"the clean study {base} is refused: {errors[0]}")
-    calibration = calibrate(study)
+    if errors := errors_of(findings):
+        return Clean(base=base, refused=errors)
+    calibration = calibrate(study, checked=findings)
     return Clean(
-        base=base, messages=warned(findings, calibration), curves=curves(calibration), seconds=perf_counter() - start
+        base=base,
+        refused=refusal(calibration),
+        messages=warned(calibration),
+        curves=curves(calibration),
+        seconds=perf_counter() - start,
     )
 
 
@@ -73,16 +78,18 @@ def run(attack: Attack, clean: Clean) -> Result:
             warnings.simplefilter("ignore")
             study = spoilt(attack, Path(folder))()
             findings = check_study(study)
-            if errors := findings_said(findings, (Severity.ERROR,)):
+            if errors := errors_of(findings):
                 return result(Ending.REFUSED, errors)
-            calibration = calibrate(study)
+            calibration = calibrate(study, checked=findings)
+            if reasons := refusal(calibration):
+                return result(Ending.REFUSED, reasons)
     except GaitcalError as error:
         return result(Ending.REFUSED, (str(error),))
     except CorpusError:
         raise
     except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
         return result(Ending.CRASH, (traceback.format_exc(limit=-3),))
-    said = new(warned(findings, calibration), clean.messages)
+    said = new(warned(calibration), clean.messages)
     movement = largest(curves(calibration), clean.curves)
     moved, where = (None, "no result to compare") if movement is None else (movement.bars, movement.words)
     if any(names_cause(message, patterns) for message in said):

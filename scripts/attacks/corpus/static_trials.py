@@ -17,7 +17,7 @@ LANDMARKS = (
     ("knee_lat_r", "thigh_r", (20, 0, 0), "synthetic"),
     ("knee_lat_r", "thigh_r", (0, 30, 0), "subject01 multi"),
     ("knee_lat_l", "thigh_l", (30, 0, 0), "pig child uf3"),
-    ("knee_lat_l", "thigh_l", (-40, 0, 0), "functional kad"),
+    ("knee_lat_r", "thigh_r", (-40, 0, 0), "functional kad"),
     ("knee_med_r", "thigh_r", (40, 0, 0), "p01 subject01"),
     ("knee_med_l", "thigh_l", (0, 0, -30), "synthetic p18"),
     ("ankle_lat_r", "shank_r", (30, 0, 0), "child synthetic"),
@@ -86,7 +86,7 @@ def attacks() -> Row:
         knees,
         EXCHANGED,
     )
-    for side, bases in (("r", "subject01 synthetic p01"), ("l", "uf3 functional")):
+    for side, bases in (("r", "subject01 synthetic p01 functional"), ("l", "uf3")):
         yield from row(
             f"knee medial with lateral, {side}",
             bases,
