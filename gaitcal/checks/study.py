@@ -9,7 +9,19 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.checks import body_mass, contacts, direction, exchanged, lengths, markers, plates, sampling, standing
+from gaitcal.checks import (
+    body_mass,
+    contacts,
+    direction,
+    exchanged,
+    lengths,
+    markers,
+    plates,
+    posture,
+    sampling,
+    standing,
+    static_landmarks,
+)
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
@@ -41,7 +53,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.flat,
     standing.length,
     standing.stillness,
-    lengths.body_height,
+    static_landmarks.proportions,
+    posture.standing_straight,
     sampling.rate,
     sampling.header_rate,
     sampling.speed,
@@ -57,6 +70,10 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.beside_feet,
     body_mass.carried_mass,
 )
+
+
+CONSEQUENCES = ("static trial", "posture", "sides", "axes")
+"""Topics of a static trial that exchanged or displaced landmarks put in disorder by themselves."""
 
 
 def check_file(path: Path | str) -> tuple[Finding, ...]:
@@ -103,7 +120,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     trials = tuple(evidence(trial, model) for trial in study.trials)
     findings: list[Finding] = []
     for trial in trials:
-        findings += _worst_first([*(faults if trial.is_static else ()), *_check_trial(trial)])
+        findings += _worst_first(_without_consequences([*(faults if trial.is_static else ()), *_check_trial(trial)]))
     return (*findings, *rates_differ(trials), *same_recording(trials))
 
 
@@ -113,7 +130,7 @@ def check_further(
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = TrialEvidence(trial=trial, marker_set=marker_set, subject=model.subject, settings=settings, model=model)
-    return tuple(_worst_first(_check_trial(evidence)))
+    return tuple(_worst_first(_without_consequences(_check_trial(evidence))))
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:
@@ -121,6 +138,13 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
     return units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+
+
+def _without_consequences(findings: list[Finding]) -> list[Finding]:
+    """The findings of one trial without what follows from landmarks that are no body's."""
+    if not any(f.topic == "landmarks" and f.severity is Severity.ERROR for f in findings):
+        return findings
+    return [f for f in findings if f.topic not in CONSEQUENCES]
 
 
 def _worst_first(findings: list[Finding]) -> list[Finding]:
