@@ -30,7 +30,7 @@ SITTING_DEG = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stance:
+class StandingLegs:
     """How the legs of a standing person are bent."""
 
     knees: tuple[float, float]
@@ -56,7 +56,7 @@ class Stance:
         return min(self.thighs) > SITTING_DEG
 
 
-def stance(p: Mapping[str, Array], height: float) -> Stance | None:
+def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None where some lack."""
     axes = body_axes(p)
     if axes is None or any(name not in p for name in REQUIRED):
@@ -69,14 +69,14 @@ def stance(p: Mapping[str, Array], height: float) -> Stance | None:
         knees.append(float(np.rad2deg(np.arctan2(up[0], up[1]))))
         thighs.append(float(np.rad2deg(np.arccos(np.clip(thigh[1, 1], -1.0, 1.0)))))
     heels = float(p["heel_r"][1] - p["heel_l"][1])
-    return Stance(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
+    return StandingLegs(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
 
 
 def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person of a static trial stands on both straight legs."""
     if trial.posture is None:
         return
-    found = stance(trial.posture, trial.subject.height)
+    found = standing_legs(trial.posture, trial.subject.height)
     if found is None:
         return
     knees = f"knees bent by {found.knees[0]:.0f} deg (right) and {found.knees[1]:.0f} deg (left)"
@@ -95,8 +95,8 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             Severity.WARNING,
             "posture",
             f"{knees}, right heel {1e3 * found.heels:+.0f} mm above the left one",
-            "choose the part in which both feet stand with time = [start, end], or record standing again; nothing to do if "
-            "the person cannot stand otherwise",
+            "choose the part in which both feet stand with time = [start, end], or record standing again; nothing to "
+            "do if the person cannot stand otherwise",
             cause="the person stands unevenly in the static trial",
         )
     elif found.bent:

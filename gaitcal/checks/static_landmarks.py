@@ -11,7 +11,7 @@ from gaitcal.checks.body_plan import Measure, measures
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
-from gaitcal.checks.posture import stance
+from gaitcal.checks.posture import standing_legs
 from gaitcal.findings import Finding, Severity
 
 IMPOSSIBLE_Z = 5.5
@@ -33,12 +33,12 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
     found = list(faults(p, given))
     if any(isinstance(fault, Displaced) for fault in found):
         # A leg that is bent or lifted looks like landmarks off their bones: then only what posture leaves alone counts.
-        stands = stance(p, given)
+        stands = standing_legs(p, given)
         even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
         found = found if even else list(faults(p, given, even=False))
     swapped = [pairs for fault in found if isinstance(fault, Exchange) for pairs in fault.pairs]
     sound = exchanged(p, tuple(swapped))
-    stands = stance(sound, given)
+    stands = standing_legs(sound, given)
     straight = stands is None or not (stands.bent or stands.sitting)
     factor = height_factor(sound, given, even=straight)
     legs = hip_height(trial) if straight else None

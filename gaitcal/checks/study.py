@@ -19,6 +19,7 @@ from gaitcal.checks import (
     plates,
     posture,
     sampling,
+    several_statics,
     standing,
     static_landmarks,
 )
@@ -120,8 +121,10 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     trials = tuple(evidence(trial, model) for trial in study.trials)
     findings: list[Finding] = []
     for trial in trials:
-        findings += _worst_first(_without_consequences([*(faults if trial.is_static else ()), *_check_trial(trial)]))
-    return (*findings, *rates_differ(trials), *same_recording(trials))
+        findings += _worst_first(
+            _without_consequences([*(faults if trial.trial is study.static else ()), *_check_trial(trial)])
+        )
+    return (*findings, *rates_differ(trials), *same_recording(trials), *several_statics.statics_agree(trials))
 
 
 @np.errstate(all="ignore")
