@@ -12,7 +12,7 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
 from gaitcal.checks.posture import standing_legs
-from gaitcal.findings import Finding, Severity
+from gaitcal.findings import Finding, Severity, listed
 
 IMPOSSIBLE_Z = 5.5
 """Standard deviations from which no body has such a length."""
@@ -30,6 +30,10 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
     if not p:
         return
     given = trial.subject.height
+    below = hip_height(trial)
+    if below is not None and below < 0:
+        yield _upside_down(trial, below)
+        return
     found = list(faults(p, given))
     if any(isinstance(fault, Displaced) for fault in found):
         # A leg that is bent or lifted looks like landmarks off their bones: then only what posture leaves alone counts.
@@ -54,6 +58,17 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
         yield from _impossible(trial, measures(sound, factor * given))
 
 
+def _upside_down(trial: TrialEvidence, below: float) -> Finding:
+    return trial.finding(
+        Severity.ERROR,
+        "landmarks",
+        f"the ASIS lie {-below:.2f} m below the ankles",
+        "write the file with its vertical axis upwards",
+        cause="the vertical axis of the static trial points down",
+        weight=10.0,
+    )
+
+
 def landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty where there is none."""
     posture = trial.posture
@@ -64,7 +79,9 @@ def landmarks(trial: TrialEvidence) -> dict[str, Array]:
 
 def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
     pairs = label_pairs(trial, fault.pairs)
-    words = ", ".join(f"'{a}' and '{b}'" for a, b in pairs)
+    words = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
+    if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
+        words = f"right and left ({words}), or an axis is mirrored: they"
     swaps = ", ".join(f'"{a}" = "{b}", "{b}" = "{a}"' for a, b in pairs)
     return trial.finding(
         Severity.ERROR,

@@ -73,8 +73,12 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
 )
 
 
-CONSEQUENCES = ("static trial", "posture", "sides", "axes")
-"""Topics of a static trial that exchanged or displaced landmarks put in disorder by themselves."""
+CONSEQUENCES = {
+    "landmarks": ("static trial", "posture", "sides", "axes"),
+    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time"),
+    "sides": ("exchanged", "heading", "plate to foot", "plates"),
+}
+"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 
 
 def check_file(path: Path | str) -> tuple[Finding, ...]:
@@ -144,10 +148,10 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
 
 
 def _without_consequences(findings: list[Finding]) -> list[Finding]:
-    """The findings of one trial without what follows from landmarks that are no body's."""
-    if not any(f.topic == "landmarks" and f.severity is Severity.ERROR for f in findings):
-        return findings
-    return [f for f in findings if f.topic not in CONSEQUENCES]
+    """The findings of one trial without what only follows from others."""
+    causes = {f.topic for f in findings if f.severity is Severity.ERROR and f.cause}
+    follows = {topic for cause in causes for topic in CONSEQUENCES.get(cause, ())}
+    return [f for f in findings if f.topic not in follows]
 
 
 def _worst_first(findings: list[Finding]) -> list[Finding]:

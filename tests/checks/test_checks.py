@@ -123,7 +123,13 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
     ),
     "exchanged for good": ("walk", swapped("R.Thigh.Front", "R.Shank.Front"), "exchanged", ERROR, ("208 frames",)),
     "sides exchanged": ("walk", mirrored, "sides", ERROR, ("R.Thigh.Upper", "mm")),
-    "sides exchanged, standing": ("static", mirrored, "landmarks", ERROR, ("'R.Heel' and 'L.Heel'", "each other's")),
+    "sides exchanged, standing": (
+        "static",
+        mirrored,
+        "landmarks",
+        ERROR,
+        ("'R.Knee.Lat' and 'L.Knee.Lat'", "each other's"),
+    ),
     "one pair of sides": (
         "walk",
         swapped("R.Shank.Front", "L.Shank.Front"),
