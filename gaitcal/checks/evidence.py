@@ -8,10 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
+from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, StudyTrial
@@ -143,6 +145,23 @@ class TrialEvidence:
             return None
         out: Array = self.recording.markers[:, [self.place[label] for label in labels]].mean(axis=1)
         return out if np.isfinite(out).any() else None
+
+    @cached_property
+    def posture(self) -> dict[str, Array] | None:
+        """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands still in it."""
+        if not self.is_static:
+            return None
+        try:
+            still = still_window(self.recording, self.marker_set.labels).frames
+        except InputError:
+            return None
+        out: dict[str, Array] = {}
+        for name in self.marker_set.landmarks:
+            path = self.landmark(name)
+            seen = None if path is None else path[still][np.isfinite(path[still]).all(axis=1)]
+            if seen is not None and len(seen):
+                out[name] = seen.mean(axis=0)
+        return out
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:

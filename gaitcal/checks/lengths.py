@@ -83,22 +83,6 @@ def _ratios(trial: TrialEvidence) -> Iterator[float]:
                     yield float(np.median(distance)) / length
 
 
-def body_height(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether legs of this length belong to a person of this height."""
-    if not trial.is_static or (found := hip_height(trial)) is None:
-        return
-    height = trial.subject.height
-    if HIP_HEIGHT[0] * height <= found <= HIP_HEIGHT[1] * height:
-        return
-    expected = f"{HIP_HEIGHT[0] * height:.2f} to {HIP_HEIGHT[1] * height:.2f} m"
-    yield trial.warning(
-        "height",
-        f"the ASIS stand {found:.3f} m above the ankles; a height of {height:.2f} m lets expect {expected}",
-        f"check subject.height_m (these legs fit {found / HIP_HEIGHT[1]:.2f} to {found / HIP_HEIGHT[0]:.2f} m) and the "
-        "landmarks of pelvis and ankles",
-    )
-
-
 def hip_height(trial: TrialEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
     paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in "rl"]

@@ -9,7 +9,20 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.checks import body_mass, contacts, direction, exchanged, lengths, markers, plates, sampling, standing
+from gaitcal.checks import (
+    body_mass,
+    contacts,
+    direction,
+    exchanged,
+    lengths,
+    markers,
+    plates,
+    posture,
+    sampling,
+    several_statics,
+    standing,
+    static_landmarks,
+)
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
@@ -41,7 +54,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.flat,
     standing.length,
     standing.stillness,
-    lengths.body_height,
+    static_landmarks.proportions,
+    posture.standing_straight,
     sampling.rate,
     sampling.header_rate,
     sampling.speed,
@@ -57,6 +71,14 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.beside_feet,
     body_mass.carried_mass,
 )
+
+
+CONSEQUENCES = {
+    "landmarks": ("static trial", "posture", "sides", "axes"),
+    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time"),
+    "sides": ("exchanged", "heading", "plate to foot", "plates"),
+}
+"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 
 
 def check_file(path: Path | str) -> tuple[Finding, ...]:
@@ -103,8 +125,10 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     trials = tuple(evidence(trial, model) for trial in study.trials)
     findings: list[Finding] = []
     for trial in trials:
-        findings += _worst_first([*(faults if trial.is_static else ()), *_check_trial(trial)])
-    return (*findings, *rates_differ(trials), *same_recording(trials))
+        findings += _worst_first(
+            _without_consequences([*(faults if trial.trial is study.static else ()), *_check_trial(trial)])
+        )
+    return (*findings, *rates_differ(trials), *same_recording(trials), *several_statics.statics_agree(trials))
 
 
 @np.errstate(all="ignore")
@@ -113,7 +137,7 @@ def check_further(
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = TrialEvidence(trial=trial, marker_set=marker_set, subject=model.subject, settings=settings, model=model)
-    return tuple(_worst_first(_check_trial(evidence)))
+    return tuple(_worst_first(_without_consequences(_check_trial(evidence))))
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:
@@ -121,6 +145,13 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
     return units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+
+
+def _without_consequences(findings: list[Finding]) -> list[Finding]:
+    """The findings of one trial without what only follows from others."""
+    causes = {f.topic for f in findings if f.severity is Severity.ERROR and f.cause}
+    follows = {topic for cause in causes for topic in CONSEQUENCES.get(cause, ())}
+    return [f for f in findings if f.topic not in follows]
 
 
 def _worst_first(findings: list[Finding]) -> list[Finding]:

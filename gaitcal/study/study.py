@@ -57,7 +57,7 @@ class Study:
     marker_set: MarkerSet
     """Which marker is which landmark, and which segment it follows."""
     trials: tuple[StudyTrial, ...]
-    """The static trial and all others, in the order of the study file."""
+    """The static trials and all others, in the order of the study file."""
     settings: CalibrationSettings
     """The study file's table `[calibration]`, defaults filled in."""
     weights: Mapping[str, float]
@@ -108,12 +108,17 @@ class Study:
 
     @property
     def static(self) -> StudyTrial:
-        """The static trial."""
+        """The static trial that the model is made of: the first."""
         return next(trial for trial in self.trials if trial.role is Role.STATIC)
 
     @property
+    def further_statics(self) -> tuple[StudyTrial, ...]:
+        """Static trials that only have to agree with the first."""
+        return tuple(trial for trial in self.trials if trial.role is Role.STATIC)[1:]
+
+    @property
     def moving(self) -> tuple[StudyTrial, ...]:
-        """All other trials."""
+        """All trials in which the person moves."""
         return tuple(trial for trial in self.trials if trial.role is not Role.STATIC)
 
 

@@ -104,7 +104,8 @@ class Trial(Table):
 
     name: str = Field(description="the trial's name, which also names its result files")
     role: Literal["static", "joint", "gait"] = Field(
-        description="'static' (standing still), 'joint' (one joint moved in isolation) or 'gait'"
+        description="'static' (standing still; of several the first gives the model, the others must agree with it), "
+        "'joint' (one joint moved in isolation) or 'gait'"
     )
     joint: Joint | None = Field(
         default=None, validate_default=True, description="the joint that a trial with role = 'joint' moves"
@@ -175,16 +176,13 @@ class StudyFile(Table):
                     f"trials {other} and {number} are both named {shown(trial.name)}; every name occurs once "
                     "(capitals make no difference)"
                 )
-        static = [trial.name for trial in trials if trial.role == "static"]
-        if not static:
+        if not any(trial.role == "static" for trial in trials):
             raise ValueError("no trial stands still; add [[trial]] with name = 'static', role = 'static', file = '...'")
-        if len(static) > 1:
-            raise ValueError(f"found {len(static)} trials with role = 'static' ({', '.join(static)}); allowed: one")
         return trials
 
     @property
     def static(self) -> Trial:
-        """The static trial."""
+        """The static trial that the model is made of: the first; further ones must agree with it."""
         return next(trial for trial in self.trials if trial.role == "static")
 
     def to_toml(self, folder: Path | None = None) -> str:

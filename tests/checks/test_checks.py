@@ -123,7 +123,13 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
     ),
     "exchanged for good": ("walk", swapped("R.Thigh.Front", "R.Shank.Front"), "exchanged", ERROR, ("208 frames",)),
     "sides exchanged": ("walk", mirrored, "sides", ERROR, ("R.Thigh.Upper", "mm")),
-    "sides exchanged, standing": ("static", mirrored, "static trial", ERROR, ("exchanged",)),
+    "sides exchanged, standing": (
+        "static",
+        mirrored,
+        "landmarks",
+        ERROR,
+        ("'R.Knee.Lat' and 'L.Knee.Lat'", "each other's"),
+    ),
     "one pair of sides": (
         "walk",
         swapped("R.Shank.Front", "L.Shank.Front"),
@@ -188,7 +194,7 @@ def test_fault_is_found(case: str, sound: Study) -> None:
     spoilt = with_trial(sound, trial, change)
     found = findings(spoilt, topic, severity)
     assert found, [f.line for f in check_study(spoilt)]
-    text = " | ".join(f"{f.found} {f.cure}" for f in found)
+    text = " | ".join(f"{f.evidence} {f.cure}" for f in found)
     for word in words:
         assert word in text
 

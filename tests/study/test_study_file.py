@@ -175,7 +175,6 @@ FAULTS = {
     "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
     "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
     "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
-    "two static": ('role = "gait"', 'role = "static"', ["trial", "found 2", "static, walk"]),
     "trial name with a path": ('"walk"', '"../walk"', ["trial[3].name", "'../walk'"]),
     "trial name hidden": ('"walk"', '".walk"', ["trial[3].name"]),
     "trial name reserved": ('"walk"', '"con"', ["trial[3].name", "Windows"]),
