@@ -8,6 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.checks.cluster import Cluster, clusters_of
+from gaitcal.checks.joint_link import JointLink, links_of
+from gaitcal.checks.stance import Stance
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -30,6 +33,8 @@ class TrialEvidence:
     settings: CalibrationSettings
     model: SubjectModel | None
     """Nominal; None where the static trial gives none."""
+    stance: Stance | None = None
+    """The static posture of pelvis and legs; None where there is no model."""
 
     @property
     def name(self) -> str:
@@ -46,17 +51,41 @@ class TrialEvidence:
         """The file of the markers."""
         return self.recording.source
 
-    def finding(self, severity: Severity, topic: str, found: str, cure: str) -> Finding:
+    def finding(
+        self,
+        severity: Severity,
+        topic: str,
+        found: str,
+        cure: str,
+        *,
+        cause: str = "",
+        leg: str = "",
+        weight: float = 1.0,
+    ) -> Finding:
         """Something found in this trial and its file of markers."""
-        return Finding(severity=severity, topic=topic, where=self.name, found=found, cure=cure, source=self.source)
+        return Finding(
+            severity=severity,
+            topic=topic,
+            where=self.name,
+            found=found,
+            cure=cure,
+            source=self.source,
+            cause=cause,
+            leg=leg,
+            weight=weight,
+        )
 
-    def error(self, topic: str, found: str, cure: str) -> Finding:
+    def error(
+        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+    ) -> Finding:
         """A finding that stops a calibration."""
-        return self.finding(Severity.ERROR, topic, found, cure)
+        return self.finding(Severity.ERROR, topic, found, cure, cause=cause, leg=leg, weight=weight)
 
-    def warning(self, topic: str, found: str, cure: str) -> Finding:
+    def warning(
+        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+    ) -> Finding:
         """A finding to look at."""
-        return self.finding(Severity.WARNING, topic, found, cure)
+        return self.finding(Severity.WARNING, topic, found, cure, cause=cause, leg=leg, weight=weight)
 
     def info(self, topic: str, found: str, cure: str = "") -> Finding:
         """A finding that is good to know; it puts no blame on the file."""
@@ -135,6 +164,20 @@ class TrialEvidence:
             ]
             out[segment] = (tuple(markers.labels[i] for i in rows), markers.local[rows])
         return out
+
+    @cached_property
+    def clusters(self) -> dict[str, Cluster]:
+        """Segment -> its markers against the static posture, of pelvis and legs; empty in the static trial."""
+        if self.stance is None or self.is_static:
+            return {}
+        return clusters_of(self.recording, self.stance, self.marker_set.landmarks, lambda m: self.weight(m) > LIGHT)
+
+    @cached_property
+    def links(self) -> dict[str, JointLink]:
+        """Joint of a leg -> how its two segments lie near the static posture."""
+        if self.stance is None:
+            return {}
+        return links_of(self.clusters, self.stance.centres, self.stance.knee_axes)
 
     @cached_property
     def pelvis(self) -> RigidFit | None:
