@@ -96,7 +96,7 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
             reactions=reactions.get(t.name),
             uncertainty=uncertainty,
             plates=PlateErrors.of(settings.plate_error),
-            bwh=nominal.subject.bwh,
+            subject=nominal.subject,
             held_out=fitted.held_out.get(t.name),
         )
         for t in trials

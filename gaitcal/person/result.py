@@ -17,6 +17,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
@@ -102,6 +103,8 @@ class TrialResult:
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
+    findings: tuple[Finding, ...] = ()
+    """What residuals, angles and torques of `body` say against it."""
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -132,6 +135,7 @@ class TrialResult:
         warnings += self.loads.reactions.warnings if self.loads else ()
         if self.loads is not None and not self.loads.reactions.valid.any():
             warnings.append("no frame has every foot on the ground on a force plate; no torque is valid")
+        warnings += [f"{f.evidence}; {f.cure}" for f in self.findings if f.severity is not Severity.INFO]
         return tuple(f"{self.name}: {warning}" for warning in warnings)
 
 
