@@ -8,6 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.checks.cluster import Cluster, clusters_of
+from gaitcal.checks.joint_link import JointLink, links_of
+from gaitcal.checks.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
@@ -32,6 +35,8 @@ class TrialEvidence:
     settings: CalibrationSettings
     model: SubjectModel | None
     """Nominal; None where the static trial gives none."""
+    stance: Stance | None = None
+    """The static posture of pelvis and legs; None where there is no model."""
 
     @property
     def name(self) -> str:
@@ -178,6 +183,20 @@ class TrialEvidence:
             ]
             out[segment] = (tuple(markers.labels[i] for i in rows), markers.local[rows])
         return out
+
+    @cached_property
+    def clusters(self) -> dict[str, Cluster]:
+        """Segment -> its markers against the static posture, of pelvis and legs; empty in the static trial."""
+        if self.stance is None or self.is_static:
+            return {}
+        return clusters_of(self.recording, self.stance, self.marker_set.landmarks, lambda m: self.weight(m) > LIGHT)
+
+    @cached_property
+    def links(self) -> dict[str, JointLink]:
+        """Joint of a leg -> how its two segments lie near the static posture."""
+        if self.stance is None:
+            return {}
+        return links_of(self.clusters, self.stance.centres, self.stance.knee_axes)
 
     @cached_property
     def pelvis(self) -> RigidFit | None:

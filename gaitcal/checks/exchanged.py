@@ -9,7 +9,7 @@ E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes wher
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, zip_longest
 
 import numpy as np
@@ -73,6 +73,23 @@ def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
     for exchange in by_jumps(trial):
         if frozenset((exchange.label, exchange.other)) not in pairs:
             yield exchange
+
+
+def undone(trial: TrialEvidence) -> TrialEvidence:
+    """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
+    none.
+    """
+    markers = trial.recording.markers
+    for found in exchanges(trial):
+        a, b = trial.place[found.label], trial.place[found.other]
+        if markers is trial.recording.markers:
+            markers = markers.copy()
+        taken = trial.recording.markers[found.frames]
+        markers[found.frames, b] = taken[:, a]
+        markers[found.frames, a] = taken[:, b] if found.mutual else np.nan
+    if markers is trial.recording.markers:
+        return trial
+    return replace(trial, trial=replace(trial.trial, recording=replace(trial.recording, markers=markers)))
 
 
 def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import TypeAlias
@@ -14,8 +15,11 @@ from gaitcal.checks import (
     contacts,
     direction,
     exchanged,
+    left_place,
     lengths,
     markers,
+    moving_joint,
+    one_body,
     plates,
     posture,
     sampling,
@@ -24,9 +28,11 @@ from gaitcal.checks import (
     static_landmarks,
 )
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, StudyTrial, read_trial
@@ -52,6 +58,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.gaps,
     markers.frozen,
     markers.flat,
+    left_place.left_place,
+    moving_joint.declared_joint,
     standing.length,
     standing.stillness,
     static_landmarks.proportions,
@@ -111,24 +119,25 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
-    marker_set = study.marker_set.with_weights(study.weights)
-
-    def evidence(trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
-        return TrialEvidence(
-            trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
-        )
-
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not any(lengths.size(evidence(study.static, None))):
+    if not any(lengths.size(_evidence(study, study.static, None))):
         model, faults = standing.nominal_model_of(study)
-    trials = tuple(evidence(trial, model) for trial in study.trials)
+    trials = evidence_of(study, model)
     findings: list[Finding] = []
+    measured: list[TrialEvidence] = []
     for trial in trials:
-        findings += _worst_first(
-            _without_consequences([*(faults if trial.trial is study.static else ()), *_check_trial(trial)])
-        )
-    return (*findings, *rates_differ(trials), *same_recording(trials), *several_statics.statics_agree(trials))
+        found = _check_trial(trial)
+        findings += _worst_first(_without_consequences([*(faults if trial.trial is study.static else ()), *found]))
+        if not any(finding.topic == "units" and finding.severity is Severity.ERROR for finding in found):
+            measured.append(trial)
+    return (
+        *findings,
+        *one_body.one_body(measured),
+        *rates_differ(trials),
+        *same_recording(trials),
+        *several_statics.statics_agree(trials),
+    )
 
 
 @np.errstate(all="ignore")
@@ -136,8 +145,32 @@ def check_further(
     trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = TrialEvidence(trial=trial, marker_set=marker_set, subject=model.subject, settings=settings, model=model)
-    return tuple(_worst_first(_without_consequences(_check_trial(evidence))))
+    evidence = TrialEvidence(
+        trial=trial,
+        marker_set=marker_set,
+        subject=model.subject,
+        settings=settings,
+        model=model,
+        stance=Stance.of_model(model),
+    )
+    found = _without_consequences(_check_trial(evidence))
+    return tuple(_worst_first([*found, *one_body.one_body((evidence,))]))
+
+
+def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence, ...]:
+    """What the checks look at, trial by trial, with the nominal model if there is one."""
+    stance = None
+    if model is not None:
+        rule = HipCentre(study.settings.hip_centre)
+        stance = Stance.of_recording(study.static.recording, study.marker_set, model, rule)
+    return tuple(replace(_evidence(study, trial, model), stance=stance) for trial in study.trials)
+
+
+def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
+    marker_set = study.marker_set.with_weights(study.weights)
+    return TrialEvidence(
+        trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
+    )
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:

@@ -107,7 +107,7 @@ def calibrate(
             uncertainty=uncertainty,
             plates=PlateErrors.of(settings.plate_error),
             axes=axis_deviations(settings),
-            bwh=nominal.subject.bwh,
+            subject=nominal.subject,
             held_out=fitted.held_out.get(t.name),
         )
         for t in trials

@@ -104,6 +104,8 @@ class TrialResult:
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
+    doubts: tuple[Finding, ...] = ()
+    """What residuals, angles and torques of `body` say against it."""
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -130,8 +132,8 @@ class TrialResult:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What speaks against its motion and its ground reactions."""
-        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads())
+        """What speaks against its markers, its motion and its ground reactions."""
+        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads(), *self.doubts)
 
     def _of_loads(self) -> tuple[Finding, ...]:
         if self.loads is None:

@@ -20,13 +20,14 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
+from gaitcal.person.trial_findings import trial_findings
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import StudyTrial
 
@@ -41,7 +42,7 @@ def trial_result(
     uncertainty: Uncertainty,
     plates: PlateErrors,
     axes: Mapping[str, tuple[float, float, float]],
-    bwh: float,
+    subject: Subject,
     held_out: HeldOut | None = None,
 ) -> TrialResult:
     """Assemble the result of a tracked trial.
@@ -55,7 +56,7 @@ def trial_result(
     uncertainty : of the last model.
     plates : how far the ground reactions are to be believed.
     axes : standard deviations of where the segments' axes point, deg (`dynamics/axis_errors.py`).
-    bwh : body weight times height, N·m.
+    subject : the person, for weight and height.
     """
     final, _ = stages[max(stages, key=list(Stage).index)]
     calibrated = last = body
@@ -66,7 +67,7 @@ def trial_result(
     turned = AxisErrors(final, axes)
     loads = None
     if reactions is not None:
-        moments = {stage: moments_of(p, motion, reactions.wrench, bwh) for stage, (p, motion) in stages.items()}
+        moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
         errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
         loads = LoadedTrial(reactions, moments, errors)
     return TrialResult(
@@ -86,6 +87,15 @@ def trial_result(
         else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q)),
         held_out=held_out,
         bandwidth=trial.bandwidth,
+        doubts=trial_findings(
+            trial.body,
+            final,
+            body,
+            stages[Stage.NOMINAL][1],
+            subject.weight,
+            None if loads is None else loads.final,
+            None if loads is None else loads.reactions.valid,
+        ),
     )
 
 

@@ -1,0 +1,81 @@
+"""Where the static trial has markers, joint centres and knee axes, in the axes of the person who stands.
+
+x forward, y up, z to the right (the horizontal part of the line between the ASIS): one set of axes for all segments, so
+that a segment's turn from the static posture is the turn of its markers, and two segments that keep the static posture
+have the same turn. Hip, knee and ankle centres are those of `model/segment_frames.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.model.landmarks import static_posture
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.segment_frames import HipCentre, LowerBody, across, lower_body
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.recording import still_window
+from gaitcal.recording.recording import Recording
+
+CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
+UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Stance:
+    """The static posture of pelvis and legs."""
+
+    points: Mapping[str, Mapping[str, Array]]
+    """Segment -> marker -> (3,) m."""
+    centres: Mapping[str, Array] = field(default_factory=dict)
+    """`hip_r`, `knee_r`, ... -> (3,) m; empty where the static recording is not at hand: then every segment has axes of
+    its own, and nothing can be said across joints."""
+    knee_axes: Mapping[str, Array] = field(default_factory=dict)
+    """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other way on the left."""
+    landmarks: Mapping[str, Array] = field(default_factory=dict)
+    """(3,) m, of the marker set's landmarks that were seen."""
+
+    @classmethod
+    def of_recording(
+        cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: HipCentre
+    ) -> Stance:
+        """From the static trial of which `model` was made."""
+        static = marker_set.renamed(static)
+        posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
+        legs = lower_body(posture, model.subject.height, hip_centre)
+        axes = _axes(legs)
+        placed = zip(model.markers.labels, model.markers.segments, strict=True)
+        points: dict[str, dict[str, Array]] = {}
+        for label, segment in placed:
+            if segment in legs.frames and label in posture.markers:
+                points.setdefault(segment, {})[label] = axes @ posture.markers[label]
+        landmarks = {name: axes @ at for name, at in posture.landmarks.items()}
+        return cls(
+            points=points,
+            centres={f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"] for j, c in CENTRE.items() for s in SIDES},
+            knee_axes={
+                f"knee_{s}": (1.0 if s == "r" else -1.0) * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
+                for s in SIDES
+                if posture.has(f"knee_med_{s}")
+            },
+            landmarks=landmarks,
+        )
+
+    @classmethod
+    def of_model(cls, model: SubjectModel) -> Stance:
+        """From a saved model, each segment in axes of its own."""
+        points: dict[str, dict[str, Array]] = {}
+        placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
+        for label, segment, local in placed:
+            points.setdefault(segment, {})[label] = local
+        return cls(points)
+
+
+def _axes(legs: LowerBody) -> Array:
+    """(3, 3) whose product with a point of the laboratory has the person's forward, up and right."""
+    right = across(legs.frames["pelvis"].rotation[:, 2], UP)
+    return np.vstack([np.cross(UP, right), UP, right])
