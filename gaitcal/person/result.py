@@ -17,6 +17,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
+from gaitcal.findings import Finding
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
@@ -102,6 +103,8 @@ class TrialResult:
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
+    findings: tuple[Finding, ...] = ()
+    """What is wrong with the forces of a further trial; those of a calibration are told for its trials together."""
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -128,7 +131,8 @@ class TrialResult:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against its motion and its ground reactions, each with the trial's name."""
-        warnings = list(self.bandwidth.warnings) if self.bandwidth else []
+        warnings = [f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else "") for f in self.findings]
+        warnings += self.bandwidth.warnings if self.bandwidth else ()
         warnings += self.loads.reactions.warnings if self.loads else ()
         if self.loads is not None and not self.loads.reactions.valid.any():
             warnings.append("no frame has every foot on the ground on a force plate; no torque is valid")

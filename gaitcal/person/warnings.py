@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from gaitcal.dynamics.residual_limits import FORCE_SHARE, MOMENT_SHARE, residual_limits
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.person.result import TrialResult
@@ -31,7 +28,6 @@ def calibration_warnings(
             f"body possible; torques have no standard errors then, and model.xml is not written{left_out}"
         )
     warnings += disagreements(results)
-    warnings += large_residuals(results, parameters)
     return tuple(warnings)
 
 
@@ -43,30 +39,4 @@ def disagreements(results: Sequence[TrialResult]) -> Iterator[str]:
             yield (
                 f"{t.name}: with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal "
                 f"one ({1e3 * first:.1f} mm): the trials disagree"
-            )
-
-
-def large_residuals(results: Sequence[TrialResult], parameters: Parameters) -> Iterator[str]:
-    """Trials whose pelvis residual, RMS of its magnitude over valid frames, is above the limits that people use."""
-    for t in results:
-        if t.loads is None or not t.loads.residuals:
-            continue
-        valid, last = t.loads.reactions.valid, t.loads.residuals[-1]
-        limits = residual_limits(parameters, t.body.q, t.loads.reactions, t.recording.plates)
-        force, moment = (float(np.sqrt(np.mean(values[valid] ** 2))) for values in (last.force, last.moment))
-        exceeded = []
-        if force > limits.force:
-            exceeded.append(
-                f"force {force:.0f} N RMS, limit {limits.force:.0f} N ({100 * FORCE_SHARE:g} % of the peak ground "
-                f"reaction of {limits.peak_force:.0f} N)"
-            )
-        if moment > limits.moment:
-            exceeded.append(
-                f"moment {moment:.1f} N·m RMS, limit {limits.moment:.1f} N·m ({100 * MOMENT_SHARE:g} % of that force "
-                f"times the {limits.centre_height:.2f} m of the mass centre)"
-            )
-        if exceeded:
-            yield (
-                f"{t.name}: motion, masses and ground reactions disagree at the pelvis: {'; '.join(exceeded)}; look at "
-                "plate positions, force sign and clock, mass_kg, and whether each foot was wholly on a plate"
             )
