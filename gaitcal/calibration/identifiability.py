@@ -141,13 +141,14 @@ def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at 
 
 
 def beyond_bound(name: str) -> Finding:
-    """Of a joint parameter that lies on its bound, or beyond."""
+    """Of a joint parameter that lies on its bound, or beyond; of trunk and arms, which move no torque of a leg, a note."""
+    leg = name.split(".")[0].rpartition("_")[0] in ("hip", "knee", "talocrural", "subtalar")
     return Finding(
-        severity=Severity.WARNING,
+        severity=Severity.WARNING if leg else Severity.INFO,
         topic="joint parameters",
         where=STUDY,
         cause=f"{name.split('.')[0]} lies further from where the static trial has it than people do",
         found=f"{name} is on the bound of how far it may move, or beyond",
         cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
-        leg=name.split(".")[0][-1] if name.split(".")[0][-2:] in ("_r", "_l") else "",
+        leg=name.split(".")[0][-1] if leg else "",
     )

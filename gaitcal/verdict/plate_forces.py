@@ -67,7 +67,7 @@ class PlateForces:
         return joined(self.force, self.centre, self.free)
 
     def centre_kept(self, force: Array, free: Array | None = None) -> Array:
-        """(k, 6) wrench of another force (k, 3) at the same centre of pressure, with the free moment if none is given."""
+        """(k, 6) wrench of another force (k, 3) at the same centre of pressure, the free moment kept too."""
         return joined(force, self.centre, self.free if free is None else free)
 
     def moments_kept(self, force: Array, factor: float = 1.0) -> Array:
