@@ -141,7 +141,7 @@ def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at 
 
 
 def beyond_bound(name: str) -> Finding:
-    """Of a joint parameter that lies on its bound, or beyond; of trunk and arms, which move no torque of a leg, a note."""
+    """Of a joint parameter on its bound, or beyond; a note where no leg moves by it."""
     leg = name.split(".")[0].rpartition("_")[0] in ("hip", "knee", "talocrural", "subtalar")
     return Finding(
         severity=Severity.WARNING if leg else Severity.INFO,
