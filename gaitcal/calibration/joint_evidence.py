@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import in_words, small_turns
+from gaitcal.calibration.identifiability import Turns, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
@@ -79,6 +79,7 @@ def calibrate_by_evidence(
     influence, warnings = nominal_influence(), list[str]()
     parameters, found = nominal, SkinFound({}, (), np.zeros(0))
     tissue: dict[str, SoftTissue] = {}
+    turned: Turns = {}
     if free:
         plain, errors = estimate_joints(problems, nominal, free)
         whole = len(problems)
@@ -102,6 +103,7 @@ def calibrate_by_evidence(
         parameters, influence = estimate.parameters, _joined(influence, _with_skin(errors, found))
         for t, p, nodes in zip(used, problems, estimate.nodes, strict=True):
             warnings += small_turns(p, nodes, t.joint) if t.joint else ()
+        turned = turns_of(problems[:whole], estimate.nodes[:whole], [t.joint for t in used[:whole]])
     upper = [_part(t.fitted, UPPER_BODY, nominal) for t in trials if t.joint is None]
     rest = free_of(upper, tuple(n for n in JP_NAMES if not n.split(".")[0].startswith(_LEG)))
     if rest:
@@ -109,7 +111,7 @@ def calibrate_by_evidence(
         errors = Influence(errors.free, errors.parameters, tuple(f"{c} of trunk and arms" for c in errors.clusters))
         phases.append(_phase("joint parameters of trunk and arms", upper, trunk, trunk))
         parameters, influence = trunk.parameters, _joined(influence, errors)
-    return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found)
+    return _calibration(free + rest, parameters, nominal, influence, phases, warnings, settings, tissue, found, turned)
 
 
 def _quiet_joints(
@@ -212,6 +214,7 @@ def _calibration(
     settings: JointSettings,
     tissue: Mapping[str, SoftTissue],
     found: SkinFound,
+    turned: Turns,
 ) -> JointCalibration:
     errors = influence.standard_errors
     spread = dict(zip(free, prior_deviations(free), strict=True))
@@ -227,7 +230,7 @@ def _calibration(
         unidentifiable=unseen,
         warnings=(
             *dict.fromkeys(warnings),
-            *in_words([n for n in unseen if n.startswith(_LEG)], (), "held near nominal values"),
+            *in_words([n for n in unseen if n.startswith(_LEG)], (), "held near nominal values", turned),
             *(f"{n} lies further from its nominal value than its bound: look at the static trial" for n in beyond),
         ),
         at_bound=beyond,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gaitcal.calibration.identifiability import in_words, small_turns, unmoved_parameters, unseen_parameters
+from gaitcal.calibration.identifiability import in_words, small_turns, turns_of, unmoved_parameters, unseen_parameters
 from gaitcal.calibration.influence import (
     LEAST_NOISE,
     Influence,
@@ -108,20 +108,27 @@ class _Run:
         self.information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
         """Per units of p: what the trials so far know of all joint parameters together, noise being 1."""
         self.unseen: list[str] = []
+        self.turned: dict[str, dict[str, float]] = {}
         self.warnings: list[str] = []
 
     def fit(
-        self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None = None
+        self,
+        name: str,
+        problems: Sequence[TrialProblem],
+        free: tuple[str, ...],
+        joint: str | None = None,
+        joints: Sequence[str | None] = (),
     ) -> JointFit:
-        """One phase; `joint`: the one of isolated trials."""
+        """One phase; `joint`: the one of isolated trials; `joints`: that of each, where they are several together."""
         attempts, unseen = self._attempts(problems, free, joint)
         fit = attempts[-1]
+        self.turned |= turns_of(problems, fit.nodes, joints or [joint] * len(problems))
         seconds, iterations = sum(a.seconds for a in attempts), sum(a.iterations for a in attempts)
         if unseen:
             known = {n for earlier in self.fits for n in earlier.free}
             new = [n for n in unseen if n not in known]
             self.unseen += new
-            self.warnings += in_words(new, [p.name for p in problems])
+            self.warnings += in_words(new, [p.name for p in problems], turned=self.turned)
         self.warnings += [
             f"{n} ended on its bound: the trials pull it further from its nominal value than the bound allows"
             for n in fit.at_bound
@@ -232,7 +239,8 @@ def calibrate_simultaneously(
     order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
     run = _Run(nominal, settings)
     if used:
-        fit = run.fit("all joints", [t.legs for t in used], tuple(name for name in order if name in wanted))
+        free = tuple(name for name in order if name in wanted)
+        fit = run.fit("all joints", [t.legs for t in used], free, joints=[t.joint for t in used])
         for trial, nodes in zip(used, fit.nodes, strict=True):
             if trial.joint is not None:
                 run.warnings += small_turns(trial.legs, nodes, trial.joint)

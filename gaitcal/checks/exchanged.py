@@ -12,7 +12,7 @@ epicondyles, or the two sides of the wrist, come to where the other should be. T
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, zip_longest
 
 import numpy as np
@@ -73,14 +73,18 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
-    """Pairs of labels that are exchanged somewhere."""
-    pairs: set[frozenset[str]] = set()
+    """Pairs of labels that are exchanged somewhere, each once."""
+    found: dict[frozenset[str], Exchange] = {}
     for exchange in by_lengths(trial):
-        pairs.add(frozenset((exchange.label, exchange.other)))
-        yield exchange
+        pair = frozenset((exchange.label, exchange.other))
+        known = found.get(pair)
+        if known is None or (exchange.mutual and not known.mutual):
+            found[pair] = exchange
+        if known is not None:
+            found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
     for exchange in by_jumps(trial):
-        if frozenset((exchange.label, exchange.other)) not in pairs:
-            yield exchange
+        found.setdefault(frozenset((exchange.label, exchange.other)), exchange)
+    yield from found.values()
 
 
 def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
