@@ -17,7 +17,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.findings import Finding, listed
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.recording.intervals import duration, runs, spans
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
@@ -30,6 +31,8 @@ BRIDGED_S = 0.1
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
 """m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
+LONG_S = 0.05
+"""Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long."""
 SHORTEST = 3
 """Frames of a stretch in which lengths say that labels are exchanged."""
 
@@ -57,11 +60,23 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
         weighed = max(trial.weight(found.label), trial.weight(found.other))
         if share > 0.5 and weighed > LIGHT:
             yield trial.error("exchanged", words, "exchange the two labels in the file")
+        elif _harmful(trial, found):
+            cure = "label that part again, or leave it out with time = [start, end]"
+            yield trial.error("exchanged", words, cure, weight=float(found.frames.sum()))
         else:
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
             if weighed <= LIGHT:
                 cure = "little harm, as both have little weight or none; label that part again to use them"
             yield trial.warning("exchanged", words, cure)
+
+
+def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
+    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
+    if trial.settings.robust != "none" or min(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+        return False
+    of_legs = {label for s in LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
+    longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
+    return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
 def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
