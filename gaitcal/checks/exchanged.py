@@ -20,7 +20,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.findings import Finding, listed
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.recording.intervals import duration, runs, spans
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
@@ -37,6 +38,8 @@ ARMS = ("upper_arm", "forearm_hand")
 WITNESSES = 2
 """Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
 one distance from one marker there are many places."""
+LONG_S = 0.05
+"""Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long."""
 SHORTEST = 3
 """Frames of a stretch in which lengths say that labels are exchanged."""
 
@@ -61,15 +64,27 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
         when = spans(trial.recording.time, stretches)
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
         words = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
-        weighed = max(trial.weight(found.label), trial.weight(found.other))
-        if share > 0.5 and weighed > LIGHT:
-            yield trial.error("exchanged", words, "exchange the two labels in the file")
-        elif weighed > LIGHT:
-            cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
-            yield trial.warning("exchanged", words, cure)
-        else:
+        weight = float(found.frames.sum())
+        if max(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
             cure = "no harm done, as both have little weight or none; label that part again to use them"
             yield trial.info("exchanged", words, cure)
+        elif share > 0.5:
+            yield trial.error("exchanged", words, "exchange the two labels in the file", weight=weight)
+        elif _harmful(trial, found):
+            cure = "label that part again, or leave it out with time = [start, end]"
+            yield trial.error("exchanged", words, cure, weight=weight)
+        else:
+            cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
+            yield trial.warning("exchanged", words, cure, weight=weight)
+
+
+def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
+    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
+    if trial.settings.robust != "none" or min(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+        return False
+    of_legs = {label for s in LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
+    longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
+    return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
 def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
