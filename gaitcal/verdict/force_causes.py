@@ -52,6 +52,8 @@ class Undone(NamedTuple):
     """(plates, k, 6)."""
     need: Array | None = None
     """(k, 6) where the fault is not one of the plates."""
+    offsets: Array | None = None
+    """(plates,) N taken away from the vertical force throughout."""
 
 
 Undo: TypeAlias = Callable[[ForceEvidence, Array], Undone]
@@ -71,6 +73,8 @@ class Cause:
     linear: bool = True
     starts: tuple[tuple[float, ...], ...] = ()
     """Where the coefficients of a cause that is not linear are sought from."""
+    witnessed: bool = False
+    """Whether its size is sought with the witnesses as well (`force_witnesses.py`), which are linear in it."""
     unit: str = ""
     """The unit that the file has, for causes about units."""
 
@@ -97,7 +101,6 @@ BY_PLATE: tuple[tuple[Kind, int, OnePlate], ...] = (
     (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
     (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
     (Kind.FREE_MOMENT, 1, lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free)),
-    (Kind.OFFSET, 1, lambda p, x: p.moments_kept(p.force - [0.0, x[0], 0.0])),
     (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, 1.0])),
     (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, 1.0])),
     (Kind.SIGN_SIDEWAYS, 0, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, -1.0])),
@@ -122,10 +125,12 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     yield Cause(kind=Kind.TRUNK, undo=_other_trunk, parameters=2)
     for which in ((), *((name,) for name in names if len(names) > 1)):
         for kind, parameters, change in BY_PLATE:
-            yield Cause(kind=kind, plates=which, undo=_on_plates(change, which), parameters=parameters)
+            undo = _on_plates(change, which)
+            yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, witnessed=kind is Kind.PLACE)
         yield Cause(
             kind=Kind.YAW, plates=which, undo=_on_plates(_yawed, which), parameters=1, linear=False, starts=TURNS
         )
+        yield Cause(kind=Kind.OFFSET, plates=which, undo=_without_offset(which), parameters=1, witnessed=True)
         tilted = _on_plates(_tilted if which else _tilted_in_the_room, which)
         yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, linear=False, starts=((0.0, 0.0),))
     yield Cause(kind=Kind.YAW, undo=_on_plates(_yawed_in_the_room, ()), parameters=1, linear=False, starts=TURNS)
@@ -166,7 +171,7 @@ def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
 
 
 def _nearer(metres: float) -> OnePlate:
-    return lambda p, x: p.moved((metres - 1.0) * p.centre)
+    return lambda p, x: p.nearer(metres)
 
 
 def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
@@ -177,6 +182,17 @@ def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
             x = trial.room[:, [0, 2]] @ x
         chosen = [change(p, x) if not which or p.name in which else p.wrench for p in trial.plates]
         return Undone(np.stack(chosen))
+
+    return undo
+
+
+def _without_offset(which: tuple[str, ...]) -> Undo:
+    """x[0] N less on each of the plates, in their middle."""
+
+    def undo(trial: ForceEvidence, x: Array) -> Undone:
+        less = np.array([float(x[0]) if not which or p.name in which else 0.0 for p in trial.plates])
+        wrenches = [p.moments_kept(p.force - [0.0, n, 0.0]) for p, n in zip(trial.plates, less, strict=True)]
+        return Undone(np.stack(wrenches), None, less)
 
     return undo
 
@@ -225,7 +241,7 @@ def _exchanged(one: str, other: str) -> Undo:
     """Each of two plates lies where the other is said to be."""
 
     def undo(trial: ForceEvidence, x: Array) -> Undone:
-        at = {plate.name: plate.middle for plate in trial.plates}
+        at = {plate.name: plate.place for plate in trial.plates}
         if one not in at or other not in at:
             return Undone(trial.wrenches)
         way = {one: at[other] - at[one], other: at[one] - at[other]}

@@ -16,8 +16,8 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.dynamics.ground_contact import SHORTEST, GroundReactions
-from gaitcal.dynamics.ground_reactions import reactions_of_motion
+from gaitcal.dynamics.ground_contact import SHORTEST, UNDER_FOOT, FootPoints, GroundReactions, distance_to_line
+from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, table
@@ -28,10 +28,11 @@ from gaitcal.motion.motion import Motion
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.axes import ABOUT_Y
 from gaitcal.recording.filters import filterable
-from gaitcal.recording.force_plate import LOADED_N
+from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import duration, runs
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.study.study import StudyTrial
+from gaitcal.verdict.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.verdict.plate_forces import PlateForces
 
 STEP_S = 0.02
@@ -44,8 +45,6 @@ GRID_S = 0.01
 """Times at which a filtered plate is kept."""
 LIGHT = 0.05
 """Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
-LOST = 0.5
-"""Of the load of a plate: where feet carry less, it was given to none."""
 TOGETHER = 0.5
 """Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
 WALKING = (0.75, 2.2)
@@ -88,6 +87,10 @@ class ForceEvidence:
     plates: tuple[PlateForces, ...]
     feet: IntArray
     """(plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone."""
+    soles: tuple[Sole, ...]
+    """Where the feet are that stand on the plates."""
+    empty: tuple[float | None, ...]
+    """N, what each plate reads while nobody is on it; None where somebody always is."""
     weight: float
     """N, of the subject."""
     height: float
@@ -115,6 +118,13 @@ class ForceEvidence:
         out: Array = (self.need if need is None else need) - np.hstack([total[:, :3], about_pelvis])
         return out
 
+    def witnesses(self, wrenches: Array, taken_away: Array) -> Array:
+        """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken away."""
+        heights = np.array([plate.middle[1] for plate in self.plates])
+        feet = under_feet(wrenches, self.soles, heights, self.weight)
+        known = [(b - x) / EMPTY_N for b, x in zip(self.empty, taken_away, strict=True) if b is not None]
+        return np.concatenate([feet, known])
+
 
 def force_evidence(
     trial: StudyTrial,
@@ -133,22 +143,30 @@ def force_evidence(
     parameters : the motion's; their inertial parameters are those of tables, which no force has touched.
     reactions : of the same motion; their frames count unless forces so wrong that no foot fits them left too few.
     """
-    assigned = trial.plates
-    plates = tuple(plate for plate in recording.plates if assigned.get(plate.name) != "none")
-    unit = _unit(plates, motion.time, model.subject.weight)
-    seen = tuple(_scaled(plate, unit) for plate in plates)
-    feet = np.array([_standing(plate, motion.time, reactions.resting) for plate in seen]).reshape(-1, len(motion.time))
-    if unit != 1.0 or _left_out(seen, motion.time, reactions):
+    weight, time = model.subject.weight, motion.time
+    plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
+    if not plates:
+        return None
+    seen = _as_walked_on(plates, time, weight)
+    feet = np.array([_standing(plate, time, reactions.resting) for plate in seen])
+    frames = _chosen(time, reactions.valid)
+    points = foot_points(model, motion, parameters)
+    if seen is not plates or _off_feet(seen, feet, time, points):
         by_time = {p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := _side(row)) is not None}
-        again = replace(recording, plates=seen)
-        reactions = reactions_of_motion(model, parameters, motion, again, {**by_time, **assigned}, motion.cutoff_hz)
-    frames = _chosen(motion.time, reactions.valid)
+        for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
+            again = replace(recording, plates=known)
+            sides = {**by_time, **trial.plates}
+            frames = _chosen(time, reactions_of_motion(model, parameters, motion, again, sides, motion.cutoff_hz).valid)
+            if len(frames) >= FEWEST_FRAMES:
+                break
     if len(frames) < FEWEST_FRAMES:
         return None
-    loads = [float(np.abs(np.nan_to_num(resample_wrench(p, motion.time[frames]))[:, 1]).max()) for p in plates]
+    loads = [float(np.abs(np.nan_to_num(resample_wrench(p, time[frames]))[:, 1]).max()) for p in plates]
     heavy = [i for i, load in enumerate(loads) if load > LIGHT * max(loads)]
     if not heavy:
         return None
+    standing = feet[heavy][:, frames]
+    soles = soles_of(standing, frames, points)
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
     need = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
@@ -157,7 +175,7 @@ def force_evidence(
     return ForceEvidence(
         name=trial.name,
         room=_room(trial.recording, recording),
-        time=motion.time[frames],
+        time=time[frames],
         q=q,
         parameters=parameters,
         pelvis=q[:, :3],
@@ -166,9 +184,11 @@ def force_evidence(
         spread=spread,
         trunk=trunk,
         trunk_seen=any(s == "head_trunk" and w > 0 for s, w in zip(errors.segments, errors.weight, strict=True)),
-        plates=tuple(_plate_forces(plates[i], motion, frames) for i in heavy),
-        feet=feet[heavy][:, frames],
-        weight=model.subject.weight,
+        plates=tuple(_plate_forces(plates[i], motion, frames, _under(soles, k)) for k, i in enumerate(heavy)),
+        feet=standing,
+        soles=soles,
+        empty=tuple(empty_reading(plates[i], weight) for i in heavy),
+        weight=weight,
         height=model.subject.height,
     )
 
@@ -200,20 +220,22 @@ def _room(measured: Recording, turned: Recording) -> Array:
     return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
 
 
-def _unit(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> float:
-    """N in the unit of force by which the plates carry a walking body; 1 where newtons or no unit do."""
-    if not plates:
-        return 1.0
+def _as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
+    """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
+    they need neither.
+    """
     loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
     most = float(loads.sum(axis=0).max()) / weight
-    if most > 0.5 * WALKING[0]:
-        return 1.0
-    fitting = [unit for unit in FORCE_UNITS.values() if WALKING[0] < most * unit < WALKING[1]]
-    return fitting[0] if fitting else 1.0
-
-
-def _scaled(plate: ForcePlate, unit: float) -> ForcePlate:
-    return plate if unit == 1.0 else replace(plate, force=unit * plate.force, moment=unit * plate.moment)
+    unit = 1.0
+    if most < 0.5 * WALKING[0]:
+        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
+    empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
+    if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
+        return plates
+    return tuple(
+        replace(plate, force=unit * plate.force - np.array([0.0, b, 0.0]), moment=unit * plate.moment)
+        for plate, b in zip(plates, empty, strict=True)
+    )
 
 
 def _standing(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
@@ -240,14 +262,17 @@ def _side(standing: IntArray) -> int | None:
     return int(np.argmax(counts)) if max(counts) else None
 
 
-def _left_out(plates: tuple[ForcePlate, ...], time: Array, reactions: GroundReactions) -> bool:
-    """Whether the feet carry far less than a plate does, for longer than a knock."""
-    carried = reactions.wrench[:, :, 1].sum(axis=1)
-    for plate in plates:
-        load = np.nan_to_num(resample_wrench(plate, time))[:, 1]
-        lost = (load > LOADED_N) & (carried < LOST * load)
-        if any(duration(time, run) >= SHORTEST for run in runs(lost)):
-            return True
+def _off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
+    """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
+    for plate, row in zip(plates, standing, strict=True):
+        wrench = np.nan_to_num(resample_wrench(plate, time))
+        for foot in range(len(FEET)):
+            on = (row == foot) & (wrench[:, 1] > LOADED_N)
+            if on.any():
+                heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
+                away = distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
+                if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
+                    return True
     return False
 
 
@@ -268,13 +293,23 @@ def _mass_centre(dynamics: Dynamics, q: Array) -> Array:
     return np.array([pin.centerOfMass(model, data, row) for row in with_reactions(dynamics.linkage, q)])
 
 
-def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray) -> PlateForces:
-    """The plate filtered as the motion is."""
+def _under(soles: tuple[Sole, ...], plate: int) -> Array | None:
+    """(3,) m, on the floor, the middle of the feet on a plate; None where none is told to stand on it."""
+    points = [0.5 * (sole.heel + sole.toe) for sole in soles if sole.plate == plate]
+    if not points:
+        return None
+    x, z = np.concatenate(points).mean(axis=0)
+    return np.array([x, 0.0, z])
+
+
+def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foot: Array | None) -> PlateForces:
+    """The plate filtered as the motion is; its middle that of its corners, or else of the feet on it."""
     hz = motion.cutoff_hz
     smooth = filter_plate(plate, hz) if filterable(plate, hz) else plate
     until = float(plate.time[0]), float(plate.time[-1])
     grid = np.linspace(*until, max(4, round((until[1] - until[0]) / GRID_S) + 1))
     path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
     corners = plate.corners
-    middle = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
-    return PlateForces.of(plate.name, path, until, motion.time[frames], middle)
+    place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
+    middle = under_foot if place is None else place
+    return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 
 
@@ -33,18 +33,28 @@ class PlateForces:
     """(k, 3) m, centre of pressure; the middle where the plate carries nothing."""
     free: Array
     """(k, 3) N·m about `centre`."""
+    loaded: BoolArray
+    """(k,) where it carries enough to have a centre of pressure."""
     middle: Array
-    """(3,) m of the surface: of its corners, or of the centres of pressure weighed by the load."""
+    """(3,) m of the surface: of its corners, or where feet stand on it."""
+    place: Array
+    """(3,) m, where the file says that it is: its corners, or else its load."""
     path: CubicSpline
     """s -> (n, 6) wrench about the laboratory origin: the plate at any other time."""
     until: tuple[float, float]
     """s, the time that `path` covers."""
 
     @staticmethod
-    def of(name: str, path: CubicSpline, until: tuple[float, float], time: Array, middle: Array | None) -> PlateForces:
-        """At the times (k,) s; `middle` (3,) m is that of the corners, or None.
-
-        The centre of pressure lies at the height of the middle, or of the floor where that is not known.
+    def of(
+        name: str,
+        path: CubicSpline,
+        until: tuple[float, float],
+        time: Array,
+        middle: Array | None = None,
+        place: Array | None = None,
+    ) -> PlateForces:
+        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; this and `place` (3,) m are
+        the middle of the load where they are not known.
         """
         wrench = path(time)
         height = 0.0 if middle is None else float(middle[1])
@@ -59,7 +69,17 @@ class PlateForces:
         centre[~loaded] = middle
         force, moment = wrench[:, :3], wrench[:, 3:]
         free = moment - np.cross(centre, force)
-        return PlateForces(name=name, force=force, centre=centre, free=free, middle=middle, path=path, until=until)
+        return PlateForces(
+            name=name,
+            force=force,
+            centre=centre,
+            free=free,
+            loaded=loaded,
+            middle=middle,
+            place=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9) if place is None else place,
+            path=path,
+            until=until,
+        )
 
     @property
     def wrench(self) -> Array:
@@ -67,7 +87,7 @@ class PlateForces:
         return joined(self.force, self.centre, self.free)
 
     def centre_kept(self, force: Array, free: Array | None = None) -> Array:
-        """(k, 6) wrench of another force (k, 3) at the same centre of pressure, the free moment kept too."""
+        """(k, 6) wrench of another force (k, 3) at the same centre; free moment as measured unless given."""
         return joined(force, self.centre, self.free if free is None else free)
 
     def moments_kept(self, force: Array, factor: float = 1.0) -> Array:
@@ -78,6 +98,12 @@ class PlateForces:
     def moved(self, change: Array) -> Array:
         """(k, 6) wrench of the same plate, lying elsewhere by (3,) or (k, 3) m."""
         return joined(self.force, self.centre + change, self.free)
+
+    def nearer(self, factor: float) -> Array:
+        """(k, 6) wrench with centres of pressure `factor` times as far from the laboratory origin."""
+        moment = self.wrench[:, 3:]
+        free = np.where(self.loaded[:, None], self.free, 0.0)
+        return np.hstack([self.force, factor * (moment - free) + free])
 
     def turned(self, turn: Array) -> Array:
         """(k, 6) wrench of the plate turned about its middle by a rotation (3, 3)."""
