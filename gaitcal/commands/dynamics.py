@@ -58,8 +58,9 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
             done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
         late = [trial.name for trial in done if not trial.calibrated.converged]
         unsure = (f"{name}: tracking did not converge; its angles and torques are not to be trusted" for name in late)
-        warnings = [*as_warnings(findings), *unsure]
-        stale = write_trials(done, saved.model, saved.model_file, folder, inputs, warnings)
+        edited = (f"{trial.name}: {remark}" for trial in done for remark in saved.files.remarks)
+        warnings = [*edited, *as_warnings(findings), *unsure]
+        stale = write_trials(done, saved.model, saved.files, folder, inputs, warnings)
     print_trials(talk, done)
     print_remarks(talk, [*stale, *warnings, *(w for t in done for w in t.warnings)], [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
