@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.errors import GaitcalError
-from gaitcal.files.interruption import Stopped, ToldEnding, ended_by_signals
+from gaitcal.files.interruption import Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk

@@ -18,7 +18,7 @@ from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.files.amend import amended
-from gaitcal.files.interruption import Stopped, ToldEnding
+from gaitcal.files.interruption import InterruptedWork, Stopped
 from gaitcal.montecarlo.case import MODEL, case_from, read_case
 from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.montecarlo.context import MonteCarloContext
@@ -120,9 +120,8 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
                     until_converged=options.until_converged,
                 )
         except (KeyboardInterrupt, Stopped) as ending:
-            told = "interrupted" if isinstance(ending, KeyboardInterrupt) else f"ended by {ending.name}"
-            talk.err.print(Text(f"gaitcal: {told}; finished draws are kept, the same command goes on with the others"))
-            raise ToldEnding(130 if isinstance(ending, KeyboardInterrupt) else ending.exit_code) from None
+            work = "finished draws are kept, the same command goes on with the others"
+            raise InterruptedWork(ending, work) from None
         with talk.working() as step, amended(store.folder) as stage:
             step("tables and figures")
             context = MonteCarloContext(case, settings)

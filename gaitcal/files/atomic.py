@@ -95,9 +95,13 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
             kept = refuse_others(target, kind, inputs)
         with contextlib.suppress(FileNotFoundError):
             target.lstat()  # a name too long, a file where a folder should be
-        parent = next(folder for folder in target.parents if folder.exists())
-        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
-            pass
+        if target.parent.is_dir():
+            with _sibling(target):
+                pass
+        else:
+            parent = next(folder for folder in target.parents if folder.exists())
+            with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
+                pass
     return tuple(name for name in kept if not name.startswith(OLD))
 
 

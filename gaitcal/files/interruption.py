@@ -26,8 +26,15 @@ class Stopped(BaseException):
         """As shells have it: 143 for SIGTERM."""
 
 
-class ToldEnding(SystemExit):
-    """The end of a command that was interrupted and has said itself what became of its work."""
+class InterruptedWork(SystemExit):
+    """The end of a command that was interrupted and knows what became of its work."""
+
+    def __init__(self, ending: KeyboardInterrupt | Stopped, work: str) -> None:
+        told, code = (
+            (f"ended by {ending.name}", ending.exit_code) if isinstance(ending, Stopped) else ("interrupted", 130)
+        )
+        super().__init__(code)
+        self.text = f"{told}; {work}"
 
 
 class _State:

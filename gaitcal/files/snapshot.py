@@ -18,7 +18,7 @@ from typing import TypeVar
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
 
-HASHES, SELF = "sha256", "manifest_sha256"
+HASHES, SELF = "sha256", "own_sha256"
 """Entries of a manifest: file -> SHA-256, and SHA-256 of all other entries."""
 _TRIES = 20
 _AGAIN_S = 0.1
