@@ -245,9 +245,7 @@ def main() -> None:
         _say_error(str(error))
         sys.exit(error.exit_code)
     except SystemExit as ending:
-        if ending.code == INTERRUPTED and not isinstance(
-            ending, ToldEnding
-        ):  # typer has turned Ctrl-C into this, without a word
+        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
             _say_error("interrupted; nothing was written")
         raise
     except KeyboardInterrupt:

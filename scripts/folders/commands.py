@@ -123,6 +123,8 @@ class Bench:
     """A study twice, the result of each, and further trials."""
 
     folder: Path
+    seconds: dict[str, float] = field(default_factory=dict)
+    """What each command takes alone."""
 
     def study(self, name: str) -> Path:
         """The study file of this mass."""
@@ -160,9 +162,14 @@ def made_bench(folder: Path) -> Bench:
                 shutil.copy(source, folder / f"{name}_{part}.csv")
     for name in MASSES:
         result = bench.result(name)
-        run(("calibrate", bench.study(name), "--out", result, "--force", "-q"), bench.said)
-        for trial in TRIALS:
-            run(("dynamics", result, *bench.trial(trial), "-q"), bench.said)
-        run(("export", result, "-q"), bench.said)
-        run(("montecarlo", result, *DRAWS, "-q"), bench.said)
+        for words in (
+            ("calibrate", bench.study(name), "--out", result, "--force", "-q"),
+            *(("dynamics", result, *bench.trial(trial), "-q") for trial in TRIALS),
+            ("export", result, "-q"),
+            ("view", result, "--html", result / "view.html", "-q"),
+            ("montecarlo", result, *DRAWS, "-q"),
+        ):
+            began = time.monotonic()
+            run(words, bench.said)
+            bench.seconds[words[0]] = time.monotonic() - began
     return bench

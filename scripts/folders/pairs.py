@@ -38,7 +38,7 @@ def pairs(bench: Bench, result: Path) -> dict[str, tuple[Words, Words]]:
 
 
 def faults(bench: Bench, folder: Path, repeats: int, rng: random.Random, seen: list[str]) -> Iterator[str]:
-    """Run every pair `repeats` times, the second a random time after the first; everything that went wrong."""
+    """Run every pair `repeats` times, such that they end at about one time; everything that went wrong."""
     references = References(bench)
     for name in pairs(bench, folder / "result"):
         for _ in range(repeats):
@@ -49,11 +49,15 @@ def faults(bench: Bench, folder: Path, repeats: int, rng: random.Random, seen: l
             for part in ("dynamics", "montecarlo"):
                 shutil.rmtree(result / part)
             one, other = pairs(bench, result)[name]
+            seconds = [bench.seconds[str(words[0])] for words in (one, other)]
+            if seconds[0] < seconds[1]:
+                one, other = other, one
             first = start(one, folder / "one.txt")
-            time.sleep(rng.choice((0.0, rng.uniform(0.0, 3.0))))
+            time.sleep(max(0.0, abs(seconds[0] - seconds[1]) + rng.uniform(-1.0, 1.0)))  # they end together
             second = start(other, folder / "other.txt")
             endings = (first.wait(), second.wait())
-            seen.append(f"{name}: {endings}")
+            said = " | ".join(" ".join(p.text().split()) for p in (first, second) if p.code)
+            seen.append(f"{name}: exit codes {endings}{', ' if said else ''}{said}")
             for fault in _after(result, (first, second), references):
                 yield f"{name} {endings}: {fault}"
 
