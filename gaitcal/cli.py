@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.errors import GaitcalError
-from gaitcal.files.interruption import Stopped, ended_by_signals
+from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
@@ -244,6 +244,9 @@ def main() -> None:
     except GaitcalError as error:
         _say_error(str(error))
         sys.exit(error.exit_code)
+    except InterruptedWork as ending:
+        _say_error(str(ending))
+        sys.exit(ending.exit_code)
     except SystemExit as ending:
         if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
             _say_error("interrupted; nothing was written")

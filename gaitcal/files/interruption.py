@@ -26,15 +26,13 @@ class Stopped(BaseException):
         """As shells have it: 143 for SIGTERM."""
 
 
-class InterruptedWork(SystemExit):
+class InterruptedWork(BaseException):
     """The end of a command that was interrupted and knows what became of its work."""
 
     def __init__(self, ending: KeyboardInterrupt | Stopped, work: str) -> None:
-        told, code = (
-            (f"ended by {ending.name}", ending.exit_code) if isinstance(ending, Stopped) else ("interrupted", 130)
-        )
-        super().__init__(code)
-        self.text = f"{told}; {work}"
+        self.exit_code = ending.exit_code if isinstance(ending, Stopped) else 128 + signal.SIGINT
+        told = f"ended by {ending.name}" if isinstance(ending, Stopped) else "interrupted"
+        super().__init__(f"{told}; {work}")
 
 
 class _State:

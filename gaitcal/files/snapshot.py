@@ -70,10 +70,9 @@ def listed(folder: Path) -> dict[str, str]:
         The manifest is not as it was written.
     """
     manifest = read_object(folder / MANIFEST)
-    if SELF in manifest and manifest[SELF] != self_hash(manifest):
-        raise InputError(
-            "is not as gaitcal wrote it: damaged, or edited; make the result again", source=folder / MANIFEST
-        )
+    if (SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest):
+        message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
+        raise InputError(message, source=folder / MANIFEST)
     hashes = manifest.get(HASHES)
     return {str(k): str(v) for k, v in hashes.items()} if isinstance(hashes, dict) else {}
 
