@@ -82,8 +82,8 @@ def finish_amending(folder: Path) -> None:
 def _made(folder: Path) -> Iterator[None]:
     """Make the folder, and remove it again where it stayed empty."""
     there = folder.is_dir()
-    folder.mkdir(parents=True, exist_ok=True)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         yield
     finally:
         if not there:

@@ -162,14 +162,18 @@ def _sibling(target: Path) -> Iterator[Path]:
     """A new hidden folder beside `target`, locked by this process, gone afterwards."""
     target.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(target)
-    folder, lock = _locked_folder(target)
-    try:
-        yield folder
-    finally:
+    with contextlib.ExitStack() as stack:
         with unbroken():
-            shutil.rmtree(folder, ignore_errors=True)
-            if lock is not None:
-                os.close(lock)
+            folder, lock = _locked_folder(target)
+            stack.callback(_remove, folder, lock)
+        yield folder
+
+
+def _remove(folder: Path, lock: int | None) -> None:
+    with unbroken():
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
 def _locked_folder(target: Path) -> tuple[Path, int | None]:

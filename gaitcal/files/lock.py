@@ -21,7 +21,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -73,16 +73,15 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
     if place in mine:
         yield
         return
-    with unbroken():
-        pass  # a signal that waits ends the run here, not after a minute of waiting
-    descriptor = _acquired(place, folder, WAIT_S if wait_s is None else wait_s)
-    mine.add(place)
-    try:
+    with ExitStack() as stack:
+        for _ in _waiting(place, folder, WAIT_S if wait_s is None else wait_s):
+            with unbroken():
+                descriptor = _taken(place)
+                if descriptor is not None:
+                    mine.add(place)
+                    stack.callback(_free, descriptor, place, mine)
+                    break
         yield
-    finally:
-        with unbroken():
-            mine.discard(place)
-            _free(descriptor, place)
 
 
 def _place(result: Path, purpose: str) -> Path:
@@ -93,28 +92,32 @@ def _place(result: Path, purpose: str) -> Path:
     return beside
 
 
-def _acquired(place: Path, folder: Path, wait_s: float) -> int:
-    """Descriptor that holds the lock."""
+def _waiting(place: Path, folder: Path, longest_s: float) -> Iterator[None]:
+    """Go on until the lock is taken, with a pause between; InputError when that lasts too long."""
     began, told = time.monotonic(), False
     while True:
-        descriptor = _open(place)
-        taken = False
-        try:
-            taken = _try(descriptor) and _is_at(descriptor, place)
-            if taken:
-                _sign(descriptor)
-                return descriptor
-            holder = _holder(descriptor)
-        finally:
-            if not taken:
-                os.close(descriptor)
+        yield
         waited = time.monotonic() - began
-        if waited > wait_s:
-            raise InputError(f"is being written by {holder}; run again when that has ended", source=folder)
+        if waited > longest_s:
+            raise InputError(f"is being written by {_holder(place)}; run again when that has ended", source=folder)
         if waited > TELL_S and not told:
-            _log.warning("gaitcal: %s is being written by %s; waiting up to %.0f s", folder, holder, wait_s)
+            _log.warning("gaitcal: %s is being written by %s; waiting up to %.0f s", folder, _holder(place), longest_s)
             told = True
         time.sleep(LOOK_S)
+
+
+def _taken(place: Path) -> int | None:
+    """Descriptor that holds the lock; None where another process has it, or had it until now."""
+    descriptor = _open(place)
+    taken = False
+    try:
+        taken = _try(descriptor) and _is_at(descriptor, place)
+        if taken:
+            _sign(descriptor)
+    finally:
+        if not taken:
+            os.close(descriptor)
+    return descriptor if taken else None
 
 
 def _open(place: Path) -> int:
@@ -170,22 +173,23 @@ def _sign(descriptor: int) -> None:
         os.write(descriptor, words.encode())
 
 
-def _holder(descriptor: int) -> str:
+def _holder(place: Path) -> str:
     try:
-        os.lseek(descriptor, 0, os.SEEK_SET)
-        held = json.loads(os.read(descriptor, 4096))
+        held = json.loads(place.read_bytes())
         return f"process {held['process']} on {held['host']} since {held['since']}"
     except (OSError, ValueError, TypeError, KeyError):
         return "another process"
 
 
-def _free(descriptor: int, place: Path) -> None:
-    if sys.platform == "win32":
-        os.close(descriptor)
-        with suppress(OSError):  # the next one has it open
-            place.unlink()
-    else:
-        with suppress(OSError):
-            if _is_at(descriptor, place):
+def _free(descriptor: int, place: Path, mine: set[Path]) -> None:
+    with unbroken():
+        mine.discard(place)
+        if sys.platform == "win32":
+            os.close(descriptor)
+            with suppress(OSError):  # the next one has it open
                 place.unlink()
-        os.close(descriptor)
+        else:
+            with suppress(OSError):
+                if _is_at(descriptor, place):
+                    place.unlink()
+            os.close(descriptor)

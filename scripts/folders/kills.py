@@ -1,6 +1,6 @@
 """Commands killed at any moment: the folder is as before or as after, and the next run leaves what one alone leaves.
 
-Half of the moments are anywhere in the run, half in the time in which it writes (from its first hidden name on). After
+Half of the moments are anywhere in the run, half in the time in which it writes (from its first hidden file on). After
 SIGTERM nothing of the run is left behind and the exit code is 143; what SIGKILL leaves is removed by the next run.
 """
 
@@ -71,9 +71,9 @@ def faults(bench: Bench, folder: Path, kills: int, rng: random.Random, seen: lis
         counts = {"finished": 0, "before": 0, "after": 0, "between": 0, "left by SIGKILL": 0}
         for k in range(kills):
             number = signal.SIGTERM if k % 2 else signal.SIGKILL
-            litter = hidden(result)
+            litter, half_written = hidden(result), _written(result)
             process = start(victim.words, said)
-            _wait(process, result, litter, rng, (k // 2) % 2 == 0, whole, writing)
+            _wait(process, result, half_written, rng, (k // 2) % 2 == 0, whole, writing)
             process.send(number)
             code = process.wait()
             counts["finished"] += code == 0
@@ -107,7 +107,7 @@ def _times(victim: Victim, result: Path, said: Path) -> tuple[float, float]:
     began = time.monotonic()
     process, first = start(victim.words, said), 0.0
     while not process.ended():
-        if not first and hidden(result):
+        if not first and _written(result):
             first = time.monotonic()
         time.sleep(0.001)
     if process.code != 0:
@@ -116,13 +116,19 @@ def _times(victim: Victim, result: Path, said: Path) -> tuple[float, float]:
     return end - began, end - (first or began)
 
 
+def _written(result: Path) -> set[Path]:
+    """Hidden folders with something in them: a command is writing, or was when it was killed."""
+    pattern = ".gaitcal-tmp-*/*"
+    return {path.parent for path in (*result.parent.glob(pattern), *result.rglob(pattern))}
+
+
 def _wait(
-    process: Process, result: Path, litter: set[str], rng: random.Random, anywhere: bool, whole: float, writing: float
+    process: Process, result: Path, before: set[Path], rng: random.Random, anywhere: bool, whole: float, writing: float
 ) -> None:
     if anywhere:
         time.sleep(rng.uniform(0.0, 0.9 * whole))
         return
-    while not process.ended() and not hidden(result) - litter:
+    while not process.ended() and not _written(result) - before:
         time.sleep(0.0005)
     time.sleep(rng.choice((rng.uniform(0.0, 0.02), rng.uniform(0.0, writing))))
 
