@@ -1,6 +1,7 @@
 """The command line. Thin: every command is a call of the public API and a few lines of text.
 
-Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge. Libraries are imported by the command that
+Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after
+SIGHUP. Libraries are imported by the command that
 needs them, so that `gaitcal --help` is there at once.
 """
 
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.errors import GaitcalError
+from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
@@ -237,10 +239,14 @@ def main() -> None:
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
     verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
     try:
-        app(standalone_mode=True)
+        with ended_by_signals():
+            app(standalone_mode=True)
     except GaitcalError as error:
         _say_error(str(error))
         sys.exit(error.exit_code)
+    except InterruptedWork as ending:
+        _say_error(str(ending))
+        sys.exit(ending.exit_code)
     except SystemExit as ending:
         if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
             _say_error("interrupted; nothing was written")
@@ -248,6 +254,9 @@ def main() -> None:
     except KeyboardInterrupt:
         _say_error("interrupted; nothing was written")
         sys.exit(INTERRUPTED)
+    except Stopped as ending:
+        _say_error(f"ended by {ending.name}; what was being written is as it was before")
+        sys.exit(ending.exit_code)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 
@@ -36,7 +37,39 @@ class ConvergenceError(GaitcalError):
     """3: did not converge."""
 
 
+_SIDE = re.compile(
+    r"(?i:(?<![a-z])(right|left)(?![a-z]))|(?i:(?:^|(?<=[._ :-]))([rl])(?=[._ -]|$))|^([RL])(?=[A-Z])|"
+    r"(?<=[a-z0-9])([RL])$|"
+    r"^([rl])(?=[A-Z])|^(Right|Left)(?=[A-Z_.])"
+)
+"""Where a label names its side: right or left as a word; R or L alone between separators, or before a capital, or last
+after a small letter or digit."""
+
+
+def side_named(label: str) -> str:
+    """`r` or `l` where a label names its side; empty where it names none."""
+    found = _SIDE.search(label)
+    return found.group(0)[0].lower() if found else ""
+
+
+def alike(name: str, allowed: Iterable[str], count: int = 1) -> list[str]:
+    """Those of `allowed` that `name` may be a misspelling of, the nearest first; never one of the other side."""
+    side = side_named(name)
+    there = [other for other in allowed if not side or side_named(other) in ("", side)]
+    there = [other for other in there if not _other_side(name, other)]
+    return difflib.get_close_matches(name, there, n=count, cutoff=0.6)
+
+
+def _other_side(name: str, other: str) -> bool:
+    """Whether two names differ only by r and l at one place, or by right and left."""
+    a, b = name.lower(), other.lower()
+    if len(a) == len(b):
+        different = [{x, y} for x, y in zip(a, b, strict=True) if x != y]
+        return different == [{"r", "l"}]
+    return a.replace("right", "left") == b.replace("right", "left")
+
+
 def nearest(name: str, allowed: Iterable[str], count: int = 1) -> str:
     """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error message."""
-    close = difflib.get_close_matches(name, list(allowed), n=count, cutoff=0.6)
+    close = alike(name, allowed, count)
     return "; did you mean " + " or ".join(f"'{c}'" for c in close) + "?" if close else ""

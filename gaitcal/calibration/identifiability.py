@@ -10,7 +10,7 @@ is noise that turns with the joint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -116,15 +116,52 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Findin
     return tuple(out)
 
 
-def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values") -> tuple[Finding, ...]:
-    """One note a joint: what is not determined, what was done, what to record. Its error bar says the rest."""
+Turns = Mapping[str, Mapping[str, float]]
+"""Joint of isolated trials -> its coordinates, without their side -> the largest range (rad) in any of these trials."""
+
+
+def turns_of(
+    problems: Sequence[TrialProblem], nodes: Sequence[Array], joints: Sequence[str | None]
+) -> dict[str, dict[str, float]]:
+    """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
+    out: dict[str, dict[str, float]] = {}
+    for problem, own, joint in zip(problems, nodes, joints, strict=True):
+        if joint is None:
+            continue
+        kind, side = joint.split("_")
+        found = out.setdefault(joint, {})
+        for name in _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle")):
+            found[name] = max(found.get(name, 0.0), _turn(problem, own, f"{name}_{side}"))
+    return out
+
+
+def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
+    """What to record for a joint of the model, where isolated trials have `turned` the joint that it belongs to."""
+    side = "right" if joint[-1] == "r" else "left"
+    if not turned:
+        needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
+        return f"add an isolated {kind} trial of the {side} leg with {needed}"
+    had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {_WORDS[name]}" for name, angle in turned.items())
+    axes = {"talocrural": "ankle_angle", "subtalar": "subtalar_angle"}.get(joint.split("_")[0])
+    small = [_WORDS[n] for n, angle in turned.items() if angle < NEEDED_TURN and axes in (None, n)]
+    if small:
+        return f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn more"
+    return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"
+
+
+def in_words(
+    unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values", turned: Turns | None = None
+) -> tuple[Finding, ...]:
+    """One note a joint: what is not determined, what was done, what to record given what was (`turned`).
+
+    Its error bar says the rest.
+    """
     joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
     out = []
     for joint in joints:
         own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
-        side = joint[-1]
         kind = "ankle" if joint.startswith(("talocrural", "subtalar")) else joint.split("_")[0]
-        advice = f"an isolated {kind} trial of the {'right' if side == 'r' else 'left'} leg"
+        advice = _advice(joint, kind, (turned or {}).get(f"{kind}_{joint[-1]}", {}))
         have = f" by {', '.join(trials)}" if trials else ""
         out.append(
             Finding(
@@ -133,21 +170,22 @@ def in_words(unseen: Sequence[str], trials: Sequence[str], done: str = "kept at 
                 where=STUDY,
                 cause=f"{joint} is not fully determined",
                 found=f"{', '.join(own)} not determined{have}; {done}",
-                cure=f"add {advice} with at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement",
-                leg=side,
+                cure=advice,
+                leg=joint[-1],
             )
         )
     return tuple(out)
 
 
 def beyond_bound(name: str) -> Finding:
-    """Of a joint parameter that lies on its bound, or beyond."""
+    """Of a joint parameter on its bound, or beyond; a note where no leg moves by it."""
+    leg = name.split(".")[0].rpartition("_")[0] in ("hip", "knee", "talocrural", "subtalar")
     return Finding(
-        severity=Severity.WARNING,
+        severity=Severity.WARNING if leg else Severity.INFO,
         topic="joint parameters",
         where=STUDY,
         cause=f"{name.split('.')[0]} lies further from where the static trial has it than people do",
         found=f"{name} is on the bound of how far it may move, or beyond",
         cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
-        leg=name.split(".")[0][-1] if name.split(".")[0][-2:] in ("_r", "_l") else "",
+        leg=name.split(".")[0][-1] if leg else "",
     )

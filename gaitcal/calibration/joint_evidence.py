@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import beyond_bound, in_words, small_turns
+from gaitcal.calibration.identifiability import Turns, beyond_bound, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
@@ -86,6 +86,8 @@ class _Part:
     """Of `free`."""
     phase: Phase
     findings: tuple[Finding, ...] = ()
+    turned: Turns = field(default_factory=dict)
+    """How far isolated trials move their joints."""
     skin: SkinFound = NO_SKIN_FOUND
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
@@ -141,6 +143,7 @@ def _legs(
         errors=_with_skin(errors, skin),
         phase=_phase("joint parameters of the legs", used, [p.name for p in problems], plain, estimate),
         findings=tuple(dict.fromkeys(finding for of_trial in turns for finding in of_trial)),
+        turned=turns_of(problems[:whole], estimate.nodes[:whole], [t.joint for t in used[:whole]]),
         skin=skin,
         tissue=tissue,
     )
@@ -268,7 +271,12 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         unidentifiable=unseen,
         findings=(
             *(finding for part in parts for finding in part.findings),
-            *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], (), "held near nominal values"),
+            *in_words(
+                [n for n in unseen if n.startswith(LEG_JOINTS)],
+                (),
+                "held near nominal values",
+                parts[0].turned if parts else {},
+            ),
             *map(beyond_bound, beyond),
         ),
         notes=skin_in_words(sizes),

@@ -18,6 +18,7 @@ from gaitcal.calibration.identifiability import (
     beyond_bound,
     in_words,
     small_turns,
+    turns_of,
     unmoved_parameters,
     unseen_parameters,
 )
@@ -116,20 +117,27 @@ class _Run:
         self.information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
         """Per units of p: what the trials so far know of all joint parameters together, noise being 1."""
         self.unseen: list[str] = []
+        self.turned: dict[str, dict[str, float]] = {}
         self.findings: list[Finding] = []
 
     def fit(
-        self, name: str, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None = None
+        self,
+        name: str,
+        problems: Sequence[TrialProblem],
+        free: tuple[str, ...],
+        joint: str | None = None,
+        joints: Sequence[str | None] = (),
     ) -> JointFit:
-        """One phase; `joint`: the one of isolated trials."""
+        """One phase; `joint`: the one of isolated trials; `joints`: that of each, where they are several together."""
         attempts, unseen = self._attempts(problems, free, joint)
         fit = attempts[-1]
+        self.turned |= turns_of(problems, fit.nodes, joints or [joint] * len(problems))
         seconds, iterations = sum(a.seconds for a in attempts), sum(a.iterations for a in attempts)
         if unseen:
             known = {n for earlier in self.fits for n in earlier.free}
             new = [n for n in unseen if n not in known]
             self.unseen += new
-            self.findings += in_words(new, [p.name for p in problems])
+            self.findings += in_words(new, [p.name for p in problems], turned=self.turned)
         self.findings += [beyond_bound(n) for n in fit.at_bound]
         self.parameters = fit.parameters
         self.fits.append(fit)
@@ -237,7 +245,8 @@ def calibrate_simultaneously(
     order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
     run = _Run(nominal, settings)
     if used:
-        fit = run.fit("all joints", [t.legs for t in used], tuple(name for name in order if name in wanted))
+        free = tuple(name for name in order if name in wanted)
+        fit = run.fit("all joints", [t.legs for t in used], free, joints=[t.joint for t in used])
         for trial, nodes in zip(used, fit.nodes, strict=True):
             if trial.joint is not None:
                 run.findings += small_turns(trial.legs, nodes, trial.joint)

@@ -8,6 +8,7 @@ are a little wrong; the longer the stretch, the less that matters.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import permutations
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from gaitcal.model.build import GRAVITY
 from gaitcal.recording import resample_wrench, still_window
 from gaitcal.recording.force_plate import BODY_N
 from gaitcal.recording.intervals import duration, runs, spans
+from gaitcal.recording.recording import ForcePlate
 
 DIFFERENCE = 0.05
 """Of the mass, from which it is told; over strides, beside what the velocities may be wrong by."""
@@ -62,11 +64,16 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
     if not trial.is_gait:
         return
     weight = trial.subject.weight
+    feet = feet_of(trial)
+    together = _shared(trial, feet) if feet is not None else []
     for plate in trial.recording.plates:
         up = np.nan_to_num(plate.force[:, 1])
         for run in runs(up > BODY_N, 2):
             if duration(plate.time, run) < STANCE_S or run.start == 0 or run.stop == len(up):
                 continue  # a knock, or a step that the recording cuts off
+            begin, end = plate.time[run.start], plate.time[run.stop - 1]
+            if any(plate is own and start < end and begin < stop for own, start, stop in together):
+                continue  # of a foot on two plates each carries a part
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK:
                 continue
@@ -77,6 +84,17 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
                 "check mass_kg, the gain of the plate, and whether the whole foot was on it",
                 cause=f"steps on plate {plate.name} do not carry the body",
             )
+
+
+def _shared(trial: TrialEvidence, feet: Feet) -> list[tuple[ForcePlate, float, float]]:
+    """Loadings, plate and s from when to when, of feet that stand on two plates at once."""
+    found = steps(trial, feet)
+    out = []
+    for one, other in permutations(found, 2):
+        same = one.foot == other.foot and one.plate is not other.plate
+        if same and one.frames.start < other.frames.stop and other.frames.start < one.frames.stop:
+            out.append((one.plate, float(feet.time[one.frames.start]), float(feet.time[one.frames.stop - 1])))
+    return out
 
 
 def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:

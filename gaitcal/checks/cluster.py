@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,10 +56,16 @@ class Cluster:
     """(nf, 3, 3) R: from the static posture to the frame."""
     origin: Array
     """(nf, 3) m, o."""
-    strayed: Array
-    """(nf, n) m, distance from the mean place; NaN where it or the segment is not seen."""
+    away: Array
+    """(nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen."""
     determined: BoolArray
     """(nf,) whether three points not on a line were seen."""
+
+    @cached_property
+    def strayed(self) -> Array:
+        """(nf, n) m, distance from the mean place; NaN where not seen."""
+        out: Array = np.linalg.norm(self.away, axis=2)
+        return out
 
     @property
     def part(self) -> str:
@@ -75,7 +82,7 @@ class Cluster:
         """(n, 3) m, e."""
         return self.shape - self.static
 
-    @property
+    @cached_property
     def scatter(self) -> Array:
         """(n,) m, RMS distance from the mean place."""
         out: Array = np.sqrt(np.nanmean(self.strayed**2, axis=0))
@@ -176,9 +183,8 @@ def _cluster(segment: str, labels: tuple[str, ...], borrowed: bool, static: Arra
     turn, shift = alignment(shape, static)
     shape = shape @ turn.T + shift
     fit = rigid_fit(shape, np.where(seen[:, :, None], paths, 0.0).transpose(1, 2, 0), seen.T.astype(float))
-    model = np.einsum("fij,mj->fmi", fit.rotation, shape) + fit.origin[:, None]
-    strayed = np.linalg.norm(paths - model, axis=2)
-    strayed[~fit.determined] = np.nan
+    away = (paths - fit.origin[:, None]) @ fit.rotation - shape
+    away[~fit.determined] = np.nan
     return Cluster(
         segment=segment,
         labels=labels,
@@ -187,7 +193,7 @@ def _cluster(segment: str, labels: tuple[str, ...], borrowed: bool, static: Arra
         shape=shape,
         rotation=fit.rotation,
         origin=fit.origin,
-        strayed=strayed,
+        away=away,
         determined=fit.determined,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
-from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, inside
+from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, outline_known, outside
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording import resample_wrench
@@ -185,10 +185,11 @@ def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
 
 
 def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
-    """A step whose foot rests partly beside its plate."""
+    """A step whose foot rests partly beside its plate, and beside every other: plates that touch are one surface."""
     if step.plate.corners is None:
         return
-    outside = []
+    surface = [plate for plate in trial.recording.plates if plate is step.plate or outline_known(plate, BODY_N)]
+    partly = []
     ends = (
         ("heel", feet.heel[:, step.foot], feet.heel_velocity[:, step.foot]),
         ("toes", feet.tip(step.foot, trial.subject.height), feet.toe_velocity[:, step.foot]),
@@ -197,16 +198,15 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
         still = feet.slow(velocity)[step.frames] & feet.seen[step.frames, step.foot]
         if still.sum() < 3:
             continue
-        out = -float(np.median(inside(step.plate.corners, path[step.frames][still])))
+        out = float(np.median(outside(surface, path[step.frames][still])))
         if out > OVERHANG_M:
-            outside.append(f"{name} {1e3 * out:.0f} mm")
-    if outside:
+            partly.append(f"{name} {1e3 * out:.0f} mm")
+    if partly:
         yield trial.warning(
             "plate to foot",
             f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "
-            f"partly beside it ({', '.join(outside)} outside)",
-            "the plate misses a part of the force: record the step again, or write plates = "
-            f'{{ {step.plate.name} = "none" }}',
+            f"partly beside it ({', '.join(partly)} outside)",
+            "the plate misses a part of the force, and no torque counts meanwhile; record the step again to have it",
         )
 
 

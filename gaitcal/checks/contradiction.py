@@ -46,6 +46,8 @@ SPREAD = 3.0
 """A limit is taken as so many standard deviations."""
 PRICE = {"marker": 9.0, "labels": 4.0, "mirrored": 4.0, "cluster": 18.0}
 """Of an explanation: three times its free quantities, and a little for a choice among few."""
+WAY_M = 0.04
+"""Spread of the ways that markers go when they are put on again or lie elsewhere: a longer one is the less likely."""
 ALIKE_M = 0.008
 """Two markers whose exchange moves neither by more are not told apart by it."""
 MIRRORED = 0.5
@@ -196,8 +198,10 @@ def _explanations(
     n, own = len(cluster.labels), cluster.own
     free = [i for i in range(own) if cluster.labels[i] not in body.cleared.get(cluster.segment, ())]
     for i in free:
-        cost, pose = _cost(body, cluster, cluster.shape, [k for k in range(n) if k != i])
-        yield Fault.MARKER, (cluster.labels[i],), cost + PRICE["marker"], pose, cluster.shape
+        cost, (turn, shift) = _cost(body, cluster, cluster.shape, [k for k in range(n) if k != i])
+        way = float(np.linalg.norm(turn @ cluster.shape[i] + shift - cluster.static[i]))
+        price = PRICE["marker"] + (way / WAY_M) ** 2
+        yield Fault.MARKER, (cluster.labels[i],), cost + price, (turn, shift), cluster.shape
     for i, k in combinations(free, 2):
         if np.linalg.norm(cluster.static[i] - cluster.static[k]) < ALIKE_M:
             continue

@@ -4,6 +4,9 @@ By lengths: d0(a, c) is the distance of markers a and c of one segment in the st
 label a costs  E_a(y) = mean_c | |y - x_c| - d0(a, c) |  over the others c of its segment. Labels a and b are exchanged
 where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b); a has taken the place of a marker b that is not seen where
 E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes where b was, and b where a was.
+
+Lengths are no evidence in arms: the humerus and the radius turn under the skin by up to a right angle, so that the two
+epicondyles, or the two sides of the wrist, come to where the other should be. They are judged by jumps alone.
 """
 
 from __future__ import annotations
@@ -17,7 +20,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.findings import Finding, listed
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.recording.intervals import duration, runs, spans
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
@@ -30,6 +34,12 @@ BRIDGED_S = 0.1
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
 """m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
+ARMS = ("upper_arm", "forearm_hand")
+WITNESSES = 2
+"""Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
+one distance from one marker there are many places."""
+LONG_S = 0.05
+"""Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long."""
 SHORTEST = 3
 """Frames of a stretch in which lengths say that labels are exchanged."""
 
@@ -54,25 +64,42 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
         when = spans(trial.recording.time, stretches)
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
         words = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
-        weighed = max(trial.weight(found.label), trial.weight(found.other))
-        if share > 0.5 and weighed > LIGHT:
-            yield trial.error("exchanged", words, "exchange the two labels in the file")
+        weight = float(found.frames.sum())
+        if max(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+            cure = "no harm done, as both have little weight or none; label that part again to use them"
+            yield trial.info("exchanged", words, cure)
+        elif share > 0.5:
+            yield trial.error("exchanged", words, "exchange the two labels in the file", weight=weight)
+        elif _harmful(trial, found):
+            cure = "label that part again, or leave it out with time = [start, end]"
+            yield trial.error("exchanged", words, cure, weight=weight)
         else:
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
-            if weighed <= LIGHT:
-                cure = "little harm, as both have little weight or none; label that part again to use them"
-            yield trial.warning("exchanged", words, cure)
+            yield trial.warning("exchanged", words, cure, weight=weight)
+
+
+def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
+    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
+    if trial.settings.robust != "none" or min(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+        return False
+    of_legs = {label for s in LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
+    longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
+    return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
 def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
-    """Pairs of labels that are exchanged somewhere."""
-    pairs: set[frozenset[str]] = set()
+    """Pairs of labels that are exchanged somewhere, each once."""
+    found: dict[frozenset[str], Exchange] = {}
     for exchange in by_lengths(trial):
-        pairs.add(frozenset((exchange.label, exchange.other)))
-        yield exchange
+        pair = frozenset((exchange.label, exchange.other))
+        known = found.get(pair)
+        if known is None or (exchange.mutual and not known.mutual):
+            found[pair] = exchange
+        if known is not None:
+            found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
     for exchange in by_jumps(trial):
-        if frozenset((exchange.label, exchange.other)) not in pairs:
-            yield exchange
+        found.setdefault(frozenset((exchange.label, exchange.other)), exchange)
+    yield from found.values()
 
 
 def undone(trial: TrialEvidence) -> TrialEvidence:
@@ -94,7 +121,8 @@ def undone(trial: TrialEvidence) -> TrialEvidence:
 
 def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
     """Exchanges that the lengths within segments show."""
-    segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
+    templates = {s: t for s, t in trial.templates.items() if not s.startswith(ARMS)}
+    segment_of = {label: segment for segment, (labels, _) in templates.items() for label in labels}
     costs = {label: _cost(trial, segment_of, label, label, ()) for label in segment_of}
     doubted = {label: cost for label, cost in costs.items() if (np.nan_to_num(cost) > STRANGE_M).sum() >= SHORTEST}
     for a, b in combinations(doubted, 2):
@@ -111,11 +139,11 @@ def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
             unseen = ~trial.seen[:, trial.place[b]] & (np.nan_to_num(costs[a]) > STRANGE_M)
             if b == a or unseen.sum() < SHORTEST:
                 continue
-            other = _cost(trial, segment_of, b, a, (a,))
+            other = _cost(trial, segment_of, b, a, (a,), WITNESSES)
             present = _cost(trial, segment_of, a, a, (b,))
             fits = np.nan_to_num(other, nan=np.inf) < np.minimum(FAR_BELOW * np.nan_to_num(present), STRANGE_M)
             marked = _long_enough(unseen & fits)
-            if marked.any() and _others(trial, segment_of, b, (a,)) >= 2:
+            if marked.any():
                 yield Exchange(a, b, marked, False)
 
 
@@ -127,16 +155,17 @@ def _long_enough(marked: BoolArray) -> BoolArray:
     return out
 
 
-def _others(trial: TrialEvidence, segment_of: dict[str, str], label: str, without: tuple[str, ...]) -> int:
-    """Markers of the same segment that a cost of this label counts."""
-    labels, _ = trial.templates[segment_of[label]]
-    return sum(other != label and other not in without for other in labels)
-
-
 def _cost(
-    trial: TrialEvidence, segment_of: dict[str, str], label: str, trajectory: str, without: tuple[str, ...]
+    trial: TrialEvidence,
+    segment_of: dict[str, str],
+    label: str,
+    trajectory: str,
+    without: tuple[str, ...],
+    witnesses: int = 1,
 ) -> Array:
-    """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where none is seen."""
+    """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where fewer are seen than
+    `witnesses`.
+    """
     labels, local = trial.templates[segment_of[label]]
     here = labels.index(label)
     others = [k for k, other in enumerate(labels) if k != here and other not in without]
@@ -148,7 +177,7 @@ def _cost(
     known = np.isfinite(wrong)
     count = known.sum(axis=1)
     total = np.where(known, wrong, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return np.where(count >= witnesses, total / np.maximum(count, 1), np.nan)
 
 
 def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:

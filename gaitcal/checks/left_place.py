@@ -1,7 +1,10 @@
 """Markers that leave their place in the segment for a while, and paths that software made up over a gap.
 
-A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere. A path that is held
-still, or drawn as a straight line from one frame to another, has no second difference while the others go their way.
+A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere. Where it slips from
+one frame to the next and stays there, the whole cluster's fit jumps: the means of its markers' places over a quarter of
+a second before and after differ as much as the two frames do, which skin never does; the marker that slipped is the one
+that jumps in the laboratory. A path that is held still, or drawn as a straight line from one frame to another, has no
+second difference while the others go their way.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.checks.cluster import Cluster, alignment
+from gaitcal.checks.cluster import FEWEST, Cluster, alignment
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
 from gaitcal.findings import Finding, Severity
@@ -24,8 +27,22 @@ USUAL = 5.0
 """Times the marker's usual distance, if that is more."""
 SHORTEST_FRAMES = 5
 FAR_M = 0.025
+SLIPPED_FAR_M = 0.015
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
+SLIP_M = {"pelvis": 6e-3, "thigh": 6e-3, "shank": 6e-3, "foot": 10e-3}
+"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; clean
+recordings at 60 Hz and more change by 3 mm."""
+MOST_SLIPS = 2
+"""In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
+SLIP_S, SLIP_FRAMES = 0.25, 8
+"""Stretch of the means before and after, and fewest frames of it."""
+SLIP_USUAL = 6.0
+"""Times the usual change from frame to frame."""
+SLIP_STAYS = 0.6
+"""Share of a change that must last."""
+LIGHTLY = 0.05
+"""Weight of a marker that slipped, where the two others alone do not tell how the segment lies."""
 STILL_M = 2e-5
 """Second difference of a path that nobody measured: half the noise of good cameras."""
 STRAIGHT_FRAMES = 6
@@ -45,8 +62,10 @@ class Stretch:
     frames: slice
     distance: float
     """m, largest distance from its mean place."""
-    straight: bool
+    straight: bool = False
     """Whether the path is held or a straight line."""
+    slipped: bool = False
+    """Whether it went there from one frame to the next, and stayed."""
 
 
 def left_place(trial: TrialEvidence) -> Iterator[Finding]:
@@ -62,7 +81,7 @@ def stretches(trial: TrialEvidence) -> dict[str, list[Stretch]]:
     """Marker -> where it is elsewhere."""
     found: dict[str, list[Stretch]] = {}
     for cluster in trial.clusters.values():
-        for stretch in (*made_up(trial, cluster), *strayed(trial, cluster)):
+        for stretch in (*made_up(trial, cluster), *slipped(trial, cluster), *strayed(trial, cluster)):
             here = found.setdefault(stretch.label, [])
             if not any(_overlap(stretch.frames, other.frames) for other in here):
                 here.append(stretch)
@@ -74,8 +93,11 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     worst = max(found, key=lambda s: s.distance)
     frames = sum(s.frames.stop - s.frames.start for s in found)
     part = worst.cluster.segment
-    bad = any(s.distance > FAR_M and _seconds(time, s.frames) >= LONG_S for s in found)
-    what = f"marker '{label}' left its place on {part}"
+    slip = any(s.slipped for s in found)
+    bad = any(
+        s.distance > (SLIPPED_FAR_M if s.slipped else FAR_M) and _seconds(time, s.frames) >= LONG_S for s in found
+    )
+    what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
     if worst.straight:
         what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
     return trial.finding(
@@ -106,34 +128,72 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in runs(beyond, SHORTEST_FRAMES):
         k = _culprit(trial, cluster, run)
-        if k is not None:
-            yield Stretch(cluster, cluster.labels[k], run, float(distance[run, k].max()), False)
+        yield Stretch(cluster, cluster.labels[k], run, float(distance[run, k].max()))
 
 
-def _culprit(trial: TrialEvidence, cluster: Cluster, run: slice) -> int | None:
-    """Which marker of a cluster left: without it the others are in their places; of three, the one that jumps."""
+def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+    """Stretches that begin where a marker slips, until it slips again or the trial ends."""
+    away = cluster.away[:, : cluster.own]
+    frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
+    window = max(SLIP_FRAMES, round(SLIP_S * trial.recording.rate))
+    if len(frames) < 2 * SLIP_FRAMES:
+        return
+    away = away[frames]
+    step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
+    least = SLIP_M[cluster.part]
+    limit = max(least, SLIP_USUAL * float(np.median(step)))
+    slips: list[tuple[int, int, float]] = []
+    for f in np.flatnonzero(step > limit).tolist():
+        before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
+        if min(len(before), len(after)) < SLIP_FRAMES:
+            continue
+        change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
+        if change < max(least, SLIP_STAYS * float(step[f])):
+            continue
+        edge = int(frames[f + 1])
+        k = int(np.argmax(_jumps(trial, cluster, edge)))
+        slips.append((edge, k, _slip(cluster, k, before, after)))
+    if len(slips) > MOST_SLIPS:
+        return
+    for i, (edge, k, size) in enumerate(slips):
+        again = next((other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away))
+        yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
+
+
+def _slip(cluster: Cluster, k: int, before: Array, after: Array) -> float:
+    """m, by which marker k slipped, if it alone did: the others laid on each other."""
+    rest = [i for i in range(cluster.own) if i != k]
+    old, new = (cluster.shape[: cluster.own] + part.mean(axis=0) for part in (before, after))
+    turn, shift = alignment(new[rest], old[rest])
+    if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest slip that explains it
+        turn, shift = alignment(new, old, np.where(np.arange(cluster.own) == k, LIGHTLY, 1.0))
+    return float(np.linalg.norm(turn @ new[k] + shift - old[k]))
+
+
+def _jumps(trial: TrialEvidence, cluster: Cluster, edge: int) -> Array:
+    """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1 and edge."""
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
-    middle = x[(run.start + run.stop) // 2]
-    if len(columns) > 3 and np.isfinite(middle).all():
+    two_before, two_after = max(edge - 2, 0), min(edge + 1, len(x) - 1)
+    smooth = 0.5 * (x[edge - 1] - x[two_before] + x[two_after] - x[edge])
+    out: Array = np.nan_to_num(np.linalg.norm(x[edge] - x[edge - 1] - smooth, axis=1))
+    return out
+
+
+def _culprit(trial: TrialEvidence, cluster: Cluster, run: slice) -> int:
+    """Which marker of a cluster left: without it the others are in their places; of three, the one that jumps."""
+    columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
+    middle = trial.recording.markers[(run.start + run.stop) // 2, columns]
+    if len(columns) > FEWEST and np.isfinite(middle).all():
         costs = []
         for k in range(len(columns)):
             rest = [i for i in range(len(columns)) if i != k]
             turn, shift = alignment(cluster.shape[rest], middle[rest])
             costs.append(float(((cluster.shape[rest] @ turn.T + shift - middle[rest]) ** 2).sum()))
         return int(np.argmin(costs))
-    jumps = np.zeros(len(columns))
-    for edge in (run.start, run.stop):
-        if 1 < edge < len(x) - 1:
-            bend = np.linalg.norm(x[edge - 2 : edge + 1] - 2 * x[edge - 1 : edge + 2] + _next(x, edge), axis=2)
-            jumps += np.nan_to_num(bend).max(axis=0)
     inside = np.nan_to_num(cluster.strayed[run, : cluster.own]).max(axis=0)
-    return int(np.argmax(inside + jumps))
-
-
-def _next(x: Array, edge: int) -> Array:
-    """(3, n, 3) the positions one frame after those around an edge, the last repeated."""
-    return x[np.minimum(np.arange(edge, edge + 3), len(x) - 1)]
+    edges = [edge for edge in (run.start, run.stop) if 0 < edge < len(cluster.away)]
+    return int(np.argmax(inside + sum((_jumps(trial, cluster, edge) for edge in edges), np.zeros(cluster.own))))
 
 
 def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
@@ -151,7 +211,7 @@ def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
             if away < usual + WRONG_M or _bend(x[frames, k]) > STRAIGHT_M:
                 continue
             if max(_bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
-                yield Stretch(cluster, label, frames, away, True)
+                yield Stretch(cluster, label, frames, away, straight=True)
 
 
 def _bend(path: Array) -> float:

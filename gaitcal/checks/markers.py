@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
+from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import LEG_SEGMENTS
 from gaitcal.recording import marker_gaps
@@ -35,7 +35,7 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
     strangers = _unknown(trial)
     names = []
     for label in absent:
-        close = difflib.get_close_matches(label, strangers, n=1, cutoff=0.6)
+        close = alike(label, strangers)
         names.append(f"'{label}' (is it '{close[0]}'?)" if close else f"'{label}'")
     cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
     found = f"{len(absent)} markers of the set are not in the file: {listed(names, 8)}"

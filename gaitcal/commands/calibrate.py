@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
-from gaitcal.commands.console import Talk, print_calibration, tell_kept
+from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -31,6 +31,7 @@ def run(study: Path, out: Path, talk: Talk, *, force: bool = False, hold_out: bo
         step("writing the results")
         write_results(calibration, out)
     print_calibration(talk, calibration)
+    tell_changed(talk, loaded.changed_inputs())
     tell_kept(talk, kept)
     talk.line(f"report: {out / 'report.html'}")
     talk.line(f"view:   {out / 'view.html'}")

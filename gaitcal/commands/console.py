@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -25,6 +26,7 @@ class Talk:
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
+        logging.getLogger("gaitcal").setLevel(logging.ERROR if quiet else logging.WARNING)  # waiting for a lock
         self.out = Console(quiet=quiet, highlight=False, soft_wrap=True)
         self.err = Console(stderr=True, quiet=quiet, highlight=False)
 
@@ -72,6 +74,12 @@ def tell_kept(talk: Talk, kept: Sequence[str]) -> None:
     """Which folders of an earlier result are still there."""
     if kept:
         talk.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
+
+
+def tell_changed(talk: Talk, inputs: Sequence[str]) -> None:
+    """Which inputs are no longer those that were read: the result is of what they held before."""
+    if inputs:
+        talk.line(f"warning: changed while this ran, the result is of what was read: {', '.join(inputs)}; run again")
 
 
 def print_remarks(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ would hold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -18,6 +18,7 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.findings import Finding, Severity
+from gaitcal.person.result import TrialResult
 from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
@@ -58,10 +59,10 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
             step(f"{trial.name}: tracking and inverse dynamics")
             done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
         late = [trial.name for trial in done if not trial.calibrated.converged]
-        findings += [*map(_not_tracked, late), *(f for t in done for f in t.findings)]
+        findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(findings, [trial.name for trial in done])
         done = [trial.refused() if trial.name in verdict.refused else trial for trial in done]
-        stale = write_trials(done, saved.model, saved.model_file, folder, inputs, verdict)
+        stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict)
     print_trials(talk, done)
     print_verdict(talk, verdict)
     print_remarks(talk, stale, [n for t in done for n in t.notes])
@@ -70,6 +71,22 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].line}")
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+
+
+def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
+    """Files of the result that somebody changed since it was written, said of every trial made with them."""
+    return [
+        Finding(
+            severity=Severity.WARNING,
+            topic="result folder",
+            where=trial.name,
+            cause="a file of the result is not as it was written",
+            found=remark,
+            cure="",
+        )
+        for trial in trials
+        for remark in saved.files.remarks
+    ]
 
 
 def _not_tracked(name: str) -> Finding:

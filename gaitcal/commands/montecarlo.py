@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import sys
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +17,16 @@ from rich.text import Text
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.files.atomic import atomic_file
-from gaitcal.montecarlo.case import MODEL, case_from
+from gaitcal.files.amend import amended
+from gaitcal.files.interruption import InterruptedWork, Stopped
+from gaitcal.montecarlo.case import MODEL, case_from, read_case
 from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
 from gaitcal.montecarlo.store import Store
-from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
 from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
 from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
 from gaitcal.page.monte_carlo import add_monte_carlo
@@ -105,40 +106,50 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
         return
     with talk.working() as step:
         step("reading the model and its motion")
-        case = case_from(folder, options.trial, step)
-    try:
-        with _draw_progress(talk) as draws_done:
-            study = monte_carlo(
-                case,
-                store.folder,
-                settings=settings,
-                plan=plan,
-                workers=workers,
-                progress=draws_done,
-                until_converged=options.until_converged,
-            )
-    except KeyboardInterrupt:
-        talk.err.print(Text("gaitcal: interrupted; finished draws are kept, the same command goes on with the others"))
-        sys.exit(130)
-    with talk.working() as step:
-        step("tables and figures")
-        context = MonteCarloContext(case, settings)
-        contributions = variance_contributions(context)
-        with atomic_file(store.folder / "contributions.csv") as path:
-            contributions.to_csv(path, index=False, lineterminator="\n")
-        figures = write_monte_carlo_figures(study.statistics, contributions, store.folder / "figures", SHOWN_SIDE)
-        report = folder / REPORT
-        marker_rms = _marker_rms(folder, case.name)
-        in_report = report.exists() and add_monte_carlo(report, study, figures, marker_rms, SHOWN_SIDE)
+        case, read = read_case(folder, options.trial, step)
+    with alone(store.folder):
+        try:
+            with _draw_progress(talk) as draws_done:
+                study = monte_carlo(
+                    case,
+                    store.folder,
+                    settings=settings,
+                    plan=plan,
+                    workers=workers,
+                    progress=draws_done,
+                    until_converged=options.until_converged,
+                )
+        except (KeyboardInterrupt, Stopped) as ending:
+            work = "finished draws are kept, the same command goes on with the others"
+            raise InterruptedWork(ending, work) from None
+        with talk.working() as step, amended(store.folder) as stage:
+            step("tables and figures")
+            context = MonteCarloContext(case, settings)
+            contributions = variance_contributions(context)
+            contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
+            figures = write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
+            read.require_unchanged()
+            in_report = _add_to_report(folder, study, figures)
+    for remark in read.remarks:
+        talk.line(f"warning: {remark}")
     _print_study(talk, study, frame)
     _print_linearity(talk, context, study)
     if expected_mm is not None:
         _print_expectation(talk, study.statistics, expected_mm)
     talk.line(f"tables and figures: {store.folder}")
     if in_report:
-        talk.line(f"report: {report}, section Monte Carlo")
+        talk.line(f"report: {folder / REPORT}, section Monte Carlo")
     if options.until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
+
+
+def _add_to_report(folder: Path, study: MonteCarloStudy, figures: Mapping[str, Path]) -> bool:
+    """Put the study into the report beside it; False where there is none, or none with a place for it."""
+    if not (folder / REPORT).exists():
+        return False
+    with amended(folder) as stage:
+        shutil.copyfile(folder / REPORT, stage / REPORT)
+        return add_monte_carlo(stage / REPORT, study, figures, _marker_rms(folder, study.case.name), SHOWN_SIDE)
 
 
 def _marker_rms(folder: Path, trial: str) -> float | None:

@@ -8,10 +8,11 @@ from rich.text import Text
 
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.compare import compare
-from gaitcal.errors import InputError, UsageError, nearest
+from gaitcal.errors import UsageError, nearest
 from gaitcal.export import write_mjcf, write_osim, write_urdf
-from gaitcal.model.model_file import load_model
+from gaitcal.files.amend import amended
 from gaitcal.recording import convert
+from gaitcal.results.saved import load_result_model
 
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
@@ -30,22 +31,26 @@ def export_model(result: Path, formats: str, out: Path | None, talk: Talk) -> No
     for name in chosen:
         if name not in WRITERS:
             raise UsageError(f"found '{name}'; allowed: {', '.join(WRITERS)}{nearest(name, WRITERS)}", field="--format")
-    model = load_model(result / "model.toml")
+    model, read = load_result_model(result)
     folder = out or result / "export"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror}", source=folder) from None
+    with amended(folder) as stage:
+        for name in chosen:
+            write, file = WRITERS[name]
+            write(model, stage / file)
+        read.require_unchanged()
+    for remark in read.remarks:
+        talk.line(f"warning: {remark}")
     for name in chosen:
-        write, file = WRITERS[name]
-        write(model, folder / file)
-        talk.line(f"wrote {folder / file}")
+        talk.line(f"wrote {folder / WRITERS[name][1]}")
 
 
 def compare_models(result: Path, osim: Path, talk: Talk) -> None:
     """Print an OpenSim model's joint axes, masses and lengths beside ours."""
     table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
-    for row in compare(load_model(result / "model.toml"), osim):
+    model, read = load_result_model(result)
+    for remark in read.remarks:
+        talk.line(f"warning: {remark}")
+    for row in compare(model, osim):
         numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
         table.add_row(Text(row.quantity), Text(row.unit), *numbers)
     talk.out.print(table)

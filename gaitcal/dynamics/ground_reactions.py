@@ -47,6 +47,8 @@ SMOOTHED_ENDS = 0.5
 PELVIS_UP = COORDINATES.index("pelvis_ty")
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+CONTRADICTION_S = 0.05
+"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
 
 def ground_reactions(
@@ -134,10 +136,12 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
     none = np.zeros_like(wrench)
     needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none)[:, PELVIS_UP]
     gap = np.abs(wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
-    apart = valid & (gap > CONTRADICTION)
+    apart, time = np.zeros_like(valid), motion.time
+    for run in runs(valid & (gap > CONTRADICTION), 2):
+        apart[run] = time[run.stop - 1] - time[run.start] >= CONTRADICTION_S
     if not apart.any():
         return []
-    where = spans(motion.time, runs(apart), most=len(apart))
+    where = spans(time, runs(apart), most=len(apart))
     most = 100 * float(gap[apart].max())
     return [
         Finding(

@@ -24,45 +24,58 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import OLD, UNFINISHED, ResultKind, refuse_others, sign
+from gaitcal.files.amend import finish_amending
+from gaitcal.files.interruption import unbroken
+from gaitcal.files.lock import locked
+from gaitcal.files.ownership import OLD, UNFINISHED, ResultKind, refuse_others
+from gaitcal.files.places import FULL, disk_errors, real_path
+from gaitcal.files.snapshot import sign
 
-_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 _WINDOWS_LEFTOVER_S = 86_400.0  # no flock there: what nobody touched for a day belongs to nobody
 
 
 @contextlib.contextmanager
-def atomic_directory(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def atomic_directory(
+    target: Path | str, kind: ResultKind, inputs: Iterable[Path] = (), carried: Mapping[str, str] | None = None
+) -> Iterator[Path]:
     """Yield an empty folder; on success it becomes `target`, replacing what an earlier run of this kind wrote there.
 
-    To the `manifest.json` that the body writes are added the kind and the list of files. Folders that later commands
-    put into the earlier result (`ownership.KEPT`) go on into the new one.
+    To the `manifest.json` that the body writes are added the kind and the list of files with their SHA-256. Folders
+    that later commands put into the earlier result (`ownership.KEPT`) go on into the new one. The lock of the target
+    is held while it is looked at and replaced; a body that reads the earlier result must hold it (`lock.locked`).
+
+    Parameters
+    ----------
+    carried : SHA-256 of files that the body carries over from the earlier result, as that one listed them; may be
+        filled by the body.
 
     Raises
     ------
     InputError
         `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files that gaitcal
-        did not write there; it cannot be written; the disk is full.
+        did not write there; it cannot be written; the disk is full; another process writes it.
     """
-    target, inputs = _real(target), tuple(inputs)
+    target, inputs = real_path(target), tuple(inputs)
     with contextlib.ExitStack() as stack:
-        with _disk_errors(target):
-            _recover(target)
-            refuse_others(target, kind, inputs)
+        with disk_errors(target):
+            with _recovered(target):
+                refuse_others(target, kind, inputs)
             content = stack.enter_context(_sibling(target)) / "content"
             content.mkdir()
-        with _disk_errors(target, only=_FULL):
+        with disk_errors(target, only=FULL):
             yield content
-        with _disk_errors(target):
+        with disk_errors(target), _recovered(target):
             kept = refuse_others(target, kind, inputs)
-            sign(content, kind, kept)
+            sign(content, kind, [name for name in kept if not name.startswith(OLD)], carried or {})
             for name in kept:
                 also_at(target / name, content / name)
-            _put(content, target)
+            with unbroken():
+                _put(content, target)
 
 
 def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
@@ -76,15 +89,19 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
     InputError
         As of `atomic_directory`.
     """
-    target = _real(target)
-    with _disk_errors(target):
-        _recover(target)
-        kept = refuse_others(target, kind, inputs)
+    target = real_path(target)
+    with disk_errors(target):
+        with _recovered(target):
+            kept = refuse_others(target, kind, inputs)
         with contextlib.suppress(FileNotFoundError):
             target.lstat()  # a name too long, a file where a folder should be
-        parent = next(folder for folder in target.parents if folder.exists())
-        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
-            pass
+        if target.parent.is_dir():
+            with _sibling(target):
+                pass
+        else:
+            parent = next(folder for folder in target.parents if folder.exists())
+            with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
+                pass
     return tuple(name for name in kept if not name.startswith(OLD))
 
 
@@ -115,15 +132,15 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
     InputError
         `target` is a folder, cannot be written, or the disk is full.
     """
-    target = _real(target)
+    target = real_path(target)
     with contextlib.ExitStack() as stack:
-        with _disk_errors(target):
+        with disk_errors(target):
             if target.is_dir():
                 raise InputError("is a folder; the name of a file is needed", source=target)
             content = stack.enter_context(_sibling(target)) / target.name
-        with _disk_errors(target, only=_FULL):
+        with disk_errors(target, only=FULL):
             yield content
-        with _disk_errors(target):
+        with disk_errors(target):
             content.replace(target)
 
 
@@ -131,24 +148,6 @@ def atomic_text(target: Path | str, text: str) -> None:
     """Write `text` to the file `target` as UTF-8, line ends as they are, whole or not at all."""
     with atomic_file(target) as path, path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(text)
-
-
-def _real(target: Path | str) -> Path:
-    """Absolute, links followed: a link keeps pointing where it does, and what it points to is replaced."""
-    try:
-        return Path(os.path.realpath(target))
-    except (OSError, ValueError) as error:
-        raise InputError(f"no usable path: {error}", source=repr(str(target))) from None
-
-
-@contextlib.contextmanager
-def _disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if only is not None and error.errno not in only:
-            raise
-        raise InputError(f"cannot be written: {error.strerror}", source=target) from error
 
 
 # ------------------------------------------------------------------------------------------------------- sibling
@@ -163,10 +162,15 @@ def _sibling(target: Path) -> Iterator[Path]:
     """A new hidden folder beside `target`, locked by this process, gone afterwards."""
     target.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(target)
-    folder, lock = _locked_folder(target)
-    try:
+    with contextlib.ExitStack() as stack:
+        with unbroken():
+            folder, lock = _locked_folder(target)
+            stack.callback(_remove, folder, lock)
         yield folder
-    finally:
+
+
+def _remove(folder: Path, lock: int | None) -> None:
+    with unbroken():
         shutil.rmtree(folder, ignore_errors=True)
         if lock is not None:
             os.close(lock)
@@ -222,6 +226,19 @@ def _remove_leftovers(target: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------ exchange
+
+
+@contextlib.contextmanager
+def _recovered(target: Path) -> Iterator[None]:
+    """Hold the lock of the target, with what killed runs began on it finished; nothing to do where it cannot be."""
+    if not target.parent.is_dir():
+        yield
+        return
+    with locked(target):
+        _recover(target)
+        if target.is_dir():
+            finish_amending(target)
+        yield
 
 
 def _old(target: Path) -> Path:

@@ -16,8 +16,12 @@ from gaitcal.errors import InputError
 
 MANIFEST = "manifest.json"
 """The file that marks a folder as a result of gaitcal."""
-OLD, UNFINISHED = ".gaitcal-old-", ".gaitcal-tmp-"
-"""Beginnings of hidden names beside a target: what waits for an interrupted exchange, and what a killed run left."""
+OLD, UNFINISHED, LOCK = ".gaitcal-old-", ".gaitcal-tmp-", ".gaitcal-lock-"
+"""Beginnings of hidden names beside a target: what waits for an interrupted exchange, what a killed run left, and who
+writes now."""
+AMENDING, AMENDED = ".gaitcal-tmp-files", ".gaitcal-put-files"
+"""Hidden folders inside one: files that will join it, being written, and complete."""
+_HIDDEN = (UNFINISHED, LOCK, AMENDED)
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # written by file browsers, into any folder they show
 
 
@@ -96,17 +100,6 @@ def _foreign(name: str) -> str:
     return f"holds '{name}', which gaitcal did not write there; move it away, or name a new or an empty folder"
 
 
-def sign(content: Path, kind: ResultKind, kept: Iterable[str]) -> None:
-    """Put the kind, the list of files, and what was kept of an earlier result into the manifest in `content`."""
-    files = [name for name in sorted(_files(content, ())) if name != MANIFEST]
-    written = read_object(content / MANIFEST)
-    manifest: dict[str, object] = {"gaitcal": "", **written, "kind": kind.value, "files": files}
-    if names := [name for name in kept if not name.startswith(OLD)]:
-        manifest["kept_from_earlier_result"] = names
-    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
-    (content / MANIFEST).write_text(text, encoding="utf-8")
-
-
 def read_object(path: Path) -> dict[str, object]:
     """The JSON object in a manifest or summary; empty where there is none, which is then no result of ours."""
     try:
@@ -139,12 +132,17 @@ def _files(folder: Path, besides: Iterable[str], prefix: str = "") -> Iterator[s
     """Every file below `folder` as `motion/walk.mot`; a link is a file, whatever it points to."""
     left_out = set(besides)
     for entry in sorted(folder.iterdir()):
-        if entry.name in left_out or entry.name in _LITTER or entry.name.startswith(UNFINISHED):
+        if entry.name in left_out or entry.name in _LITTER or entry.name.startswith(_HIDDEN):
             continue
         if entry.is_dir() and not entry.is_symlink():
             yield from _files(entry, (), f"{prefix}{entry.name}/")
         else:
             yield prefix + entry.name
+
+
+def files_of(folder: Path) -> tuple[str, ...]:
+    """Every file below a folder of ours, as `motion/walk.mot`."""
+    return tuple(_files(folder, ()))
 
 
 def _known(name: str, kind: ResultKind) -> bool:

@@ -8,6 +8,7 @@ one gait trial, or the person of a folder: the result of a calibration, or a stu
 from __future__ import annotations
 
 import hashlib
+import zlib
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.model_file import load_model
 from gaitcal.model.nominal import published_model
@@ -141,27 +143,51 @@ def case_from(folder: Path | str, trial: str | None = None, progress: Progress =
     InputError
         The folder is neither, or no gait trial has ground reactions under every foot.
     """
+    return read_case(folder, trial, progress)[0]
+
+
+def read_case(
+    folder: Path | str, trial: str | None = None, progress: Progress = silent
+) -> tuple[MonteCarloCase, Snapshot]:
+    """As `case_from`, and the files that it was made from, to be compared when the work is done."""
     folder = Path(folder)
     if (folder / MODEL).exists():
-        return _of_result(folder, trial)
+        name, _ = read_whole(folder, (SPLINES,), lambda: _trial_of(folder, trial))
+        files = (MODEL, SPLINES, _marker_errors(name))
+        return read_whole(folder, files, lambda: _of_result(folder, name), (MODEL,))
     if (folder / STUDY).exists():
-        return case_of(calibrate(Study.load(folder / STUDY), progress), trial)
+        study = Study.load(folder / STUDY)
+        return case_of(calibrate(study, progress), trial), study.as_read
     raise InputError(
         f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder",
         source=folder,
     )
 
 
-def _of_result(folder: Path, trial: str | None) -> MonteCarloCase:
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error)
+"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
+
+
+def _trial_of(folder: Path, trial: str | None) -> str:
+    """The trial of a result to study: the one named, or the first with valid ground reactions."""
+    path = folder / SPLINES
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            names = enumerate(str(name) for name in stored["trials"])
+            loaded = tuple(name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any())
+    except _DAMAGE as error:
+        raise InputError(f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path) from None
+    return _chosen_trial(loaded, trial, folder)
+
+
+def _of_result(folder: Path, name: str) -> MonteCarloCase:
     model, path = load_model(folder / MODEL), folder / SPLINES
     try:
         with np.load(path, allow_pickle=False) as stored:
-            trials = [str(name) for name in stored["trials"]]
-            valid = {name: stored[f"valid_{k}"] for k, name in enumerate(trials) if f"valid_{k}" in stored}
-            name = _chosen_trial(tuple(name for name, frames in valid.items() if frames.any()), trial, folder)
-            parts = ("time", "knots", "nodes", "wrench")
-            time, knots, nodes, wrench = (np.array(stored[f"{part}_{trials.index(name)}"]) for part in parts)
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            k = [str(trial) for trial in stored["trials"]].index(name)
+            parts = ("time", "knots", "nodes", "wrench", "valid")
+            time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
+    except _DAMAGE as error:
         raise InputError(f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path) from None
     whole = nodes.ndim == 2 and nodes.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
     if not whole or not np.array_equal(spline_basis(time, len(nodes)).knots, knots):
@@ -170,12 +196,16 @@ def _of_result(folder: Path, trial: str | None) -> MonteCarloCase:
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(model.markers, _tracked_labels(folder / "marker_errors" / f"{name}.csv")),
+        markers=_tracked(model.markers, _tracked_labels(folder / _marker_errors(name))),
         time=time,
         nodes=nodes,
         wrench=wrench,
-        valid=valid[name].astype(bool),
+        valid=valid.astype(bool),
     )
+
+
+def _marker_errors(trial: str) -> str:
+    return f"marker_errors/{trial}.csv"
 
 
 def _tracked_labels(path: Path) -> list[str]:

@@ -1,14 +1,19 @@
 """Where draws are kept: `DIR/montecarlo/`, one Parquet file per chunk, each written whole; or in memory.
 
 A chunk is a run of draws of one cell (a set at a level): the unit that is computed, stored, and lost when a process
-dies. What is missing is told by the names of the files alone, so that a run killed at any moment goes on where it was,
-and a larger number of draws runs only the new ones. The folder `draws` can be read as one Parquet data set, one row per
+dies. What is missing is told by the files that are whole, so that a run killed at any moment goes on where it was, and
+a larger number of draws runs only the new ones. The folder `draws` can be read as one Parquet data set, one row per
 draw, the same whatever order they came in. `settings.json` says what the draws depend on; a store made with other
 settings or another model is refused.
+
+The name of a chunk ends in the beginning of its SHA-256, which is compared before anything of it is read: a chunk that
+was damaged is removed, named, and made again. Each also says which settings it was made with, so that a damaged
+`settings.json` costs no draw.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +28,10 @@ import pyarrow.parquet as pq
 
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file, atomic_text
+from gaitcal.files.lock import locked
 from gaitcal.files.package_data import package_version
+from gaitcal.files.places import disk_errors
+from gaitcal.files.snapshot import SELF, self_hash
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
@@ -32,7 +40,10 @@ FORMAT = 2
 """Raised whenever the same settings would give other draws."""
 KEYS = ("set", "level", "draw")
 FIELDS = (*KEYS, "evaluations", "failure", *COLUMNS)
-_NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})\.parquet")
+_NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})(?:_([0-9a-f]{16}))?\.parquet")
+"""The hash is missing in stores of version 0.2 and before."""
+_MADE_WITH = b"gaitcal.made_with"
+"""Entry of a chunk's Parquet schema: SHA-256 of format, settings and model."""
 _VERSIONED = ("gaitcal", "numpy", "scipy", "pin")
 
 
@@ -71,11 +82,12 @@ class Store:
         self.folder = folder
         self.draws = folder / "draws"
         self._settings = folder / "settings.json"
+        self._made_with = ""
 
     def open(self, case: MonteCarloCase, settings: MonteCarloSettings) -> tuple[str, ...]:
-        """Make the store, or make sure that it holds draws of this case with these settings.
+        """Make the store, or make sure that it holds draws of this case with these settings; remove damaged chunks.
 
-        Returns notes: libraries of other versions than those that the store was made with.
+        Returns notes: what was damaged, and libraries of other versions than those that the store was made with.
 
         Raises
         ------
@@ -83,17 +95,26 @@ class Store:
             It was made with other settings or another model; the message names the differences.
         """
         wanted = {"format": FORMAT, "settings": dict(settings.as_json()), "model": dict(case.fingerprint())}
+        self._made_with = self_hash(wanted)
+        damaged = self._remove_damaged()
+        notes = tuple(f"{name}: was damaged; its draws are made again" for name in damaged)
         if self._settings.exists():
-            held = self._held()
-            _refuse_other(held, wanted, self.folder)
-            return _other_versions(held)
-        if any(self.draws.glob("*.parquet")):
+            try:
+                held = self._held()
+            except InputError:
+                if not all(self._is_of(path, self._made_with) for path in self.draws.glob("*.parquet")):
+                    raise
+                notes = (*notes, f"{self._settings.name} was damaged; it is written again, the draws say what it held")
+            else:
+                _refuse_other(held, wanted, self.folder)
+                return (*notes, *_other_versions(held))
+        elif any(self.draws.glob("*.parquet")):
             raise InputError(
                 "found draws without the settings they were made with; remove the folder", source=self.folder
             )
         content = {**wanted, "case": case.name, "versions": {name: package_version(name) for name in _VERSIONED}}
-        atomic_text(self._settings, json.dumps(content, indent=1) + "\n")
-        return ()
+        atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
+        return notes
 
     @property
     def case_name(self) -> str | None:
@@ -112,32 +133,54 @@ class Store:
         try:
             content = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise InputError(f"cannot be read: {error}", source=self._settings) from None
-        return content if isinstance(content, dict) else {}
+            raise InputError(f"cannot be read: {error}; remove the folder", source=self._settings) from None
+        if not isinstance(content, dict) or (SELF in content and content[SELF] != self_hash(content)):
+            raise InputError(
+                "is damaged, or was edited: not as gaitcal wrote it; remove the folder", source=self._settings
+            )
+        return content
 
     def write(self, chunk: Chunk, draws: pa.Table) -> None:
-        """Keep the records of a chunk."""
-        name = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}.parquet"
-        with atomic_file(self.draws / name) as path:
-            pq.write_table(draws, path)
+        """Keep the records of a chunk; InputError where that cannot be."""
+        buffer = pa.BufferOutputStream()
+        pq.write_table(draws.replace_schema_metadata({_MADE_WITH: self._made_with}), buffer)
+        content: bytes = buffer.getvalue().to_pybytes()
+        cell = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}"
+        target = self.draws / f"{cell}_{_beginning(content)}.parquet"
+        # Under the lock of the result: not while another one takes its place, and this folder along.
+        with disk_errors(self.folder), locked(self.folder), atomic_file(target) as path:
+            path.write_bytes(content)
 
     def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
         """Chunks of a plan that are not there yet."""
-        return missing_chunks(self._files().values(), plan, size)
+        held = [chunk for path, chunk in self._named() if _content(path, chunk) is not None]
+        return missing_chunks(held, plan, size)
 
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
-        """All draws that are there, or those of a plan; columns `FIELDS`."""
-        return _together((pq.read_table(self.draws / name) for name in sorted(self._files())), plan)
+        """All draws that are there, or those of a plan; columns `FIELDS`.
 
-    def _files(self) -> dict[str, Chunk]:
-        """Name -> chunk of every file that is whole."""
-        out = {}
-        for path in self.draws.glob("*.parquet"):
-            if name := _NAME.fullmatch(path.name):
-                chunk = Chunk(Varied(name[1]), int(name[2]), int(name[3]), int(name[4]))
-                if _rows(path) == len(chunk.numbers):
-                    out[path.name] = chunk
-        return out
+        Raises
+        ------
+        InputError
+            A chunk is damaged.
+        """
+        return _together((_whole(path, chunk) for path, chunk in self._named()), plan)
+
+    def _named(self) -> list[tuple[Path, Chunk]]:
+        """Every file with the name of a chunk, in the order of names."""
+        matches = ((path, _NAME.fullmatch(path.name)) for path in sorted(self.draws.glob("*.parquet")))
+        return [(path, Chunk(Varied(m[1]), int(m[2]), int(m[3]), int(m[4]))) for path, m in matches if m]
+
+    def _remove_damaged(self) -> list[str]:
+        damaged = [path for path, chunk in self._named() if _content(path, chunk) is None]
+        for path in damaged:
+            path.unlink(missing_ok=True)
+        return [path.name for path in damaged]
+
+    def _is_of(self, path: Path, made_with: str) -> bool:
+        """Whether a chunk says that it was made so."""
+        metadata: dict[bytes, bytes] = pq.read_schema(path).metadata or {}
+        return metadata.get(_MADE_WITH) == made_with.encode()
 
 
 class MemoryStore:
@@ -177,13 +220,27 @@ def cut(first: int, stop: int, size: int) -> list[tuple[int, int]]:
     return [(a, b) for a, b in pairwise(edges) if a < b]
 
 
-def _rows(path: Path) -> int:
-    """Number of rows of a file; -1 where it cannot be read (power failed while it was written): it is made anew."""
+def _beginning(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _content(path: Path, chunk: Chunk) -> bytes | None:
+    """A chunk's file; None where it is not as it was written (power failed, a disk is bad, a copy broke off)."""
     try:
-        count: int = pq.read_metadata(path).num_rows
+        content = path.read_bytes()
+        name = _NAME.fullmatch(path.name)
+        if name is not None and name[5] is not None:
+            return content if _beginning(content) == name[5] else None
+        return content if pq.read_table(pa.BufferReader(content)).num_rows == len(chunk.numbers) else None
     except (OSError, pa.ArrowException):
-        return -1
-    return count
+        return None
+
+
+def _whole(path: Path, chunk: Chunk) -> pa.Table:
+    content = _content(path, chunk)
+    if content is None:
+        raise InputError("is damaged; run the same study again, which makes it again", source=path)
+    return pq.read_table(pa.BufferReader(content)).replace_schema_metadata()
 
 
 def _refuse_other(held: Mapping[str, object], wanted: Mapping[str, object], folder: Path) -> None:

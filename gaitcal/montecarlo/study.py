@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,10 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
+from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_file
+from gaitcal.files.lock import locked
+from gaitcal.files.places import disk_errors
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import draw
@@ -34,6 +37,8 @@ CHUNK_DRAWS = 250
 STEP = 1.2
 """Factor by which `until_converged` raises the number of draws."""
 MOST_DRAWS = 100_000
+TRIES = 3
+"""The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,24 +95,41 @@ def monte_carlo(
     Raises
     ------
     InputError
-        The folder holds a study of another model or with other settings.
+        The folder holds a study of another model or with other settings, or another process works in it.
     """
     settings, plan = settings or MonteCarloSettings(), plan or Plan()
     workers = workers or LocalProcesses()
     progress = progress or (lambda done, todo: None)
-    store = MemoryStore() if folder is None else Store(Path(folder))
+    if folder is None:
+        return _study(case, MemoryStore(), settings, plan, workers, progress, until_converged, chunk_draws)
+    with alone(Path(folder)):
+        return _study(case, Store(Path(folder)), settings, plan, workers, progress, until_converged, chunk_draws)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """No other Monte Carlo study works in the folder meanwhile: it would compute the same draws a second time."""
+    with ExitStack() as stack:
+        with disk_errors(folder):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder, "monte carlo study"))
+        yield
+
+
+def _study(
+    case: MonteCarloCase,
+    store: Store | MemoryStore,
+    settings: MonteCarloSettings,
+    plan: Plan,
+    workers: Workers,
+    progress: DrawProgress,
+    until_converged: bool,
+    chunk_draws: int,
+) -> MonteCarloStudy:
     notes = store.open(case, settings) if isinstance(store, Store) else ()
     computed = 0
     while True:
-        if chunks := list(store.missing(plan, chunk_draws)):
-            done, todo = 0, sum(len(chunk.numbers) for chunk in chunks)
-            progress(done, todo)
-            with closing(_generator(workers.run(partial(run_chunk, case, settings), chunks))) as results:
-                for chunk, records_of_chunk in results:
-                    store.write(chunk, records_of_chunk)
-                    done += len(chunk.numbers)
-                    progress(done, todo)
-            computed += done
+        computed += _compute(case, store, settings, plan, workers, progress, chunk_draws)
         draws = store.read(plan)
         table = statistics(draws)
         if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
@@ -119,6 +141,32 @@ def monte_carlo(
     return MonteCarloStudy(
         case=case, settings=settings, plan=plan, draws=draws, statistics=table, computed=computed, notes=notes
     )
+
+
+def _compute(
+    case: MonteCarloCase,
+    store: Store | MemoryStore,
+    settings: MonteCarloSettings,
+    plan: Plan,
+    workers: Workers,
+    progress: DrawProgress,
+    chunk_draws: int,
+) -> int:
+    """Compute what is missing of a plan, until nothing is; returns the number of draws."""
+    computed = 0
+    for _ in range(TRIES):
+        chunks = list(store.missing(plan, chunk_draws))
+        if not chunks:
+            return computed
+        done, todo = 0, sum(len(chunk.numbers) for chunk in chunks)
+        progress(done, todo)
+        with closing(_generator(workers.run(partial(run_chunk, case, settings), chunks))) as results:
+            for chunk, records_of_chunk in results:
+                store.write(chunk, records_of_chunk)
+                done += len(chunk.numbers)
+                progress(done, todo)
+        computed += done
+    raise GaitcalError("draws that were written are not there when they are read back; is the disk sound?")
 
 
 def _generator(results: Iterator[tuple[Chunk, pa.Table]]) -> Generator[tuple[Chunk, pa.Table], None, None]:

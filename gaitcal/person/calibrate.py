@@ -29,6 +29,7 @@ from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
+from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
@@ -80,14 +81,17 @@ def calibrate(
         for t in trials
         if t.role is Role.GAIT and t.recording.plates
     }
+    progress("do motion and forces agree?")
+    diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions)
+    believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in diagnosis.faulty}
     influence = nominal_influence() if joint is None else joint.influence
-    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, reactions, settings, progress)
+    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, believed, settings, progress)
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
     combined = None
     if joint is not None and inertial is not None and settings.joint_step:
-        combined = _combined_fit(trials, nominal, parameters, joint, motions, reactions, settings, progress)
+        combined = _combined_fit(trials, nominal, parameters, joint, motions, believed, settings, progress)
     if combined is not None:
         parameters = combined.parameters
         motions = {
@@ -113,8 +117,9 @@ def calibrate(
         for t in trials
     )
     kept = () if inertial is None or inertial.moved else (inertial.message,)
-    phases = _phases(joint, inertial, combined, reactions)
+    phases = _phases(joint, inertial, combined, tuple(believed))
     later = (
+        *diagnosis.findings,
         *fitted.findings,
         *(joint.findings if joint else ()),
         *calibration_findings(settings, results, parameters, phases),
@@ -154,12 +159,11 @@ def _inertial_fit(
     parameters: Parameters,
     influence: Influence,
     motions: Mapping[str, Motion],
-    reactions: Mapping[str, GroundReactions],
+    on_plates: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
 ) -> InertialFit | None:
-    """None where the settings leave inertial parameters alone or no trial has a valid frame."""
-    on_plates = {name: r for name, r in reactions.items() if r.valid.any()}
+    """From the trials `on_plates`; None where the settings leave inertial parameters alone or there is none."""
     if settings.ip == "none" or not on_plates:
         return None
     progress("inertial parameters")
@@ -201,18 +205,17 @@ def _combined_fit(
     parameters: Parameters,
     joint: JointCalibration,
     motions: Mapping[str, Motion],
-    reactions: Mapping[str, GroundReactions],
+    on_plates: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
     progress: Progress,
 ) -> CombinedFit | None:
-    """None for impossible bodies, which its chart of the inertial parameters cannot hold."""
+    """With the loads of the trials `on_plates`; None for impossible bodies, which its chart cannot hold."""
     if impossible_bodies(parameters.inertial):
         return None
     progress("joint and inertial parameters together")
-    loaded = {name: r for name, r in reactions.items() if r.valid.any()}
     steps = []
     for t in trials:
-        r = loaded.get(t.name)
+        r = on_plates.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
@@ -234,14 +237,10 @@ def _inertial_spread(
 
 
 def _phases(
-    joint: JointCalibration | None,
-    inertial: InertialFit | None,
-    combined: CombinedFit | None,
-    reactions: Mapping[str, GroundReactions],
+    joint: JointCalibration | None, inertial: InertialFit | None, combined: CombinedFit | None, trials: tuple[str, ...]
 ) -> tuple[Phase, ...]:
-    """The fits that were made, those of the joint parameters first."""
+    """The fits that were made, those of the joint parameters first; `trials` told of inertial parameters."""
     phases = list(joint.phases) if joint else []
-    trials = tuple(name for name, r in reactions.items() if r.valid.any())
     if inertial is not None:
         phases.append(
             Phase(

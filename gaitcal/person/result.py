@@ -105,7 +105,8 @@ class TrialResult:
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
     doubts: tuple[Finding, ...] = ()
-    """What residuals, angles and torques of `body` say against it."""
+    """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
+    calibration are told for its trials together."""
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers

@@ -6,6 +6,7 @@ A calibration assembles its own trials here, and `gaitcal dynamics` every furthe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from gaitcal.calibration.torque_errors import (
     MarkerMoves,
@@ -24,12 +25,14 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.person.trial_findings import trial_findings
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import StudyTrial
+from gaitcal.verdict.force_diagnosis import ForceDiagnosis
 
 
 def trial_result(
@@ -145,10 +148,11 @@ def analyse(
     prepared = prepare_trial(trial, model, settings)
     nominal = tracked_motion(prepared.body, model.nominal)
     motion = tracked_motion(prepared.body, model.parameters)
-    reactions = None
+    reactions, diagnosis = None, ForceDiagnosis()
     if prepared.recording.plates:
         reactions = measured_reactions(prepared, model, model.parameters, motion, settings)
-    return trial_result(
+        diagnosis = diagnose_forces([prepared], model, model.parameters, {trial.name: motion}, {trial.name: reactions})
+    result = trial_result(
         prepared,
         {Stage.NOMINAL: (model.nominal, nominal), Stage.JP_IP: (model.parameters, motion)},
         motion,
@@ -157,5 +161,6 @@ def analyse(
         uncertainty=uncertainty,
         plates=PlateErrors.of(settings.plate_error),
         axes=axis_deviations(settings),
-        bwh=model.subject.bwh,
+        subject=model.subject,
     )
+    return replace(result, doubts=(*result.doubts, *diagnosis.findings))

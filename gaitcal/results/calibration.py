@@ -85,6 +85,7 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),
         "inputs_sha256": dict(calibration.study.inputs),
+        "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
     }
 
 

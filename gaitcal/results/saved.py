@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -12,6 +12,7 @@ import numpy as np
 from gaitcal.calibration.influence import Influence
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.findings import Finding
 from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 from gaitcal.model.model_file import load_model
@@ -29,7 +30,8 @@ class SavedResult:
     """A calibrated person, and how the labels of their recordings are read."""
 
     model: SubjectModel
-    model_file: Path
+    files: Snapshot
+    """What was read, to be compared when the work is done."""
     marker_set: MarkerSet
     """With the weights of the model."""
     rename: Mapping[str, str]
@@ -41,13 +43,24 @@ class SavedResult:
 
 
 def load_result(folder: Path) -> SavedResult:
-    """Read a result folder.
+    """Read a result folder. Model and marker set may have been edited, which `files.remarks` tells.
 
     Raises
     ------
     InputError
-        It is none, or one of its files cannot be read.
+        It is none, or one of its files is damaged, missing, or cannot be read.
     """
+    editable = (MODEL, MARKER_SET)
+    saved, files = read_whole(folder, (*editable, UNCERTAINTY), lambda: _read(folder), editable)
+    return replace(saved, files=files)
+
+
+def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot]:
+    """The model of a result folder alone, which may have been edited; InputError as of `load_result`."""
+    return read_whole(folder, (MODEL,), lambda: load_model(folder / MODEL), (MODEL,))
+
+
+def _read(folder: Path) -> SavedResult:
     model = load_model(folder / MODEL)
     manifest = read_object(folder / MANIFEST)
     settings = manifest.get("settings")
@@ -57,7 +70,7 @@ def load_result(folder: Path) -> SavedResult:
     rename = manifest.get("rename")
     return SavedResult(
         model=model,
-        model_file=folder / MODEL,
+        files=Snapshot(folder, {}),
         marker_set=_marker_set(folder, manifest, model),
         rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
         settings=CalibrationSettings.model_validate(known),

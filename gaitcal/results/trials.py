@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import cast
 
+from gaitcal.errors import InputError
 from gaitcal.export.xml_text import safe_name
 from gaitcal.files.atomic import also_at, atomic_directory
+from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
+from gaitcal.files.places import disk_errors
+from gaitcal.files.snapshot import Snapshot, listed, sha256_of
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.results.calibration import json_text, write_trial
 from gaitcal.results.json_types import Json
+from gaitcal.results.saved import MODEL
 from gaitcal.results.summary import trial_summary
 from gaitcal.results.verdict import verdict_summary
 from gaitcal.verdict.verdict import Verdict
@@ -27,7 +32,7 @@ RUN_AGAIN = "; run it again"
 def write_trials(
     trials: Sequence[TrialResult],
     model: SubjectModel,
-    model_file: Path,
+    read: Snapshot,
     folder: Path,
     inputs: Sequence[Path],
     verdict: Verdict,
@@ -36,32 +41,40 @@ def write_trials(
 
     Parameters
     ----------
-    model_file : `model.toml`, whose hash tells later whether an earlier trial was made with this model.
+    read : the files of the result that the trials were made with. Nothing is written where one has changed since; the
+        model's hash tells later whether an earlier trial was made with it.
     inputs : recordings and forces, which the folder must not hold.
     verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
 
     Returns
     -------
-    Warnings on earlier trials that are kept and were made with another model.
+    Warnings on earlier trials that are kept: made with another model, or no longer as they were written.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds files that are not ours.
+        The folder cannot be written, or holds files that are not ours; the model has changed; the earlier summary or
+        manifest is damaged.
     """
     names = {trial.name for trial in trials}
-    digest = hashlib.sha256(model_file.read_bytes()).hexdigest()
-    with atomic_directory(folder, ResultKind.DYNAMICS, inputs) as out:
+    digest = str(read.sha256[MODEL])
+    carried: dict[str, str] = {}
+    with ExitStack() as until_done, atomic_directory(folder, ResultKind.DYNAMICS, inputs, carried) as out:
         for trial in trials:
             write_trial(trial, model, out)
+        with disk_errors(folder):
+            until_done.enter_context(locked(folder))
+        read.require_unchanged()
+        earlier = _earlier(folder)
         summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
         digests = _others(_table(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
         kept = _others(_table(summary, "trials"), names)
         stale = tuple(
-            f"{name}: made by an earlier run with another model than {model_file.name} now is{RUN_AGAIN}"
+            f"{name}: made by an earlier run with another model than {MODEL} now is{RUN_AGAIN}"
             for name in kept
             if digests.get(name) != digest
         )
+        stale += _damaged(folder, earlier, kept)
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
             "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
@@ -76,11 +89,38 @@ def write_trials(
             "model_sha256": digests,
         }
         (out / MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
-        stems = {*kept, *map(safe_name, kept)}
+        owners = _owners(kept)
         for path in _trial_files(folder):
-            if path.stem in stems:
-                also_at(path, out / path.relative_to(folder))
+            if path.stem in owners:
+                name = path.relative_to(folder).as_posix()
+                also_at(path, out / name)
+                if name in earlier:
+                    carried[name] = earlier[name]
     return stale
+
+
+def _earlier(folder: Path) -> Mapping[str, str]:
+    """File -> SHA-256 of the earlier result; InputError where what is read of it is damaged."""
+    hashes = listed(folder)
+    if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
+        cure = "move the folder away and run its trials again"
+        raise InputError(f"is damaged, or was edited: not as gaitcal wrote it; {cure}", source=folder / SUMMARY)
+    return hashes
+
+
+def _owners(trials: Iterable[str]) -> dict[str, str]:
+    """Name of a trial's files, without folder and ending -> the trial."""
+    return {stem: trial for trial in trials for stem in (trial, safe_name(trial))}
+
+
+def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> tuple[str, ...]:
+    """Warnings on files of kept trials that are not as they were written."""
+    owners = _owners(kept)
+    return tuple(
+        f"{owners[stem]}: {file} is damaged, or was edited: not as gaitcal wrote it{RUN_AGAIN}"
+        for file, digest in earlier.items()
+        if (stem := Path(file).stem) in owners and sha256_of(folder / file) != digest
+    )
 
 
 def _trial_files(folder: Path) -> list[Path]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import HipCentre, nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -81,11 +81,17 @@ class Study:
             One line: file, field, what was found, what is allowed.
         """
         path = Path(path)
+        of_study = sha256_of(path)
         file = load_study_file(path)
+        before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
         marker_set = load_marker_set(file.markers.set)
-        return cls.assemble(
+        study = cls.assemble(
             file, marker_set, tuple(read_trial(t, file.markers.rename, marker_set) for t in file.trials), path
         )
+        for name, f in _file_words(study.files, path.parent).items():
+            if study.inputs[name] != before[f]:
+                raise InputError(f"'{name}' changed while the study was read; run again", source=path)
+        return study
 
     @classmethod
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
@@ -100,7 +106,7 @@ class Study:
             trials=trials,
             settings=file.calibration,
             weights=dict(file.markers.weights),
-            inputs={_file_words(f, path.parent): _sha256(f) for f in dict.fromkeys(files)},
+            inputs={name: sha256_of(f) or "" for name, f in _file_words(files, path.parent).items()},
             source=str(path),
             files=files,
             rename=dict(file.markers.rename),
@@ -121,6 +127,18 @@ class Study:
         """All trials in which the person moves."""
         return tuple(trial for trial in self.trials if trial.role is not Role.STATIC)
 
+    @property
+    def as_read(self) -> Snapshot:
+        """The inputs as they were when they were read."""
+        folder = Path(self.source).parent
+        files = _file_words(self.files, folder)
+        return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
+
+    def changed_inputs(self) -> tuple[str, ...]:
+        """Inputs that are no longer what was read, as `inputs` names them."""
+        files = _file_words(self.files, Path(self.source).parent)
+        return tuple(name for name, f in files.items() if self.inputs.get(name) != sha256_of(f))
+
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     """The study file at `path`, its recordings and forces, and a marker set of one's own."""
@@ -129,16 +147,22 @@ def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     return (path, *(trial.file for trial in file.trials), *forces, *marker_set)
 
 
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
+    """Files by the names that the manifest gives them: below the study's folder from there, elsewhere by their own.
 
-
-def _file_words(file: Path, folder: Path) -> str:
-    """A file as the manifest names it: below the study's folder from there, elsewhere by its name alone."""
-    try:
-        return file.resolve().relative_to(folder.resolve()).as_posix()
-    except ValueError:
-        return file.name
+    Where two elsewhere have one name, the second has as much of its path before it as tells them apart; no more of it
+    belongs in a result that may be given away.
+    """
+    out: dict[str, Path] = {}
+    for file in dict.fromkeys(files):
+        whole = file.resolve()
+        try:
+            name = whole.relative_to(folder.resolve()).as_posix()
+        except ValueError:
+            names = ("/".join(whole.parts[-k:]) for k in range(1, len(whole.parts) + 1))
+            name = next((n for n in names if n not in out), str(whole))
+        out.setdefault(name, file)
+    return out
 
 
 def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:

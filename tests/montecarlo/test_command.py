@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from gaitcal.cli import app
 from gaitcal.errors import ConvergenceError, InputError, UsageError
+from gaitcal.files.snapshot import Snapshot
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.settings import MonteCarloSettings, RefitSettings
 
@@ -20,7 +21,9 @@ RUNNER = CliRunner()
 @pytest.fixture(autouse=True)
 def _nominal(case: MonteCarloCase, monkeypatch: pytest.MonkeyPatch) -> None:
     """The folder holds the nominal subject; figures have a test of their own."""
-    monkeypatch.setattr("gaitcal.commands.montecarlo.case_from", lambda folder, trial, step: case)
+    monkeypatch.setattr(
+        "gaitcal.commands.montecarlo.read_case", lambda folder, trial, step: (case, Snapshot(Path(folder), {}))
+    )
     monkeypatch.setattr("gaitcal.commands.montecarlo.write_monte_carlo_figures", lambda *a: None)
 
 
@@ -59,7 +62,7 @@ def test_the_report_beside_it_gets_a_section(
     assert "section Monte Carlo" not in run(tmp_path, *small) and not asked
     (tmp_path / "report.html").write_text("page", encoding="utf-8")
     assert "report.html, section Monte Carlo" in run(tmp_path, *small)
-    assert asked[-1][0] == tmp_path / "report.html" and asked[-1][3] is None
+    assert asked[-1][0].name == "report.html" and asked[-1][3] is None
     summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     run(tmp_path, *small)
@@ -78,6 +81,7 @@ def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch
     content = json.loads(path.read_text(encoding="utf-8"))
     now = content["versions"]["scipy"]
     content["versions"]["scipy"] = "0.1"
+    del content["own_sha256"]
     path.write_text(json.dumps(content), encoding="utf-8")
     told = run(tmp_path, *small)
     assert f"draws kept here were begun with scipy 0.1, now {now}: old and new" in told

@@ -1,0 +1,141 @@
+"""Which of the causes is told: of one trial alone, or of all trials of a session together.
+
+A cause is named where it explains much (`EXPLAINED`), is large enough to matter (`LEAST`), and its gain is beyond
+doubt (`ENOUGH`); with it go its rivals, whose gain is nearly as high. What belongs to the laboratory is common to all
+trials: one cause for all of them is told where it gains more than a cause for each, every further statement costing
+what the choice among so many causes costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.verdict.force_causes import Kind
+from gaitcal.verdict.force_evidence import ForceEvidence
+from gaitcal.verdict.force_fits import ForceFit, fits
+from gaitcal.verdict.force_residual import ForceResidual
+
+ENOUGH = 7.0
+"""Nats: odds of 1000 to 1 for the cause, before one of some thirty is chosen."""
+EXPLAINED = 0.10
+"""Of the disagreement. Clean walks can be explained to 18 % by accident, in a single step, by gains below 5."""
+EXPLAINED_FREE = 0.30
+"""Where only the free moment is wrong: arms and trunk turn the body too, and their model explains so much by accident
+(16 % in a walk with arms raised in its static trial)."""
+MARGIN, CLOSE = 0.75, 3.0
+"""A rival has 0.75 of the gain, or comes within 3 nats (odds of 20) where that is closer."""
+MOST_RIVALS = 3
+A_CHOICE = float(np.log(30.0))
+"""Nats that each statement costs."""
+TRIAL_GAIN = -2.0
+"""A cause common to all trials may not speak against itself in one of them by more than this."""
+UNEXPLAINED = 4.0
+"""|y|^2 a row above which a disagreement that nothing explains is told: clean recordings have 0.2 to 1.1, and up to 1.9
+where no marker shows the trunk."""
+
+
+def told_size(fit: ForceFit) -> np.ndarray:
+    """The size in the units in which it is told: s, m, rad, N, or a factor that the file has too much."""
+    if fit.cause.kind in FACTORS:
+        return 1.0 / (1.0 + fit.x)
+    return fit.x
+
+
+FACTORS = (Kind.GAIN, Kind.VERTICAL_GAIN, Kind.HORIZONTAL_GAIN, Kind.FREE_MOMENT)
+LEAST: Mapping[Kind, float] = {
+    Kind.CLOCK: 0.018,
+    Kind.PLACE: 0.015,
+    Kind.YAW: float(np.deg2rad(4.0)),
+    Kind.TILT: float(np.deg2rad(1.5)),
+    Kind.MARKERS_TILTED: float(np.deg2rad(1.5)),
+    Kind.GAIN: 0.05,
+    Kind.VERTICAL_GAIN: 0.05,
+    Kind.HORIZONTAL_GAIN: 0.15,
+    Kind.FREE_MOMENT: 0.5,
+    Kind.OFFSET: 15.0,
+    Kind.TRUNK: 0.05,
+}
+"""Sizes that are worth telling; of factors by how much 1 + x differs from 1: s, m, rad, N."""
+MOST: Mapping[Kind, tuple[float, float]] = {
+    Kind.CLOCK: (-0.35, 0.35),
+    Kind.PLACE: (-1.5, 1.5),
+    Kind.TILT: (-0.35, 0.35),
+    Kind.MARKERS_TILTED: (-0.35, 0.35),
+    Kind.GAIN: (-0.95, 15.0),
+    Kind.VERTICAL_GAIN: (-0.95, 15.0),
+    Kind.HORIZONTAL_GAIN: (-0.9, 9.0),
+    Kind.FREE_MOMENT: (-2.5, 299.0),
+    Kind.OFFSET: (-300.0, 300.0),
+    Kind.TRUNK: (-0.15, 0.15),
+}
+"""Coefficients beyond which a cause is no explanation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """The causes that explain some trials: one, or several that evidence cannot part."""
+
+    trials: tuple[ForceEvidence, ...]
+    """That the fault is in."""
+    fits: tuple[ForceFit, ...]
+    """The best one first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """A trial whose motion and forces disagree, and no single cause says why."""
+
+    trial: ForceEvidence
+    size: float
+    """|y|^2 a row: 1 is usual."""
+
+
+def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplained]]:
+    """What is wrong with the forces of the trials of one session."""
+    alone: list[Named] = []
+    left: list[Unexplained] = []
+    for trial in trials:
+        size, found = fits(ForceResidual([trial]))
+        if best := named(found):
+            alone.append(Named(trials=(trial,), fits=best))
+        elif size > UNEXPLAINED:
+            left.append(Unexplained(trial=trial, size=size))
+    together = _together(trials) if len(trials) > 1 else None
+    if together is None:
+        return alone, left
+    separately = sum(one.fits[0].gain - A_CHOICE for one in alone)
+    if together.fits[0].gain - A_CHOICE > separately:
+        return [together], []
+    return alone, left
+
+
+def _together(trials: Sequence[ForceEvidence]) -> Named | None:
+    """A cause that all trials share."""
+    residual = ForceResidual(trials)
+    _, found = fits(residual)
+    best = named([fit for fit in found if (fit.gains > TRIAL_GAIN).all()])
+    return Named(trials=tuple(trials), fits=best) if best else None
+
+
+def named(found: Sequence[ForceFit]) -> tuple[ForceFit, ...]:
+    """The cause that is told, and its rivals; none where no cause is beyond doubt. `found`: the best one first."""
+    telling = [fit for fit in found if _worth_telling(fit)]
+    if not telling or telling[0].gain < ENOUGH:
+        return ()
+    best = telling[0].gain
+    least = min(max(0.5 * ENOUGH, MARGIN * best), best - CLOSE)
+    return tuple(fit for fit in telling if fit.gain >= least)[: 1 + MOST_RIVALS]
+
+
+def _worth_telling(fit: ForceFit) -> bool:
+    kind = fit.cause.kind
+    if fit.explained < (EXPLAINED_FREE if kind is Kind.FREE_MOMENT else EXPLAINED):
+        return False
+    low, high = MOST.get(kind, (-np.inf, np.inf))
+    if len(fit.x) and not (low <= fit.x.min() and fit.x.max() <= high):
+        return False
+    size = told_size(fit) - 1.0 if kind in FACTORS and kind is not Kind.FREE_MOMENT else fit.x
+    return not len(fit.x) or float(np.linalg.norm(size)) >= LEAST[kind]

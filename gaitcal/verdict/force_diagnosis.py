@@ -1,0 +1,85 @@
+"""Findings on the forces of a session: what explains that they disagree with the motion, or that nothing does.
+
+A fault is an error where it moves a torque of a leg by more than its error bar can hold; below that it is a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.force_causes import Kind
+from gaitcal.verdict.force_choice import Named, Unexplained, choose
+from gaitcal.verdict.force_evidence import ForceEvidence
+from gaitcal.verdict.force_torques import HOLDS, torque_change
+from gaitcal.verdict.force_words import told
+
+TOPIC = "forces"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceDiagnosis:
+    """What is wrong with the forces of a session."""
+
+    findings: tuple[Finding, ...] = ()
+    faulty: frozenset[str] = frozenset()
+    """Trials whose forces are at fault: they say nothing of masses."""
+
+
+def force_findings(trials: Sequence[ForceEvidence]) -> ForceDiagnosis:
+    """What explains that motion and forces of these gait trials of one person, over the same plates, disagree."""
+    named, unexplained = choose(trials)
+    findings = [finding for one in named for finding in _findings(one)]
+    findings += [_unexplained(one) for one in unexplained]
+    faulty = {t.name for one in named if one.fits[0].cause.kind is not Kind.TRUNK for t in one.trials}
+    return ForceDiagnosis(
+        findings=tuple(sorted(findings, key=lambda f: -f.weight)),
+        faulty=frozenset(faulty | {one.trial.name for one in unexplained}),
+    )
+
+
+def _findings(named: Named) -> list[Finding]:
+    """One finding; its rivals in its evidence."""
+    best, *rivals = named.fits
+    first = told(best, named.trials[0])
+    torque, change = torque_change(named.trials, best)
+    found = f"without that {100 * best.explained:.0f} % of the disagreement between motion and forces is gone"
+    if torque:
+        found += f"; it moves {torque} by {100 * change:.1f} % of body weight times height (RMS)"
+    if rivals:
+        words = [f"{told(fit, named.trials[0]).cause} ({100 * fit.explained:.0f} %)" for fit in rivals]
+        found += f"; nearly as well it is explained by: {'; or '.join(words)}"
+    where = named.trials[0].name
+    if len(named.trials) > 1:
+        where = STUDY
+        found = f"in trials {', '.join(t.name for t in named.trials)} alike; {found}"
+    weight = change / HOLDS
+    return [
+        Finding(
+            severity=Severity.ERROR if weight > 1.0 else Severity.WARNING,
+            topic=TOPIC,
+            where=where,
+            cause=first.cause,
+            found=found,
+            cure=first.cure,
+            weight=weight,
+        )
+    ]
+
+
+def _unexplained(one: Unexplained) -> Finding:
+    cause = "motion and forces disagree at the pelvis, and no single fault of the forces explains it"
+    cure = "look at the markers of pelvis and trunk, whether each foot was wholly on a plate, and mass_kg"
+    if not one.trial.trunk_seen:
+        cause = "motion and forces disagree at the pelvis, and no marker shows the trunk"
+        cure = "markers on the trunk (C7, sternum); else look at plates and mass_kg"
+    return Finding(
+        severity=Severity.WARNING,
+        topic=TOPIC,
+        where=one.trial.name,
+        cause=cause,
+        found=f"the disagreement is {one.size**0.5:.1f} times the usual one",
+        cure=cure,
+        weight=one.size**0.5 / 2.0,
+    )

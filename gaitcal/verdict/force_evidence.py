@@ -1,0 +1,315 @@
+"""What motion and force plates of one trial say against each other at the pelvis, before any force touched a parameter.
+
+    r = need - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
+
+`need` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of plate k about the
+laboratory origin. Plates are filtered as the motion is, so that both hold the same oscillations. Only the sum of the
+plates enters: which foot a plate is given to cannot be judged here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.dynamics.ground_contact import SHORTEST, UNDER_FOOT, FootPoints, GroundReactions, distance_to_line
+from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, table
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
+from gaitcal.recording import filter_plate, resample_wrench
+from gaitcal.recording.axes import ABOUT_Y
+from gaitcal.recording.filters import filterable
+from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
+from gaitcal.recording.intervals import duration, runs
+from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.study.study import StudyTrial
+from gaitcal.verdict.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
+from gaitcal.verdict.plate_forces import PlateForces
+
+STEP_S = 0.02
+"""Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
+MOST_FRAMES = 300
+"""Of one trial; a longer one is looked at in larger steps."""
+FEWEST_FRAMES = 10
+"""Below a fifth of a second nothing can be told."""
+GRID_S = 0.01
+"""Times at which a filtered plate is kept."""
+LIGHT = 0.05
+"""Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
+TOGETHER = 0.5
+"""Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
+WALKING = (0.75, 2.2)
+"""Body weights that the plates carry at most while somebody walks or runs slowly."""
+FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
+"""N in a unit of force."""
+
+MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
+"""Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
+CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
+CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75
+"""m, standard deviations of a mass centre in a person of that height."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceEvidence:
+    """One gait trial at the k frames that a diagnosis looks at."""
+
+    name: str
+    room: Array
+    """(3, 3) turns the axes of the file, y up, into those of the trial, x forward."""
+    time: Array
+    """(k,) s."""
+    q: Array
+    """(k, 27) coordinates."""
+    parameters: Parameters
+    """Joint parameters calibrated or not, inertial ones nominal."""
+    pelvis: Array
+    """(k, 3) m, its origin."""
+    need: Array
+    """(k, 6) N, N·m about the pelvis: what the motion asks for."""
+    mass_centre: Array
+    """(k, 3) m, of the body, from the pelvis origin."""
+    spread: Array
+    """(k, 6, n) change of `need` with one standard deviation of each of n unknown inertial parameters."""
+    trunk: Array
+    """(k, 6, 2) change of `need` per m of the trunk's mass centre forward and to the right."""
+    trunk_seen: bool
+    """Whether markers with weight show the trunk."""
+    plates: tuple[PlateForces, ...]
+    feet: IntArray
+    """(plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone."""
+    soles: tuple[Sole, ...]
+    """Where the feet are that stand on the plates."""
+    empty: tuple[float | None, ...]
+    """N, what each plate reads while nobody is on it; None where somebody always is."""
+    weight: float
+    """N, of the subject."""
+    height: float
+    """m."""
+
+    @property
+    def weight_of_model(self) -> float:
+        """N, of the model's segments together."""
+        return float(self.parameters.mass * GRAVITY)
+
+    @property
+    def bwh(self) -> float:
+        """N·m, body weight times height."""
+        return self.weight * self.height
+
+    @property
+    def wrenches(self) -> Array:
+        """(plates, k, 6) about the laboratory origin, as measured."""
+        return np.stack([plate.wrench for plate in self.plates])
+
+    def residual(self, wrenches: Array, need: Array | None = None) -> Array:
+        """(k, 6) what plates with wrenches (plates, k, 6) leave unexplained at the pelvis."""
+        total = wrenches.sum(axis=0)
+        about_pelvis = total[:, 3:] - np.cross(self.pelvis, total[:, :3])
+        out: Array = (self.need if need is None else need) - np.hstack([total[:, :3], about_pelvis])
+        return out
+
+    def witnesses(self, wrenches: Array, taken_away: Array) -> Array:
+        """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken away."""
+        heights = np.array([plate.middle[1] for plate in self.plates])
+        feet = under_feet(wrenches, self.soles, heights, self.weight)
+        known = [(b - x) / EMPTY_N for b, x in zip(self.empty, taken_away, strict=True) if b is not None]
+        return np.concatenate([feet, known])
+
+
+def force_evidence(
+    trial: StudyTrial,
+    recording: Recording,
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    reactions: GroundReactions,
+) -> ForceEvidence | None:
+    """The evidence of a whole-body motion over force plates; None where too few frames can be told.
+
+    Parameters
+    ----------
+    trial : as the study has it, in the axes of its file.
+    recording : the same as tracked, turned so that x is forward.
+    parameters : the motion's; their inertial parameters are those of tables, which no force has touched.
+    reactions : of the same motion; their frames count unless forces so wrong that no foot fits them left too few.
+    """
+    weight, time = model.subject.weight, motion.time
+    plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
+    if not plates:
+        return None
+    seen = _as_walked_on(plates, time, weight)
+    feet = np.array([_standing(plate, time, reactions.resting) for plate in seen])
+    frames = _chosen(time, reactions.valid)
+    points = foot_points(model, motion, parameters)
+    if seen is not plates or _off_feet(seen, feet, time, points):
+        by_time = {p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := _side(row)) is not None}
+        for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
+            again = replace(recording, plates=known)
+            sides = {**by_time, **trial.plates}
+            frames = _chosen(time, reactions_of_motion(model, parameters, motion, again, sides, motion.cutoff_hz).valid)
+            if len(frames) >= FEWEST_FRAMES:
+                break
+    if len(frames) < FEWEST_FRAMES:
+        return None
+    loads = [float(np.abs(np.nan_to_num(resample_wrench(p, time[frames]))[:, 1]).max()) for p in plates]
+    heavy = [i for i, load in enumerate(loads) if load > LIGHT * max(loads)]
+    if not heavy:
+        return None
+    standing = feet[heavy][:, frames]
+    soles = soles_of(standing, frames, points)
+    q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
+    dynamics = Dynamics(parameters)
+    need = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
+    spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
+    errors = motion.errors
+    return ForceEvidence(
+        name=trial.name,
+        room=_room(trial.recording, recording),
+        time=time[frames],
+        q=q,
+        parameters=parameters,
+        pelvis=q[:, :3],
+        need=need,
+        mass_centre=_mass_centre(dynamics, q) - q[:, :3],
+        spread=spread,
+        trunk=trunk,
+        trunk_seen=any(s == "head_trunk" and w > 0 for s, w in zip(errors.segments, errors.weight, strict=True)),
+        plates=tuple(_plate_forces(plates[i], motion, frames, _under(soles, k)) for k, i in enumerate(heavy)),
+        feet=standing,
+        soles=soles,
+        empty=tuple(empty_reading(plates[i], weight) for i in heavy),
+        weight=weight,
+        height=model.subject.height,
+    )
+
+
+def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[Array, Array]:
+    """Change of the pelvis' wrench with one standard deviation of the inertial parameters (84,), total mass held.
+
+    Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to the right;
+    `regressor` (k, 6, 12, 10) as `Dynamics.root_regressor` gives it.
+    """
+    by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, dynamic_jacobian(inertial))
+    rows = table(inertial)
+    variance = (MASS_SHARE * rows[:, 0]) ** 2
+    # given their sum, independent masses have the covariance D - d d^T / sum d
+    values, vectors = np.linalg.eigh(np.diag(variance) - np.outer(variance, variance) / variance.sum())
+    columns = [by_parameter[..., 0] @ (vectors * np.sqrt(np.clip(values, 0.0, None)))[:, 1:]]
+    for i, segment in enumerate(MASSIVE_SEGMENTS):
+        centre = CENTRE_M.get(segment.removesuffix("_r").removesuffix("_l"), CENTRE_OTHER_M)
+        columns.append(by_parameter[:, :, i, 1:4] * centre * height / CENTRE_HEIGHT_M)
+        columns.append(by_parameter[:, :, i, 4:7] * MOMENT_SHARE * rows[i, 4:7])
+    trunk = by_parameter[:, :, MASSIVE_SEGMENTS.index("head_trunk"), [1, 3]]
+    return np.concatenate(columns, axis=2), trunk
+
+
+def _room(measured: Recording, turned: Recording) -> Array:
+    """(3, 3) the quarter turn about y from one recording to the other."""
+    places = [np.nan_to_num(r.markers.reshape(-1, 3)) for r in (measured, turned)]
+    turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
+    return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
+
+
+def _as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
+    """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
+    they need neither.
+    """
+    loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
+    most = float(loads.sum(axis=0).max()) / weight
+    unit = 1.0
+    if most < 0.5 * WALKING[0]:
+        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
+    empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
+    if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
+        return plates
+    return tuple(
+        replace(plate, force=unit * plate.force - np.array([0.0, b, 0.0]), moment=unit * plate.moment)
+        for plate, b in zip(plates, empty, strict=True)
+    )
+
+
+def _standing(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
+    """(nf,) the foot that is down while the plate is loaded, by time alone: 0 right, 1 left, -1 none."""
+    out = np.full(len(time), -1)
+    for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
+        if duration(time, loaded) < SHORTEST:
+            continue
+        shares = [max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0) for k in range(len(FEET))]
+        if max(shares) > TOGETHER:
+            out[loaded] = int(np.argmax(shares))
+    return out
+
+
+def _common(one: slice, other: slice) -> float:
+    """Part of the time that two stretches cover in which both last."""
+    both = min(one.stop, other.stop) - max(one.start, other.start)
+    return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
+
+
+def _side(standing: IntArray) -> int | None:
+    """The foot that a plate carries for most of the time."""
+    counts = [int((standing == k).sum()) for k in range(len(FEET))]
+    return int(np.argmax(counts)) if max(counts) else None
+
+
+def _off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
+    """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
+    for plate, row in zip(plates, standing, strict=True):
+        wrench = np.nan_to_num(resample_wrench(plate, time))
+        for foot in range(len(FEET)):
+            on = (row == foot) & (wrench[:, 1] > LOADED_N)
+            if on.any():
+                heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
+                away = distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
+                if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
+                    return True
+    return False
+
+
+def _chosen(time: Array, valid: BoolArray) -> IntArray:
+    """Valid frames at least `STEP_S` apart, evenly fewer where there are too many."""
+    chosen: list[int] = []
+    for frame in np.flatnonzero(valid):
+        if not chosen or time[frame] - time[chosen[-1]] >= 0.99 * STEP_S:
+            chosen.append(int(frame))
+    every = -(-len(chosen) // MOST_FRAMES) if chosen else 1
+    return np.array(chosen[::every], dtype=np.int64)
+
+
+def _mass_centre(dynamics: Dynamics, q: Array) -> Array:
+    """(k, 3) m."""
+    model = dynamics.linkage.model
+    data = model.createData()
+    return np.array([pin.centerOfMass(model, data, row) for row in with_reactions(dynamics.linkage, q)])
+
+
+def _under(soles: tuple[Sole, ...], plate: int) -> Array | None:
+    """(3,) m, on the floor, the middle of the feet on a plate; None where none is told to stand on it."""
+    points = [0.5 * (sole.heel + sole.toe) for sole in soles if sole.plate == plate]
+    if not points:
+        return None
+    x, z = np.concatenate(points).mean(axis=0)
+    return np.array([x, 0.0, z])
+
+
+def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foot: Array | None) -> PlateForces:
+    """The plate filtered as the motion is; its middle that of its corners, or else of the feet on it."""
+    hz = motion.cutoff_hz
+    smooth = filter_plate(plate, hz) if filterable(plate, hz) else plate
+    until = float(plate.time[0]), float(plate.time[-1])
+    grid = np.linspace(*until, max(4, round((until[1] - until[0]) / GRID_S) + 1))
+    path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
+    corners = plate.corners
+    place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
+    middle = under_foot if place is None else place
+    return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)

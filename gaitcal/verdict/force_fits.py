@@ -1,0 +1,137 @@
+"""How well each cause alone explains the pelvis residual, and at which size.
+
+    Q_c = min over x of |y_c(x)|^2,    y_c the whitened residual without a fault of size x (`force_residual.py`)
+    gain_c = sum_t n_t / 2 log((Q_0t + FLOOR m_t) / (Q_ct + FLOOR m_t)) - p / 2 log sum_t n_t,     n_t = TEMPER m_t
+
+over trials t of m_t rows, plus what the witnesses say (`force_witnesses.py`), less log(plates) for one plate alone: the
+Bayesian information criterion with the scale of the noise unknown in each trial, but not below sqrt(FLOOR) of what
+clean walks leave. TEMPER counts rows as half: noise is not as Gaussian as that.
+A cause without a coefficient has p = 1 / 2, being one of a few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gaitcal.arrays import Array
+from gaitcal.verdict.force_causes import Cause, Kind, causes_of
+from gaitcal.verdict.force_evidence import ForceEvidence
+from gaitcal.verdict.force_residual import ForceResidual
+from gaitcal.verdict.force_witnesses import surprise
+
+FLOOR, TEMPER = 0.20, 0.5
+NO_COEFFICIENT = 0.5
+STEP = {Kind.CLOCK: 0.01}
+TURN_STEP = 0.03
+"""s, rad: by which coefficients of causes that are not linear are scaled."""
+MOST_EVALUATIONS = 25
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceFit:
+    """One cause at the size that explains most."""
+
+    cause: Cause
+    x: Array
+    """Its coefficients."""
+    gain: float
+    """Nats against no fault."""
+    explained: float
+    """Part of the disagreement, |y|^2, that is gone without the fault."""
+    gains: Array
+    """(trials,) part of the gain that each trial gives."""
+
+
+def fits(residual: ForceResidual) -> tuple[float, list[ForceFit]]:
+    """|y|^2 a row without any cause, and every cause with its best size, the best cause first."""
+    plain = residual.whitened([trial.residual(trial.wrenches) for trial in residual.trials])
+    before = residual.squares(plain)
+    found: dict[object, ForceFit] = {}
+    for cause in causes_of(residual.trials):
+        fit = _fit(residual, cause, plain, before)
+        if cause.key not in found or fit.gain > found[cause.key].gain:
+            found[cause.key] = fit
+    return float(before.sum() / residual.rows.sum()), sorted(found.values(), key=lambda f: -f.gain)
+
+
+def gains(before: Array, after: Array, rows: Array, parameters: float, choices: int = 1) -> Array:
+    """(trials,) evidence of a cause from the sums of squares (trials,) without and with it; its cost in equal parts."""
+    floor, count = FLOOR * rows, TEMPER * rows
+    cost = (0.5 * parameters * np.log(count.sum()) + np.log(choices)) / len(rows)
+    out: Array = 0.5 * count * np.log((before + floor) / (after + floor)) - cost
+    return out
+
+
+def _fit(residual: ForceResidual, cause: Cause, plain: Array, before: Array) -> ForceFit:
+    def misfit(x: Array) -> Array:
+        undone = [(trial, cause.undo(trial, x)) for trial in residual.trials]
+        return residual.whitened([trial.residual(u.wrenches, u.need) for trial, u in undone])
+
+    x: Array = np.zeros(0)
+    if not cause.parameters:
+        y = misfit(x)
+    elif cause.linear:
+        slopes = np.stack([misfit(e) - plain for e in np.eye(cause.parameters)], axis=1)
+        x = _solved(residual, cause, plain, slopes)
+        y = plain + slopes @ x
+    else:
+        x, y = _sought(misfit, cause)
+    after = residual.squares(y)
+    cost = (cause.parameters or NO_COEFFICIENT, _choices(residual, cause))
+    of_trials = gains(before, after, residual.rows, *cost) + _witnessed(residual, cause, x)
+    return ForceFit(
+        cause=cause,
+        x=x,
+        gain=float(of_trials.sum()),
+        explained=float(1.0 - after.sum() / before.sum()),
+        gains=of_trials,
+    )
+
+
+def _choices(residual: ForceResidual, cause: Cause) -> int:
+    """Among how many plates one was chosen."""
+    if not cause.plates:
+        return 1
+    return len({plate.name for trial in residual.trials for plate in trial.plates})
+
+
+def _solved(residual: ForceResidual, cause: Cause, plain: Array, slopes: Array) -> Array:
+    """Coefficients of a linear cause, by the residual and, where they tell of it, by the witnesses."""
+    if cause.witnessed:
+        plain = np.concatenate([plain, _witnesses(residual, cause, np.zeros(cause.parameters))])
+        each = [_witnesses(residual, cause, e) - plain[len(slopes) :] for e in np.eye(cause.parameters)]
+        slopes = np.concatenate([slopes, np.stack(each, axis=1)])
+    out: Array = np.linalg.lstsq(slopes, -plain, rcond=None)[0]
+    return out
+
+
+def _witnesses(residual: ForceResidual, cause: Cause, x: Array) -> Array:
+    return np.concatenate([_of_trial(trial, cause, x) for trial in residual.trials])
+
+
+def _of_trial(trial: ForceEvidence, cause: Cause, x: Array) -> Array:
+    undone = cause.undo(trial, x)
+    return trial.witnesses(undone.wrenches, np.zeros(len(trial.plates)) if undone.offsets is None else undone.offsets)
+
+
+def _witnessed(residual: ForceResidual, cause: Cause, x: Array) -> Array:
+    """(trials,) nats that the witnesses give to a cause."""
+    out = []
+    for trial in residual.trials:
+        before = trial.witnesses(trial.wrenches, np.zeros(len(trial.plates)))
+        out.append(surprise(before) - surprise(_of_trial(trial, cause, x)))
+    return np.array(out)
+
+
+def _sought(misfit: Callable[[Array], Array], cause: Cause) -> tuple[Array, Array]:
+    """Coefficients and rows at the least sum of squares, from the best of the cause's starts."""
+    step = STEP.get(cause.kind, TURN_STEP)
+    start = min((np.array(s) for s in cause.starts), key=lambda s: float((y := misfit(s)) @ y))
+    fit = least_squares(
+        lambda u: misfit(step * u), start / step, method="lm", max_nfev=MOST_EVALUATIONS * (len(start) + 1)
+    )
+    return step * fit.x, fit.fun

@@ -1,0 +1,1 @@
+"""Parts of `check_force_faults.py`: people, faults, cases and their tables."""

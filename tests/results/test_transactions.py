@@ -1,0 +1,234 @@
+"""A result folder is changed by one command at a time, from files that are whole and still are what was read."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import gaitcal.results.trials as trials_module
+from gaitcal.cli import app
+from gaitcal.commands import calibrate as calibrate_command
+from gaitcal.commands import dynamics as dynamics_command
+from gaitcal.commands import montecarlo as montecarlo_command
+from gaitcal.commands import other_programs
+from gaitcal.errors import InputError
+from gaitcal.files.lock import locked
+from gaitcal.files.snapshot import listed, sha256_of
+from gaitcal.results.saved import load_result
+from gaitcal.study import study as study_module
+from gaitcal.study.study import Study
+from tests.synthetic_studies import write_synthetic_study
+
+RUNNER = CliRunner()
+DRAWS = ("--vary", "jp", "--levels", 100, "--draws", 2, "--jobs", 1)
+CHANGED = "changed while this ran; nothing was written, run again"
+
+
+def run(*words: object) -> Result:
+    return RUNNER.invoke(app, list(map(str, words)), catch_exceptions=False)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    study = write_synthetic_study(folder / "study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
+        assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+    assert run("dynamics", folder / "result", folder / "study/walk.csv", "-q").exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "made"))
+
+
+def second_trial(folder: Path) -> Path:
+    return Path(shutil.copy(folder / "study/walk.csv", folder / "study/walk2.csv"))
+
+
+def spoil(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def edit(path: Path) -> None:
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write("\n# by hand\n")
+
+
+def last_digit(path: Path) -> None:
+    data = path.read_bytes().rstrip()
+    path.write_bytes(data[:-1] + (b"1" if data[-1:] != b"1" else b"2"))
+
+
+def after(function: Callable[..., object], then: Callable[[], object]) -> Callable[..., object]:
+    def both(*words: object, **more: object) -> object:
+        found = function(*words, **more)
+        then()
+        return found
+
+    return both
+
+
+def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+
+    def other() -> None:
+        try:
+            with locked(folder / "result", wait_s=0.0):
+                told.append("came between")
+        except InputError as error:
+            told.append(str(error))
+
+    def between() -> None:
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+
+    monkeypatch.setattr(trials_module, "trial_summary", after(trials_module.trial_summary, between))
+    monkeypatch.setattr(trials_module, "also_at", after(trials_module.also_at, between))
+    assert run("dynamics", folder / "result", second_trial(folder)).exit_code == 0
+    assert told
+    assert all("is being written by process" in line for line in told)
+    summary = json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8"))
+    assert list(summary["trials"]) == ["walk", "walk2"]
+
+
+@pytest.mark.parametrize("name", ["model.toml", "uncertainty.npz", "marker_set.toml"])
+def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = content(folder / "result/dynamics")
+    path = folder / "result" / name
+    monkeypatch.setattr(dynamics_command, "analyse", after(dynamics_command.analyse, lambda: edit(path)))
+    with pytest.raises(InputError, match=f"{name}: {CHANGED}"):
+        run("dynamics", folder / "result", second_trial(folder))
+    assert content(folder / "result/dynamics") == before
+
+
+def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, name = other_programs.WRITERS["urdf"]
+    changing = after(write, lambda: edit(folder / "result/model.toml"))
+    monkeypatch.setitem(other_programs.WRITERS, "urdf", (changing, name))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=CHANGED):
+        run("export", folder / "result")
+    assert not (folder / "result/export").exists()
+
+
+def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
+    monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
+    monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
+    report = (folder / "result/report.html").read_bytes()
+    with pytest.raises(InputError, match=CHANGED):
+        run("montecarlo", folder / "result", *DRAWS)
+    assert not (folder / "result/montecarlo/contributions.csv").exists()
+    assert (folder / "result/report.html").read_bytes() == report
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = folder / "study/walk.csv"
+    was = sha256_of(path)
+    monkeypatch.setattr(calibrate_command, "calibrate", after(calibrate_command.calibrate, lambda: edit(path)))
+    told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
+    assert "warning: changed while this ran, the result is of what was read: walk.csv; run again" in told
+    manifest = json.loads((folder / "new/manifest.json").read_text(encoding="utf-8"))
+    assert manifest["inputs_sha256"]["walk.csv"] == was
+    assert manifest["inputs_changed_while_it_ran"] == ["walk.csv"]
+
+
+@pytest.mark.parametrize("name", ["walk.csv", "study.toml", "static.csv"])
+def test_inputs_that_change_while_they_are_read(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = folder / "study" / name
+    change = edit if name == "study.toml" else last_digit
+    monkeypatch.setattr(study_module, "read_trial", after(study_module.read_trial, lambda: change(path)))
+    with pytest.raises(InputError, match=f"'{name}' changed while the study was read"):
+        Study.load(folder / "study/study.toml")
+
+
+def test_inputs_of_one_name_in_two_folders_both_count(folder: Path) -> None:
+    for day in ("monday", "tuesday"):
+        (folder / day).mkdir()
+    shutil.move(folder / "study/walk.csv", folder / "monday/trial.csv")
+    shutil.move(folder / "study/static.csv", folder / "tuesday/trial.csv")
+    path = folder / "study/study.toml"
+    text = path.read_text(encoding="utf-8").replace('"walk.csv"', '"../monday/trial.csv"')
+    path.write_text(text.replace('"static.csv"', '"../tuesday/trial.csv"'), encoding="utf-8")
+    study = Study.load(path)
+    assert {"trial.csv", "monday/trial.csv"} <= set(study.inputs)
+    assert study.changed_inputs() == ()
+    edit(folder / "monday/trial.csv")
+    assert study.changed_inputs() == ("monday/trial.csv",)
+
+
+def test_a_damaged_file_of_the_result_is_named_by_every_command(folder: Path) -> None:
+    result, trial = folder / "result", folder / "study/walk.csv"
+    commands: dict[str, tuple[object, ...]] = {
+        "uncertainty.npz": ("dynamics", result, trial),
+        "splines.npz": ("montecarlo", result, *DRAWS),
+        "marker_errors/walk.csv": ("montecarlo", result, *DRAWS),
+        "scene.npz": ("view", result, "--html", folder / "view.html"),
+    }
+    for name, words in commands.items():
+        sound = (result / name).read_bytes()
+        spoil(result / name)
+        with pytest.raises(InputError, match=f"{name}: is damaged: not as gaitcal wrote it; calibrate again"):
+            run(*words)
+        (result / name).write_bytes(sound)
+    spoil(result / "manifest.json")
+    for words in (*commands.values(), ("export", result)):
+        with pytest.raises(InputError, match=r"manifest\.json"):
+            run(*words)
+
+
+def test_an_edited_model_is_told_with_every_result_of_it(folder: Path) -> None:
+    result = folder / "result"
+    edit(result / "model.toml")
+    words = "model.toml is not as 'gaitcal calibrate' wrote it: these results are of the edited file"
+    assert load_result(result).files.edited == ("model.toml",)
+    assert words in run("dynamics", result, second_trial(folder)).stdout
+    summary = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))
+    assert any(line.startswith(f"walk2: {words}") for line in summary["warnings"])
+    assert words in run("export", result).stdout
+
+
+def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -> None:
+    result, damaged = folder / "result", folder / "result/dynamics/motion/walk.csv"
+    spoil(damaged)
+    told = "warning: walk: motion/walk.csv is damaged, or was edited: not as gaitcal wrote it; run it again"
+    for _ in range(2):
+        assert told in run("dynamics", result, second_trial(folder)).stdout
+        assert listed(result / "dynamics")["motion/walk.csv"] != sha256_of(damaged)
+    assert "is damaged" not in run("dynamics", result, folder / "study/walk.csv").stdout
+    assert all(sha256_of(result / "dynamics" / name) == digest for name, digest in listed(result / "dynamics").items())
+    spoil(result / "dynamics/summary.json")
+    before = content(result / "dynamics")
+    with pytest.raises(InputError, match=r"summary\.json: is damaged.*move the folder away"):
+        run("dynamics", result, second_trial(folder))
+    assert content(result / "dynamics") == before
+
+
+def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = folder / "result"
+    monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
+    monkeypatch.setattr(montecarlo_command, "add_monte_carlo", lambda page, *a: page.write_text("with draws") > 0)
+    assert "section Monte Carlo" in run("montecarlo", result, *DRAWS).stdout
+    assert (result / "report.html").read_text() == "with draws"
+    (result / "view.html").write_text("old")
+    run("view", result, "--html", result / "view.html")
+    hashes = listed(result)
+    assert {"report.html", "view.html", "model.toml"} <= set(hashes)
+    assert all(sha256_of(result / name) == digest for name, digest in hashes.items())
+    assert not list(result.rglob(".gaitcal-*")) and not list(folder.glob(".gaitcal-*"))
