@@ -56,6 +56,8 @@ class Attack:
     named: tuple[str, ...]
     """Regular expressions, letter case ignored, that one new message must match, all of them, to name the cause. `{x}`
     in them stands for the labels of landmark, segment or marker x in the marker set of the base (`markers.pattern`)."""
+    other_frames: tuple[str, ...] = ()
+    """Trials whose frames are no longer those of the clean run: not compared frame by frame."""
     of_files: bool = False
     """Whether `change` spoils files."""
     quick: bool = False

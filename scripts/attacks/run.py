@@ -90,7 +90,8 @@ def run(attack: Attack, clean: Clean) -> Result:
     except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
         return result(Ending.CRASH, (traceback.format_exc(limit=-3),))
     said = new(warned(calibration), clean.messages)
-    movement = largest(curves(calibration), clean.curves)
+    comparable = {name: curve for name, curve in curves(calibration).items() if name not in attack.other_frames}
+    movement = largest(comparable, clean.curves)
     moved, where = (None, "no result to compare") if movement is None else (movement.bars, movement.words)
     if any(names_cause(message, patterns) for message in said):
         return result(Ending.NAMED, said, moved, where)

@@ -210,7 +210,12 @@ def attacks() -> Row:
         c3d("walk.c3d", _corners(lambda c: np.roll(c, 2, axis=1))),
         f"{YAW}|{POINT}",
     )
-    yield from row("plate corners in metres", "pig", c3d("walk.c3d", _corners(lambda c: 0.001 * c)), f"corner|{UNITS}")
+    yield from row(
+        "plate corners in metres",
+        "pig",
+        c3d("walk.c3d", _corners(lambda c: 0.001 * c)),
+        f"corner|FORCE_PLATFORM|{UNITS}",
+    )
     yield from row(
         "plate corners 60 mm on",
         "pig synthetic",

@@ -169,7 +169,9 @@ def attacks() -> Row:
     yield from row(
         "noise of 20 mm in hip_r", "uf3", in_trial("hip_r", noisy(20.0)), "hip_r", "noise|jump|scatter|out of"
     )
-    yield from row("backwards in hip_r", "synthetic uf3", in_trial("hip_r", backwards), "backwards")
+    yield from row(
+        "backwards in hip_r", "synthetic uf3", in_trial("hip_r", backwards), "backwards", other_frames=("hip_r",)
+    )
     yield from row("four times the frame rate in hip_r", "uf3", in_trial("hip_r", other_rate(4.0)), RATE)
     yield from row(
         "the knee trial given for the hip",

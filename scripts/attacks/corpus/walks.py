@@ -54,6 +54,16 @@ def another_walk(base: str) -> StudyChange:
     return change
 
 
+JOINTS_OF = {"thigh": "hip|knee", "shank": "knee|ankle", "foot": "ankle"}
+
+
+def cluster(segment: str) -> str:
+    """Words for the markers of a segment: it, its labels, or a joint at its ends, where the next segment may be it."""
+    name, _, side = segment.partition("_")
+    word = {"r": "right", "l": "left"}[side]
+    return f"{segment}|{{{segment}}}|{word} ({name}|{JOINTS_OF[name]})"
+
+
 def attacks() -> Row:
     """Every attack on a walk."""
     row = rows(Kind.WALK)
@@ -63,26 +73,18 @@ def attacks() -> Row:
         yield from row(words, bases, in_walk(displaced(segment, key, mm, part)), f"{{{key}}}", MOVED)
     for segment, bases in (("thigh_r", "subject01 synthetic p01"), ("shank_l", "uf3 p18"), ("foot_r", "subject01")):
         yield from row(
-            f"{segment} cluster slid 20 mm up",
-            bases,
-            in_walk(slid(segment, (0, 20, 0))),
-            f"{segment}|{{{segment}}}|{segment[:-2]}",
-            MOVED,
+            f"{segment} cluster slid 20 mm up", bases, in_walk(slid(segment, (0, 20, 0))), cluster(segment), MOVED
         )
     for segment, bases in (("thigh_r", "subject01 synthetic uf3 p18"), ("shank_l", "p01 child")):
         yield from row(
-            f"{segment} cluster turned 12 deg",
-            bases,
-            in_walk(turned(segment, 12.0)),
-            f"{segment}|{{{segment}}}|{segment[:-2]}",
-            f"{MOVED}|turn",
+            f"{segment} cluster turned 12 deg", bases, in_walk(turned(segment, 12.0)), cluster(segment), f"{MOVED}|turn"
         )
     for segment, bases in (("thigh_r", "subject01 synthetic uf3"), ("shank_l", "subject01 p01")):
         yield from row(
             f"{segment} cluster mirrored",
             bases,
             in_walk(mirrored_cluster(segment)),
-            f"{segment}|{{{segment}}}|{segment[:-2]}",
+            cluster(segment),
             f"{EXCHANGED}|{MOVED}",
             quick="synthetic",
         )

@@ -24,7 +24,7 @@ POSE = r"bent|bend|flex|straight|pose|posture|upright|knee angle"
 STILL = r"still|moves|moving|sway|speed|m/s"
 MIRROR = r"mirror|handed|\bsides\b|wrong side|exchang.*(left|right)|(left|right).*exchang|lie to the left"
 UNITS = r"unit|millimet|inch|metre|scale"
-RATE = r"\bHz\b|\brate|frames a second|faster|slower|\bspeed"
+RATE = r"\bHz\b|\brate|frames a second|faster|slower|\bspeed|forces from"
 CLOCK = r"clock|\blate\b|later|sooner|early|earlier|delay|synchron|time shift"
 PLACE = r"plate.*(stands|position|shift|corner|lies|elsewhere|displac|moved)"
 YAW = r"yaw|turned|rotat|about the vertical|axes|corner|reversed"
@@ -53,7 +53,13 @@ def rows(kind: Kind) -> Callable[..., Row]:
     """A function that makes attacks of a kind: name, bases, change, words that name it."""
 
     def make(
-        name: str, bases: str, change: StudyChange | FileChange, *named: str, quick: str = "", of_files: bool = False
+        name: str,
+        bases: str,
+        change: StudyChange | FileChange,
+        *named: str,
+        quick: str = "",
+        of_files: bool = False,
+        other_frames: tuple[str, ...] = (),
     ) -> Row:
         for base in bases.split():
             yield Attack(
@@ -64,6 +70,7 @@ def rows(kind: Kind) -> Callable[..., Row]:
                 named=named,
                 quick=base in quick.split(),
                 of_files=of_files,
+                other_frames=other_frames,
             )
 
     return make
