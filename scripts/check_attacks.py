@@ -2,7 +2,7 @@
 
     python scripts/check_attacks.py [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--part K/N] [--list]
     python scripts/check_attacks.py --quick        # a dozen, in less than a minute
-    python scripts/check_attacks.py --clean        # every finding on the clean recordings
+    python scripts/check_attacks.py --clean        # every finding on the clean recordings, more of them
 
 Each attack changes one thing in one short study (static trial, walk, isolated trials: `attacks/bases.py`), which is
 then checked and calibrated as `gaitcal calibrate` would. Without options each is made on one study, the studies
@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from attacks import report  # noqa: E402
 from attacks.attack import Attack, Result  # noqa: E402
-from attacks.bases import BASES, SYNTHETIC  # noqa: E402
+from attacks.bases import EVERY, SYNTHETIC  # noqa: E402
 from attacks.corpus import corpus, once_each  # noqa: E402
 from attacks.run import Clean, run_clean, run_title  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> list[Result]:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--all", action="store_true", help="every attack on every base that it is meant for")
     parser.add_argument("--only", metavar="REGEX", help="attacks whose title matches")
-    parser.add_argument("--base", action="append", default=[], choices=list(BASES), help="clean study; may be repeated")
+    parser.add_argument("--base", action="append", default=[], choices=list(EVERY), help="clean study; may be repeated")
     parser.add_argument("--part", type=part, default=(1, 1), metavar="K/N", help="the Kth of N parts, kinds mixed")
     parser.add_argument("--quick", action="store_true", help="the few that run as a test")
     parser.add_argument("--jobs", type=int, default=1)
@@ -92,7 +92,7 @@ def main(arguments: list[str] | None = None) -> list[Result]:
         print("\n".join(attack.title for attack in attacks))
         print(f"{len(attacks)} attacks")
         return []
-    bases = chosen.base or list(BASES) if chosen.clean else list(dict.fromkeys(attack.base for attack in attacks))
+    bases = chosen.base or list(EVERY) if chosen.clean else list(dict.fromkeys(attack.base for attack in attacks))
     workers = Parallel(n_jobs=chosen.jobs, return_as="generator")
     clean = list(workers(delayed(run_clean)(base) for base in bases))
     if chosen.clean:

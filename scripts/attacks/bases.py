@@ -46,7 +46,7 @@ class Base:
 @lru_cache(maxsize=16)
 def loaded(name: str) -> Study:
     """The clean study of that name."""
-    base = BASES[name]
+    base = EVERY[name]
     with tempfile.TemporaryDirectory() as folder:
         return base.finish(Study.load(base.make(Path(folder))))
 
@@ -59,19 +59,22 @@ def data() -> Path:
     return Path(named).resolve()
 
 
-def _synthetic(folder: Path) -> Path:
-    """As `gaitcal synthesize --noise --perturb` writes it, with the default settings of a user's own study."""
-    path = synthesize(folder / "study", seed=SEED, noise=True, perturb=True)
-    study = load_study_file(path)
-    wanted = ("static", "hip_r", "knee_r", "gait")
-    trials = [
-        t.model_copy(update={"name": WALK if t.name == "gait" else t.name}) for t in study.trials if t.name in wanted
-    ]
-    path.write_text(
-        study.model_copy(update={"trials": tuple(trials), "calibration": CalibrationSettings()}).to_toml(path.parent),
-        encoding="utf-8",
-    )
-    return path
+def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ...] = ()) -> Callable[[Path], Path]:
+    """As `gaitcal synthesize` writes it, with the default settings of a user's own study; all joints, or these."""
+
+    def make(folder: Path) -> Path:
+        path = synthesize(folder / "study", seed=seed, noise=noise, perturb=perturb)
+        study = load_study_file(path)
+        trials = tuple(
+            t.model_copy(update={"name": WALK if t.name == "gait" else t.name})
+            for t in study.trials
+            if not joints or t.joint is None or t.joint in joints
+        )
+        content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings()})
+        path.write_text(content.to_toml(path.parent), encoding="utf-8")
+        return path
+
+    return make
 
 
 def _recorded(
@@ -149,7 +152,7 @@ _ALL = (
             "subject01/subject01_static.trc",
         ),
     ),
-    Base(name=SYNTHETIC, make=_synthetic),
+    Base(name=SYNTHETIC, make=_synthesized(SEED, noise=True, perturb=True, joints=("hip_r", "knee_r"))),
     Base(
         name="pig",
         make=_recorded((66.5, 1.79, "male"), "plug-in-gait", ("pig_c3d/gait.c3d", None), "pig_c3d/static.c3d"),
@@ -211,3 +214,52 @@ _ALL = (
     ),
 )
 BASES = {base.name: base for base in _ALL}
+"""Those that are attacked."""
+
+CHILDREN = {"HC030A": (45.8, 1.48), "HC031A": (27.7, 1.33), "HC032A": (60.3, 1.58)}
+"""Folder -> kg, m, as the files tell; the sex is not told."""
+_JOINTS: tuple[Joint, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
+
+_MORE = (
+    Base(name="synthetic exact", make=_synthesized(1, noise=False, perturb=False)),
+    *(Base(name=f"synthetic {seed}", make=_synthesized(seed, noise=True, perturb=True)) for seed in (2, 3)),
+    *(
+        Base(
+            name=f"multi {walk}",
+            make=_recorded(
+                (53.5, 1.634, "female"),
+                "plug-in-gait",
+                (f"labs_c3d/multi/{walk}.c3d", None),
+                "labs_c3d/multi/static.c3d",
+            ),
+            finish=_modelled_knees("labs_c3d/multi/static.c3d"),
+        )
+        for walk in ("walk04", "walk05", "walk06", "walk07")
+    ),
+    *(
+        Base(
+            name=f"child {child} {walk}",
+            make=_recorded(
+                (mass, height, "male"),
+                str(OWN_SETS / "single_sacral.toml"),
+                (f"children/{child}/{walk}.c3d", None),
+                f"children/{child}/static.c3d",
+            ),
+        )
+        for child, (mass, height) in ({"HC002D": (32.1, 1.45)} | CHILDREN).items()
+        for walk in ("straight", "turn")
+        if (child, walk) != ("HC002D", "straight")
+    ),
+    Base(
+        name="uf3 whole",
+        make=_recorded(
+            (68.17, 1.70, "male"),
+            "rcnl",
+            ("uf3/gait.trc", None),
+            "uf3/static.trc",
+            {j: f"uf3/{j}.trc" for j in _JOINTS},
+        ),
+    ),
+)
+EVERY = BASES | {base.name: base for base in _MORE}
+"""With those that are only looked at as they are."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import perf_counter
 
 from attacks.attack import Attack, Ending, Result
-from attacks.bases import BASES
+from attacks.bases import BASES, EVERY
 from attacks.corpus import corpus
 from attacks.curves import Curves, curves, largest
 from attacks.markers import pattern
@@ -42,7 +42,7 @@ class Clean:
 def run_clean(base: str) -> Clean:
     """Check and calibrate a clean study."""
     start = perf_counter()
-    study = BASES[base].study
+    study = EVERY[base].study
     findings = check_study(study)
     if errors := errors_of(findings):
         return Clean(base=base, refused=errors)
