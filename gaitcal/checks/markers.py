@@ -1,4 +1,4 @@
-"""Markers of the set in a trial: missing, unknown, named twice, seldom or never seen, held still, flattened."""
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, held, flattened."""
 
 from __future__ import annotations
 
@@ -25,6 +25,21 @@ FROZEN_S = 0.1
 MOVED_M = 0.01
 """How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
 must a marker have moved in one coordinate for another, which never changes, to be odd."""
+
+
+def strays(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers metres away from the body, which take no part there."""
+    if not trial.strays:
+        return
+    names = listed([f"'{stray.label}'" for stray in trial.strays])
+    weighed = any(trial.weight(stray.label) > LIGHT for stray in trial.strays)
+    yield trial.finding(
+        Severity.WARNING if weighed else Severity.INFO,
+        "strays",
+        listed([stray.words for stray in trial.strays]),
+        "they take no part there; label the trial again if they are needed",
+        cause=f"{names} {'is' if len(trial.strays) == 1 else 'are'} metres away from the body",
+    )
 
 
 def missing(trial: TrialEvidence) -> Iterator[Finding]:

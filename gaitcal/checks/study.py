@@ -38,6 +38,7 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (lengths.size, lengths.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
+    markers.strays,
     markers.missing,
     markers.too_few,
     markers.never_seen,
@@ -114,9 +115,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     marker_set = study.marker_set.with_weights(study.weights)
 
     def evidence(trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
-        return TrialEvidence(
-            trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
-        )
+        return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
@@ -126,7 +125,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     findings: list[Finding] = []
     for trial in trials:
         findings += _worst_first(
-            _without_consequences([*(faults if trial.trial is study.static else ()), *_check_trial(trial)])
+            _without_consequences([*(faults if trial.name == study.static.name else ()), *_check_trial(trial)])
         )
     return (*findings, *rates_differ(trials), *same_recording(trials), *several_statics.statics_agree(trials))
 
@@ -136,7 +135,7 @@ def check_further(
     trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = TrialEvidence(trial=trial, marker_set=marker_set, subject=model.subject, settings=settings, model=model)
+    evidence = TrialEvidence.of(trial, marker_set, model.subject, settings, model)
     return tuple(_worst_first(_without_consequences(_check_trial(evidence))))
 
 
