@@ -12,12 +12,14 @@ from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import LEG_SEGMENTS
 from gaitcal.recording import marker_gaps
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.intervals import duration, runs, spans
 
 SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""
 LONG_S = 0.2
 """A gap longer than this hides a part of a step."""
+RARE = 5.0
+"""% of the frames in which the pelvis may be lost for moments: the splines carry it over."""
 HALF = 0.5
 """Share of the frames, or of the markers."""
 FROZEN_S = 0.1
@@ -167,7 +169,9 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     if pelvis is not None and not pelvis.determined.all():
         lost = runs(~pelvis.determined)
         share = 100 * float(np.mean(~pelvis.determined))
-        yield trial.warning(
+        lasting = max(duration(trial.recording.time, run) for run in lost)
+        yield trial.finding(
+            Severity.WARNING if share > RARE or lasting > LONG_S else Severity.INFO,
             "gaps",
             f"fewer than three pelvis markers in {share:.0f} % of the frames ({spans(trial.recording.time, lost)})",
             "set time = [start, end] to the part where the pelvis is seen",
