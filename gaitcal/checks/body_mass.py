@@ -73,7 +73,7 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
                 continue  # a knock, or a step that the recording cuts off
             begin, end = plate.time[run.start], plate.time[run.stop - 1]
             if any(plate is own and start < end and begin < stop for own, start, stop in together):
-                continue  # of a foot on two plates each carries a part
+                continue  # a part of the foot is elsewhere
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK:
                 continue
@@ -87,9 +87,10 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _shared(trial: TrialEvidence, feet: Feet) -> list[tuple[ForcePlate, float, float]]:
-    """Loadings, plate and s from when to when, of feet that stand on two plates at once."""
+    """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside theirs."""
     found = steps(trial, feet)
-    out = []
+    partly = [step for step in found if step.distance < UNDER_FOOT and any(overhang(trial, feet, step))]
+    out = [(s.plate, float(feet.time[s.frames.start]), float(feet.time[s.frames.stop - 1])) for s in partly]
     for one, other in permutations(found, 2):
         same = one.foot == other.foot and one.plate is not other.plate
         if same and one.frames.start < other.frames.stop and other.frames.start < one.frames.stop:

@@ -206,7 +206,7 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
             "plate to foot",
             f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "
             f"partly beside it ({', '.join(partly)} outside)",
-            "the plate misses a part of the force, and no torque counts meanwhile; record the step again to have it",
+            "the plate misses a part of the force, and no torque counts meanwhile: record the step again if needed",
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from gaitcal.checks.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.strays import Stray, without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording import still_window
@@ -37,6 +38,30 @@ class TrialEvidence:
     """Nominal; None where the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None where there is no model."""
+    strays: tuple[Stray, ...] = ()
+    """Markers that the recording lacks where they were metres away from the body."""
+
+    @classmethod
+    def of(
+        cls,
+        trial: StudyTrial,
+        marker_set: MarkerSet,
+        subject: Subject,
+        settings: CalibrationSettings,
+        model: SubjectModel | None,
+        stance: Stance | None = None,
+    ) -> TrialEvidence:
+        """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
+        recording, strays = without_strays(trial.recording, marker_set.segment_of)
+        return cls(
+            trial=replace(trial, recording=recording),
+            marker_set=marker_set,
+            subject=subject,
+            settings=settings,
+            model=model,
+            stance=stance,
+            strays=strays,
+        )
 
     @property
     def name(self) -> str:
@@ -124,7 +149,8 @@ class TrialEvidence:
         groups = list(self.marker_set.tracking.items())
         if self.is_static:
             groups += list(self.marker_set.static_only.items())
-        return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0)
+        lost = {stray.label for stray in self.strays if stray.frames == stray.of}
+        return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost)
 
     @cached_property
     def present(self) -> tuple[str, ...]:

@@ -19,7 +19,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
-from gaitcal.findings import Finding, listed
+from gaitcal.checks.jumps import jump_limit
+from gaitcal.findings import Finding
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.recording.intervals import duration, runs, spans
 
@@ -31,9 +32,6 @@ DECISIVE_M = 0.003
 """Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
 BRIDGED_S = 0.1
 """Gap within which two markers may change places."""
-SPIKE_M = 0.02
-SPIKE_ACCELERATION = 300.0
-"""m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
 ARMS = ("upper_arm", "forearm_hand")
 WITNESSES = 2
 """Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
@@ -232,32 +230,3 @@ def _excess(trial: TrialEvidence, a: str, b: str) -> Array:
         present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
         out = present - _cost(trial, segment_of, a, b, (b,)) - _cost(trial, segment_of, b, a, (a,))
     return out
-
-
-def jump_limit(trial: TrialEvidence) -> float:
-    """m, how far a marker may be out of line with the frames before and after."""
-    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2)
-
-
-def spikes(trial: TrialEvidence) -> Iterator[Finding]:
-    """Single positions that lie out of line with the frames before and after."""
-    x = trial.recording.markers
-    if len(x) < 3:
-        return
-    away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
-    limit = jump_limit(trial)
-    sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
-    peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
-    labels, largest = [], 0.0
-    for label in trial.present:
-        column = trial.place[label]
-        out = np.where(peak[:, column], np.nan_to_num(away[:, column]), 0.0)
-        if (out > limit).any():
-            labels.append(f"{label} ({int((out > limit).sum())} frames)")
-            largest = max(largest, float(out.max()))
-    if labels:
-        yield trial.warning(
-            "jumps",
-            f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}",
-            'label the trial again there, or set robust = "cauchy" under [calibration]',
-        )

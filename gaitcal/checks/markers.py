@@ -1,4 +1,4 @@
-"""Markers of the set in a trial: missing, unknown, named twice, seldom or never seen, held still, flattened."""
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, held, flattened."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import LEG_SEGMENTS
 from gaitcal.recording import marker_gaps
-from gaitcal.recording.intervals import runs, spans
+from gaitcal.recording.intervals import duration, runs, spans
 
 SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""
 LONG_S = 0.2
 """A gap longer than this hides a part of a step."""
+RARE = 5.0
+"""% of the frames in which the pelvis may be lost for moments: the splines carry it over."""
 HALF = 0.5
 """Share of the frames, or of the markers."""
 FROZEN_S = 0.1
@@ -25,6 +27,21 @@ FROZEN_S = 0.1
 MOVED_M = 0.01
 """How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
 must a marker have moved in one coordinate for another, which never changes, to be odd."""
+
+
+def strays(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers metres away from the body, which take no part there."""
+    if not trial.strays:
+        return
+    names = listed([f"'{stray.label}'" for stray in trial.strays])
+    weighed = any(trial.weight(stray.label) > LIGHT for stray in trial.strays)
+    yield trial.finding(
+        Severity.WARNING if weighed else Severity.INFO,
+        "strays",
+        listed([stray.words for stray in trial.strays]),
+        "they take no part there; label the trial again if they are needed",
+        cause=f"{names} {'is' if len(trial.strays) == 1 else 'are'} metres away from the body",
+    )
 
 
 def missing(trial: TrialEvidence) -> Iterator[Finding]:
@@ -152,7 +169,9 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     if pelvis is not None and not pelvis.determined.all():
         lost = runs(~pelvis.determined)
         share = 100 * float(np.mean(~pelvis.determined))
-        yield trial.warning(
+        lasting = max(duration(trial.recording.time, run) for run in lost)
+        yield trial.finding(
+            Severity.WARNING if share > RARE or lasting > LONG_S else Severity.INFO,
             "gaps",
             f"fewer than three pelvis markers in {share:.0f} % of the frames ({spans(trial.recording.time, lost)})",
             "set time = [start, end] to the part where the pelvis is seen",

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.findings import Finding
+from gaitcal.findings import Finding, Severity
 from gaitcal.motion.roughness import HALF_POWER
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.recording.axes import net_progression
@@ -81,7 +81,8 @@ def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
     apart = {key: value for key, value in named.items() if abs(value - hz) > 0.01 * hz}
     if "CameraRate" in apart:
         agreed = "" if len(apart) == len(named) else ", as DataRate says"
-        yield trial.warning(
+        yield trial.finding(
+            Severity.INFO if trial.is_isolated or trial.is_static else Severity.WARNING,
             "time",
             f"time goes at {hz:.4g} Hz{agreed}; the header names {', '.join(f'{k} {v:g}' for k, v in apart.items())}",
             "if frames were not left out on export, the time column was invented: correct it (velocities and torques "

@@ -15,6 +15,7 @@ from gaitcal.checks import (
     contacts,
     direction,
     exchanged,
+    jumps,
     left_place,
     lengths,
     markers,
@@ -44,6 +45,7 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (lengths.size, lengths.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
+    markers.strays,
     markers.missing,
     markers.too_few,
     markers.never_seen,
@@ -54,7 +56,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     direction.heading,
     direction.sides,
     exchanged.exchanged,
-    exchanged.spikes,
+    jumps.spikes,
+    jumps.seam,
     markers.gaps,
     markers.frozen,
     markers.flat,
@@ -128,7 +131,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     measured: list[TrialEvidence] = []
     for trial in trials:
         found = _check_trial(trial)
-        findings += _worst_first(_without_consequences([*(faults if trial.trial is study.static else ()), *found]))
+        findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
         if not any(finding.topic == "units" and finding.severity is Severity.ERROR for finding in found):
             measured.append(trial)
     return (
@@ -145,14 +148,7 @@ def check_further(
     trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = TrialEvidence(
-        trial=trial,
-        marker_set=marker_set,
-        subject=model.subject,
-        settings=settings,
-        model=model,
-        stance=Stance.of_model(model),
-    )
+    evidence = TrialEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
     found = _without_consequences(_check_trial(evidence))
     return tuple(_worst_first([*found, *one_body.one_body((evidence,))]))
 
@@ -168,9 +164,7 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence
 
 def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
     marker_set = study.marker_set.with_weights(study.weights)
-    return TrialEvidence(
-        trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
-    )
+    return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:

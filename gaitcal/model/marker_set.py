@@ -123,6 +123,12 @@ class MarkerSet:
         groups = (*self.tracking.values(), *self.static_only.values())
         return tuple(label for group in groups for label in group)
 
+    @property
+    def segment_of(self) -> dict[str, str]:
+        """Label -> the segment that it follows."""
+        groups = (*self.tracking.items(), *self.static_only.items())
+        return {label: segment for segment, labels in groups for label in labels}
+
     def weight(self, label: str) -> float:
         """Weight of a marker."""
         return self.weights.get(label, 1.0)

@@ -15,6 +15,7 @@ from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
@@ -100,7 +101,8 @@ class PreparedTrial:
 
 def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> PreparedTrial:
     """Turn a trial so that x is forward, find its bandwidth and set up its problems."""
-    recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
+    on_body, _ = without_strays(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
+    recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
     body = trial_problem(trial.name, model, recording, rule)
     fitted = body

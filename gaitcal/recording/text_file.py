@@ -23,12 +23,20 @@ MISSING = frozenset(
     ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]
 )
 """What writers put where there is no number."""
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""Marks that Windows programs put before it."""
 MOST_DECIMALS = 6
 """Times given more finely than this are as good as exact."""
 EXACT_S = 1e-9
 """A grid closer than this to the times given changes nothing."""
 UNEVEN = 0.2
 """Relative departure of a time step from the median above which the user is told."""
+
+
+def _every_other_zero(content: bytes) -> bool:
+    """Whether plain letters and digits stand two bytes each, as in UTF-16 without a mark."""
+    start = content[:2000]
+    return any(start[k::2].count(0) > 0.9 * len(start[k::2]) and start[1 - k :: 2].count(0) == 0 for k in (0, 1))
 
 
 def readable_size(path: Path) -> int:
@@ -56,7 +64,11 @@ def read_lines(path: Path) -> list[str]:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
+    if content.startswith(UTF_16):
+        raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
     if b"\0" in content:
+        if _every_other_zero(content):
+            raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
         raise InputError("found binary data; a text file is needed", source=path)
     try:
         text = content.decode("utf-8-sig")

@@ -25,9 +25,13 @@ EXPLAINED = 0.10
 EXPLAINED_FREE = 0.30
 """Where only the free moment is wrong: arms and trunk turn the body too, and their model explains so much by accident
 (16 % in a walk with arms raised in its static trial)."""
-MARGIN, CLOSE = 0.75, 3.0
-"""A rival has 0.75 of the gain, or comes within 3 nats (odds of 20) where that is closer."""
+MARGIN, CLOSE, FAR = 0.75, 3.0, 25.0
+"""A rival has 0.75 of the gain and is not more than 25 nats behind, or comes within 3 nats (odds of 20)."""
 MOST_RIVALS = 3
+ODD: Mapping[Kind, Kind] = {Kind.FORCE_UNIT: Kind.GAIN, Kind.MOMENT_UNIT: Kind.FREE_MOMENT}
+"""A unit, and the cause of any factor that can stand for it."""
+UNIT_BEHIND = 8.0
+"""Nats by which a unit may be behind: an exact factor of 9.80665 or 1000 seldom comes about otherwise."""
 A_CHOICE = float(np.log(30.0))
 """Nats that each statement costs."""
 TRIAL_GAIN = -2.0
@@ -126,8 +130,18 @@ def named(found: Sequence[ForceFit]) -> tuple[ForceFit, ...]:
     if not telling or telling[0].gain < ENOUGH:
         return ()
     best = telling[0].gain
-    least = min(max(0.5 * ENOUGH, MARGIN * best), best - CLOSE)
-    return tuple(fit for fit in telling if fit.gain >= least)[: 1 + MOST_RIVALS]
+    least = min(max(0.5 * ENOUGH, MARGIN * best, best - FAR), best - CLOSE)
+    return _units_first([fit for fit in telling if fit.gain >= least])[: 1 + MOST_RIVALS]
+
+
+def _units_first(named: list[ForceFit]) -> tuple[ForceFit, ...]:
+    """A unit that explains as much as an odd factor of all plates is what is meant, and the factor is not told."""
+    units = {fit.cause.kind: fit.gain for fit in named if fit.cause.kind in ODD}
+    if not units or max(units.values()) < named[0].gain - UNIT_BEHIND:
+        return tuple(named)
+    best = max(units, key=lambda kind: units[kind])
+    left = [fit for fit in named if fit.cause.kind is not ODD[best]]
+    return tuple(sorted(left, key=lambda fit: fit.cause.kind is not best))
 
 
 def _worth_telling(fit: ForceFit) -> bool:

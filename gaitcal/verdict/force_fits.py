@@ -102,9 +102,12 @@ def _choices(residual: ForceResidual, cause: Cause) -> int:
 def _solved(residual: ForceResidual, cause: Cause, plain: Array, slopes: Array) -> Array:
     """Coefficients of a linear cause, by the residual and, where they tell of it, by the witnesses."""
     if cause.witnessed:
-        plain = np.concatenate([plain, _witnesses(residual, cause, np.zeros(cause.parameters))])
-        each = [_witnesses(residual, cause, e) - plain[len(slopes) :] for e in np.eye(cause.parameters)]
-        slopes = np.concatenate([slopes, np.stack(each, axis=1)])
+        usual = _witnesses(residual, cause, np.zeros(cause.parameters))
+        each = [_witnesses(residual, cause, e) - usual for e in np.eye(cause.parameters)]
+        both: Array = np.linalg.lstsq(
+            np.concatenate([slopes, np.stack(each, axis=1)]), -np.concatenate([plain, usual]), rcond=None
+        )[0]
+        return both
     out: Array = np.linalg.lstsq(slopes, -plain, rcond=None)[0]
     return out
 
@@ -134,4 +137,5 @@ def _sought(misfit: Callable[[Array], Array], cause: Cause) -> tuple[Array, Arra
     fit = least_squares(
         lambda u: misfit(step * u), start / step, method="lm", max_nfev=MOST_EVALUATIONS * (len(start) + 1)
     )
-    return step * fit.x, fit.fun
+    found: Array = step * fit.x
+    return found, fit.fun

@@ -63,7 +63,7 @@ def _clock(fit: ForceFit, trial: ForceEvidence) -> Told:
 def _place(fit: ForceFit, trial: ForceEvidence) -> Told:
     verb = "lie" if not fit.cause.plates else "lies"
     return Told(
-        f"{_of(fit)} {verb} {_way(_along_walk(fit, trial))} (seen along the walk)",
+        f"{_of(fit)} {verb} {_way(_along_walk(fit, trial))} (seen along '{trial.name}')",
         "correct the corners of the plates (or the points of application), or the origin of the markers",
     )
 

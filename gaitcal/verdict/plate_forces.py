@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 
 
@@ -33,8 +33,6 @@ class PlateForces:
     """(k, 3) m, centre of pressure; the middle where the plate carries nothing."""
     free: Array
     """(k, 3) N·m about `centre`."""
-    loaded: BoolArray
-    """(k,) where it carries enough to have a centre of pressure."""
     middle: Array
     """(3,) m of the surface: of its corners, or where feet stand on it."""
     place: Array
@@ -53,8 +51,8 @@ class PlateForces:
         middle: Array | None = None,
         place: Array | None = None,
     ) -> PlateForces:
-        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; this and `place` (3,) m are
-        the middle of the load where they are not known.
+        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; it and `place` (3,) m
+        are the middle of the load where they are not known.
         """
         wrench = path(time)
         height = 0.0 if middle is None else float(middle[1])
@@ -74,7 +72,6 @@ class PlateForces:
             force=force,
             centre=centre,
             free=free,
-            loaded=loaded,
             middle=middle,
             place=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9) if place is None else place,
             path=path,
@@ -100,10 +97,11 @@ class PlateForces:
         return joined(self.force, self.centre + change, self.free)
 
     def nearer(self, factor: float) -> Array:
-        """(k, 6) wrench with centres of pressure `factor` times as far from the laboratory origin."""
-        moment = self.wrench[:, 3:]
-        free = np.where(self.loaded[:, None], self.free, 0.0)
-        return np.hstack([self.force, factor * (moment - free) + free])
+        """(k, 6) wrench with centres of pressure `factor` times as far from the laboratory origin.
+
+        The free moment goes with them: a filter has mixed it with what far centres make of the horizontal force.
+        """
+        return np.hstack([self.force, factor * self.wrench[:, 3:]])
 
     def turned(self, turn: Array) -> Array:
         """(k, 6) wrench of the plate turned about its middle by a rotation (3, 3)."""

@@ -200,7 +200,7 @@ def test_an_edited_model_is_told_with_every_result_of_it(folder: Path) -> None:
     assert load_result(result).files.edited == ("model.toml",)
     assert words in run("dynamics", result, second_trial(folder)).stdout
     summary = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))
-    assert any(line.startswith(f"walk2: {words}") for line in summary["warnings"])
+    assert any(line.startswith("walk2: ") and words in line for line in summary["warnings"])
     assert words in run("export", result).stdout
 
 

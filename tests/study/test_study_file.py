@@ -236,7 +236,7 @@ def test_single_bracket_trial(folder: Path) -> None:
         (b"[subject]\nname = \"M\xfcller\"\n", "line 2 is not UTF-8"),
         (bytes(range(256)), "not UTF-8"),
         (b"\x00" * 100, "not valid TOML"),
-        (b"# " + b"x" * MAX_BYTES, "over 1 MB"),
+        (b"# " + b"x" * MAX_BYTES, "over 100 kB"),
     ],
 )  # fmt: skip
 def test_content_that_is_no_study(folder: Path, content: bytes, part: str) -> None:
