@@ -170,9 +170,11 @@ def attacks() -> Row:
         column(r"(torque|moment|_m).*[xyz]$", lambda v: 1000 * v),
         "moment|torque|unit",
     )
-    yield from row("force time in ms", "subject01", column(r"^time$", lambda v: 1000 * v), f"{CLOCK}|cover|time|{RATE}")
     yield from row(
-        "force time from 0.2 s later", "subject01 p18", column(r"^time$", lambda v: v + 0.2), f"{CLOCK}|cover|time"
+        "force time in ms", "subject01", column(r"^time$", lambda v: 1000 * v), rf"{CLOCK}|cover|\btime\b|{RATE}"
+    )
+    yield from row(
+        "force time from 0.2 s later", "subject01 p18", column(r"^time$", lambda v: v + 0.2), rf"{CLOCK}|cover|\btime\b"
     )
     yield from row("zeros for forces", "subject01", column(r"_v[xyz]$", lambda v: 0.0), NOTHING)
     yield from row(

@@ -164,7 +164,7 @@ def attacks() -> Row:
         "synthetic",
         in_trial("knee_r", delayed("shank_r[0]", 0.1)),
         "{shank_r[0]}",
-        f"late|{MOVED}",
+        rf"\blate\b|{MOVED}",
     )
     yield from row(
         "noise of 20 mm in hip_r", "uf3", in_trial("hip_r", noisy(20.0)), "hip_r", "noise|jump|scatter|out of"
