@@ -247,9 +247,7 @@ def attacks() -> Row:
     yield from row("backwards in time", "subject01 uf3", in_walk(backwards), r"backwards|direction|\btime\b")
     yield from row("tilted 5 deg against the plates", "subject01 synthetic", in_walk(tilted(5.0)), f"{TILT}|beside")
     yield from row("hardly moving", "subject01 uf3", in_walk(hardly_moving(0.02)), "walk", "still|mov|stand|step|speed")
-    yield from row(
-        "facing away: walks backwards", "pig", in_walk(backwards), r"backwards|direction|\btime\b|clock"
-    )
+    yield from row("facing away: walks backwards", "pig", in_walk(backwards), r"backwards|direction|\btime\b|clock")
 
 
 SEGMENTS = ("pelvis", *(f"{segment}_{side}" for segment in ("thigh", "shank", "foot") for side in "rl"), "head_trunk")
