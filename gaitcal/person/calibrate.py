@@ -105,7 +105,10 @@ def calibrate(study: Study, progress: Progress = silent, *, leave_out: bool = Fa
         )
         for t in trials
     )
-    kept = () if inertial is None or inertial.moved else (inertial.message,)
+    kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
+    left_out = [t.name for t in trials if t.name in diagnosis.faulty]
+    if left_out and settings.ip != "none":
+        kept += (f"inertial parameters: forces at fault say nothing of masses; left out: {', '.join(left_out)}",)
     notes = (*nominal.notes, *kept, *(note for t in results for note in t.notes))
     warnings = calibration_warnings(settings, joint.warnings if joint else (), results, parameters)
     return Calibration(
