@@ -112,11 +112,11 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     together = _together(trials) if len(trials) > 1 else None
     if together is None:
         return alone, left
-    best = together.fits[0]
-    share = {trial.name: gain for trial, gain in zip(trials, best.gains, strict=True)}
+    first = together.fits[0]
+    share = {trial.name: gain for trial, gain in zip(trials, first.gains, strict=True)}
     as_good = all(share[one.trials[0].name] > SHARED * one.fits[0].gain for one in alone)
     separately = sum(one.fits[0].gain - A_CHOICE for one in alone)
-    if as_good or best.gain - A_CHOICE > separately:
+    if as_good or first.gain - A_CHOICE > separately:
         return [together], []
     return alone, left
 

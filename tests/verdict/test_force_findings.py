@@ -21,7 +21,7 @@ from gaitcal.synthetic.motion import gait_motion
 from gaitcal.verdict import force_choice
 from gaitcal.verdict.force_choice import choose
 from gaitcal.verdict.force_diagnosis import force_findings
-from gaitcal.verdict.force_evidence import FORCE_UNITS
+from gaitcal.verdict.force_standing import FORCE_UNITS
 from gaitcal.verdict.force_torques import torque_change
 from tests.real_studies import study_text
 from tests.synthetic_studies import made_plates, write_synthetic_study
