@@ -2,6 +2,10 @@
 
 Hicks et al., Journal of Biomechanical Engineering 2015: a residual force under 5 % of the peak net external force, and
 a residual moment under 1 % of the height of the mass centre times that force.
+
+An RMS of a residual is one over valid frames and the three components everywhere (`Moments.residual_rms`). The limits
+are those of a magnitude: they are held against its peak, and drawn beside its course, on the page alone. Nothing is
+accused by them, as most good recordings go beyond; `gaitcal/verdict` asks what is wrong.
 """
 
 from __future__ import annotations

@@ -116,7 +116,10 @@ def calibrate(
         )
         for t in trials
     )
-    kept = () if inertial is None or inertial.moved else (inertial.message,)
+    kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
+    left_out = [t.name for t in trials if t.name in diagnosis.faulty]
+    if left_out and settings.ip != "none":
+        kept += (f"inertial parameters: forces at fault say nothing of masses; left out: {', '.join(left_out)}",)
     phases = _phases(joint, inertial, combined, tuple(believed))
     later = (
         *diagnosis.findings,

@@ -16,7 +16,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.verdict.force_evidence import FORCE_UNITS, ForceEvidence
+from gaitcal.verdict.force_evidence import ForceEvidence
+from gaitcal.verdict.force_standing import FORCE_UNITS
 from gaitcal.verdict.plate_forces import PlateForces, joined, rotation
 
 
@@ -86,7 +87,7 @@ class Cause:
 
 LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
 TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0]))
-GRAM, FAR_M = 0.3, 5.0
+LARGE, FAR_M = 0.3, 5.0
 """A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
 units of length asked for. A free moment is about 0.003 of body weight times height."""
 LIGHT_UNIT = 0.5
@@ -151,10 +152,10 @@ def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
                     yield Cause(kind=Kind.FORCE_UNIT, undo=_on_plates(change, ()), unit=unit)
     pairs = [(trial, plate) for trial in trials for plate in trial.plates]
     free = max(float(np.abs(plate.free).max()) / trial.bwh for trial, plate in pairs)
-    away = max(float(np.median(np.abs(plate.centre[:, [0, 2]]))) for _, plate in pairs)
-    if free > GRAM:
+    away = max(float(np.abs(plate.centre[:, [0, 2]]).max()) for _, plate in pairs)
+    if free > LARGE:
         yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free), ()))
-    if free > GRAM or away > FAR_M:
+    if free > LARGE or away > FAR_M:
         yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.moments_kept(p.force, 1e-3), ()))
     if away > FAR_M:
         for unit, metres in (("mm", 1e-3), ("cm", 1e-2)):

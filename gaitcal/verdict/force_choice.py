@@ -36,6 +36,8 @@ A_CHOICE = float(np.log(30.0))
 """Nats that each statement costs."""
 TRIAL_GAIN = -2.0
 """A cause common to all trials may not speak against itself in one of them by more than this."""
+SHARED = 0.7
+"""Of the gain of its own best cause: where a common one gives as much in every trial, it is the simpler."""
 UNEXPLAINED = 4.0
 """|y|^2 a row above which a disagreement that nothing explains is told: clean recordings have 0.2 to 1.1, and up to 1.9
 where no marker shows the trunk."""
@@ -110,8 +112,11 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     together = _together(trials) if len(trials) > 1 else None
     if together is None:
         return alone, left
+    first = together.fits[0]
+    share = {trial.name: gain for trial, gain in zip(trials, first.gains, strict=True)}
+    as_good = all(share[one.trials[0].name] > SHARED * one.fits[0].gain for one in alone)
     separately = sum(one.fits[0].gain - A_CHOICE for one in alone)
-    if together.fits[0].gain - A_CHOICE > separately:
+    if as_good or first.gain - A_CHOICE > separately:
         return [together], []
     return alone, left
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.dynamics.ground_contact import SHORTEST, UNDER_FOOT, FootPoints, GroundReactions, distance_to_line
+from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
 from gaitcal.model.build import GRAVITY
@@ -28,10 +28,9 @@ from gaitcal.motion.motion import Motion
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.axes import ABOUT_Y
 from gaitcal.recording.filters import filterable
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
-from gaitcal.recording.intervals import duration, runs
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.study.study import StudyTrial
+from gaitcal.verdict.force_standing import as_walked_on, off_feet, side_carried, standing_feet
 from gaitcal.verdict.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.verdict.plate_forces import PlateForces
 
@@ -45,12 +44,6 @@ GRID_S = 0.01
 """Times at which a filtered plate is kept."""
 LIGHT = 0.05
 """Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
-TOGETHER = 0.5
-"""Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
-WALKING = (0.75, 2.2)
-"""Body weights that the plates carry at most while somebody walks or runs slowly."""
-FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
-"""N in a unit of force."""
 
 MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
 """Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
@@ -147,16 +140,19 @@ def force_evidence(
     plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
     if not plates:
         return None
-    seen = _as_walked_on(plates, time, weight)
-    feet = np.array([_standing(plate, time, reactions.resting) for plate in seen])
+    seen = as_walked_on(plates, time, weight)
+    feet = np.array([standing_feet(plate, time, reactions.resting) for plate in seen])
     frames = _chosen(time, reactions.valid)
     points = foot_points(model, motion, parameters)
-    if seen is not plates or _off_feet(seen, feet, time, points):
-        by_time = {p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := _side(row)) is not None}
+    if seen is not plates or off_feet(seen, feet, time, points):
+        by_time = {
+            p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := side_carried(row)) is not None
+        }
+        assigned = {**by_time, **trial.plates}
         for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
             again = replace(recording, plates=known)
-            sides = {**by_time, **trial.plates}
-            frames = _chosen(time, reactions_of_motion(model, parameters, motion, again, sides, motion.cutoff_hz).valid)
+            retimed = reactions_of_motion(model, parameters, motion, again, assigned, motion.cutoff_hz)
+            frames = _chosen(time, retimed.valid)
             if len(frames) >= FEWEST_FRAMES:
                 break
     if len(frames) < FEWEST_FRAMES:
@@ -218,62 +214,6 @@ def _room(measured: Recording, turned: Recording) -> Array:
     places = [np.nan_to_num(r.markers.reshape(-1, 3)) for r in (measured, turned)]
     turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
     return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
-
-
-def _as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
-    """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
-    they need neither.
-    """
-    loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
-    most = float(loads.sum(axis=0).max()) / weight
-    unit = 1.0
-    if most < 0.5 * WALKING[0]:
-        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
-    empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
-    if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
-        return plates
-    return tuple(
-        replace(plate, force=unit * plate.force - np.array([0.0, b, 0.0]), moment=unit * plate.moment)
-        for plate, b in zip(plates, empty, strict=True)
-    )
-
-
-def _standing(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
-    """(nf,) the foot that is down while the plate is loaded, by time alone: 0 right, 1 left, -1 none."""
-    out = np.full(len(time), -1)
-    for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
-        if duration(time, loaded) < SHORTEST:
-            continue
-        shares = [max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0) for k in range(len(FEET))]
-        if max(shares) > TOGETHER:
-            out[loaded] = int(np.argmax(shares))
-    return out
-
-
-def _common(one: slice, other: slice) -> float:
-    """Part of the time that two stretches cover in which both last."""
-    both = min(one.stop, other.stop) - max(one.start, other.start)
-    return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
-
-
-def _side(standing: IntArray) -> int | None:
-    """The foot that a plate carries for most of the time."""
-    counts = [int((standing == k).sum()) for k in range(len(FEET))]
-    return int(np.argmax(counts)) if max(counts) else None
-
-
-def _off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
-    """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
-    for plate, row in zip(plates, standing, strict=True):
-        wrench = np.nan_to_num(resample_wrench(plate, time))
-        for foot in range(len(FEET)):
-            on = (row == foot) & (wrench[:, 1] > LOADED_N)
-            if on.any():
-                heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
-                away = distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
-                if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
-                    return True
-    return False
 
 
 def _chosen(time: Array, valid: BoolArray) -> IntArray:

@@ -104,12 +104,9 @@ def _solved(residual: ForceResidual, cause: Cause, plain: Array, slopes: Array) 
     if cause.witnessed:
         usual = _witnesses(residual, cause, np.zeros(cause.parameters))
         each = [_witnesses(residual, cause, e) - usual for e in np.eye(cause.parameters)]
-        both: Array = np.linalg.lstsq(
-            np.concatenate([slopes, np.stack(each, axis=1)]), -np.concatenate([plain, usual]), rcond=None
-        )[0]
-        return both
-    out: Array = np.linalg.lstsq(slopes, -plain, rcond=None)[0]
-    return out
+        slopes = np.concatenate([slopes, np.stack(each, axis=1)])
+        plain = np.concatenate([plain, usual])
+    return np.asarray(np.linalg.lstsq(slopes, -plain, rcond=None)[0], dtype=np.float64)
 
 
 def _witnesses(residual: ForceResidual, cause: Cause, x: Array) -> Array:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.recording.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.verdict.force_causes import Kind
-from gaitcal.verdict.force_evidence import FORCE_UNITS
+from gaitcal.verdict.force_standing import FORCE_UNITS
 
 Array = NDArray[np.float64]
 Change = Callable[[ForcePlate], ForcePlate]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from gaitcal.commands.console import _residuals
 from gaitcal.page.report import report_html
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
@@ -61,3 +63,19 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
     assert page.count('class="source"') == 14, "seven torques a leg"
     assert "nominal values 25 %" in page, "the largest part in words, as colour is never alone"
     assert "What makes the error bar" not in report_html(fake_calibration(errors=False))
+
+
+def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
+    whole = fake_calibration()
+    trial = whole.trial("walk")
+    assert trial.loads is not None
+    told = cast(Any, trial_summary(trial))["pelvis_residual"]
+    valid = trial.loads.reactions.valid
+    for (stage, moments), size in zip(trial.loads.moments.items(), trial.loads.residuals, strict=True):
+        by_hand = float(np.sqrt((moments.residual_force[valid] ** 2).mean()))
+        assert told[stage.key]["force_N"] == size.rms_force == moments.residual_rms(valid)[0]
+        assert size.rms_force == pytest.approx(by_hand)
+        assert told[stage.key]["torque_Nm"] == size.rms_moment
+    line = _residuals("walk", trial.loads)
+    last = trial.loads.residuals[-1]
+    assert f"{last.rms_force:.1f} N, {last.rms_moment:.1f} N·m" in line
