@@ -6,6 +6,7 @@ SIGTERM nothing of the run is left behind and the exit code is 143; what SIGKILL
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
 import signal
@@ -118,8 +119,11 @@ def _times(victim: Victim, result: Path, said: Path) -> tuple[float, float]:
 
 def _written(result: Path) -> set[Path]:
     """Hidden folders with something in them: a command is writing, or was when it was killed."""
-    pattern = ".gaitcal-tmp-*/*"
-    return {path.parent for path in (*result.parent.glob(pattern), *result.rglob(pattern))}
+    out = set()
+    for folder, folders, files in os.walk(result.parent):  # pays no heed to what vanishes meanwhile
+        if Path(folder).name.startswith(".gaitcal-tmp-") and (folders or files):
+            out.add(Path(folder))
+    return out
 
 
 def _wait(

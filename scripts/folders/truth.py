@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -18,8 +19,11 @@ PARTS = ("dynamics", "export", "montecarlo")
 
 def hidden(folder: Path) -> set[str]:
     """What gaitcal leaves beside and inside a result only while it works."""
-    beside = {p.name for p in folder.parent.glob(".gaitcal-*")}
-    return beside | {str(p.relative_to(folder)) for p in folder.rglob(".gaitcal-*")}
+    out = {path.name for path in folder.parent.glob(".gaitcal-*")}
+    for place, folders, files in os.walk(folder):  # pays no heed to what vanishes meanwhile
+        below = Path(place).relative_to(folder)
+        out |= {str(below / name) for name in (*folders, *files) if name.startswith(".gaitcal-")}
+    return out
 
 
 def content(folder: Path) -> dict[str, str]:
