@@ -70,6 +70,8 @@ HIP_HEIGHT = (0.53, 0.035)
 """Height of the ASIS above the lateral malleoli, share of height: mean and sd."""
 BOW_DEG, BEND_DEG = 2.5, 5.0
 """sd of the difference between right and left of the angle at the lateral knee, from the front and from the side."""
+LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
+"""sd of the angle from above between the lines from left to right through two landmarks."""
 AXIS_DEG = 11.0
 """sd of the difference between right and left of a joint's line, seen from above."""
 
@@ -129,7 +131,7 @@ def measures(p: Mapping[str, Array], height: float, *, even: bool = True) -> lis
     if axes is None:
         return []
     q = {name: 1e3 * (point @ axes) for name, point in p.items()}
-    found = [*_lengths(q, 1e3 * height), *_sides(q, 1e3 * height), *_angles(q)]
+    found = [*_lengths(q, 1e3 * height), *_sides(q, 1e3 * height), *_angles(q), *_lines(q)]
     return found if even else [m for m in found if not m.postural]
 
 
@@ -236,6 +238,27 @@ def _sides(q: Mapping[str, Array], height: float) -> Iterator[Measure]:
             sd=HIP_HEIGHT[1] * height,
             landmarks=tuple(ends),
             absolute=True,
+            postural=True,
+        )
+
+
+def _lines(q: Mapping[str, Array]) -> Iterator[Measure]:
+    """Angles from above between lines from a left landmark to its right namesake."""
+    for (upper, lower), sd in LINES_DEG.items():
+        names = tuple(f"{name}_{side}" for name in (upper, lower) for side in SIDES)
+        if not all(name in q for name in names):
+            continue
+        turned = []
+        for name in (upper, lower):
+            across = q[f"{name}_r"] - q[f"{name}_l"]
+            turned.append(float(np.rad2deg(np.arctan2(across[0], across[2]))))
+        yield Measure(
+            name=f"line through {upper} against {lower} from above",
+            value=(turned[0] - turned[1] + 180.0) % 360.0 - 180.0,
+            mean=0.0,
+            sd=sd,
+            landmarks=names,
+            unit="deg",
             postural=True,
         )
 

@@ -1,0 +1,226 @@
+"""The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people; nothing on sound ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.checks import check_study
+from gaitcal.checks.body_plan import measures
+from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
+from gaitcal.checks.posture import standing_legs, standing_straight
+from gaitcal.checks.static_landmarks import landmarks, proportions
+from gaitcal.findings import Finding, Severity
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.nominal import published_model
+from gaitcal.recording import Recording
+from gaitcal.study.study import Study, StudyTrial
+from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import static_motion
+from tests.checks.spoilt import Array, Change, moved, sound_study, swapped, with_trial
+from tests.real_studies import REAL, study_text
+
+ERROR, WARNING = Severity.ERROR, Severity.WARNING
+
+
+def evidence(study: Study, trial: StudyTrial) -> TrialEvidence:
+    return TrialEvidence.of(trial, study.marker_set, study.subject, study.settings, None)
+
+
+def body(study: Study) -> tuple[dict[str, Array], float]:
+    return landmarks(evidence(study, study.static)), study.subject.height
+
+
+@pytest.fixture(scope="module")
+def sound() -> Study:
+    return sound_study()
+
+
+@pytest.fixture(scope="module")
+def people(
+    data_dir: Path, sound: Study, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, tuple[dict[str, Array], float]]:
+    """Landmarks and height of a synthetic and four real people."""
+    out = {"synthetic": body(sound)}
+    for name in REAL:
+        path = tmp_path_factory.mktemp(name) / "study.toml"
+        text = study_text(name, data_dir)
+        first = text.index("[[trial]]", text.index("[[trial]]") + 1)
+        path.write_text(text[:first], encoding="utf-8")
+        out[name] = body(Study.load(path))
+    return out
+
+
+def spoilt(study: Study, change: Change) -> list[Finding]:
+    found = check_study(with_trial(study, "static", change))
+    return [f for f in found if f.where == "static" and f.severity is not Severity.INFO]
+
+
+def test_no_landmark_of_sound_people_is_accused(people: dict[str, tuple[dict[str, Array], float]]) -> None:
+    for name, (p, height) in people.items():
+        assert list(faults(p, height)) == [], name
+        assert height_factor(p, height) == 1.0
+        assert max(abs(m.z) for m in measures(p, height)) < 3.0, name
+
+
+EXCHANGES = [
+    (("knee_med_r", "knee_med_l"),),
+    (("knee_lat_r", "knee_lat_l"),),
+    (("ankle_med_r", "ankle_med_l"),),
+    (("ankle_lat_r", "ankle_lat_l"),),
+    (("knee_lat_l", "knee_med_l"),),
+    (("ankle_lat_r", "ankle_med_r"),),
+    (("asis_r", "asis_l"),),
+    (("heel_r", "toe_r"),),
+    (("heel_r", "heel_l"), ("toe_r", "toe_l")),
+    (("knee_lat_r", "knee_lat_l"), ("knee_med_r", "knee_med_l")),
+]
+
+
+@pytest.mark.parametrize("pairs", EXCHANGES, ids=lambda pairs: "+".join(a for a, _ in pairs))
+def test_exchanged_landmarks_are_found_on_everybody(
+    people: dict[str, tuple[dict[str, Array], float]], pairs: tuple[tuple[str, str], ...]
+) -> None:
+    for name, (p, height) in people.items():
+        if all(landmark in p for pair in pairs for landmark in pair):
+            first = next(faults(exchanged(p, pairs), height))
+            assert isinstance(first, Exchange) and first.pairs == pairs, (name, first)
+
+
+def test_both_medial_landmarks_across_are_two_faults_of_one_trial(
+    people: dict[str, tuple[dict[str, Array], float]],
+) -> None:
+    p, height = people["uf3"]
+    wrong = (("knee_med_r", "knee_med_l"), ("asis_r", "asis_l"))
+    found = [f for f in faults(exchanged(p, wrong), height) if isinstance(f, Exchange)]
+    assert {pair for f in found for pair in f.pairs} == set(wrong)
+
+
+@settings(max_examples=10)
+@given(
+    person=st.sampled_from(["synthetic", *REAL]),
+    landmark=st.sampled_from(["ankle_lat", "ankle_med", "knee_lat", "heel"]),
+    side=st.sampled_from("rl"),
+    direction=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3),
+)
+def test_a_landmark_90_mm_off_is_found_and_named(
+    people: dict[str, tuple[dict[str, Array], float]],
+    person: str,
+    landmark: str,
+    side: str,
+    direction: tuple[float, ...],
+) -> None:
+    p, height = people[person]
+    name = f"{landmark}_{side}"
+    if name not in p:
+        return
+    away = 0.09 * np.array(direction) / np.linalg.norm(direction)
+    first = next(faults({**p, name: p[name] + away}, height))
+    assert isinstance(first, Displaced)
+    assert name in (first.landmark, *(other for other, _ in first.rivals))
+    assert 0.05 < first.size < 0.14
+
+
+def test_how_often_a_landmark_40_mm_off_is_found(people: dict[str, tuple[dict[str, Array], float]]) -> None:
+    """In nine of ten cases on thirteen people; three of four are asked for here, as only two people stand for all."""
+    rng = np.random.default_rng(1)
+    told, named, of = 0, 0, 0
+    for p, height in (people[name] for name in ("subject01", "uf3")):
+        for name in p:
+            if name == "sacrum":
+                continue
+            away = rng.normal(size=3)
+            found = list(faults({**p, name: p[name] + 0.04 * away / np.linalg.norm(away)}, height))
+            of += 1
+            told += bool(found)
+            if found and isinstance(found[0], Displaced):
+                named += name in (found[0].landmark, *(other for other, _ in found[0].rivals))
+    assert told > 0.75 * of
+    assert named > 0.7 * of
+
+
+def test_medial_knee_labels_across_are_an_error_with_labels_and_cure(sound: Study) -> None:
+    (found,) = spoilt(sound, swapped("R.Knee.Med", "L.Knee.Med"))
+    assert (found.severity, found.topic) == (ERROR, "landmarks")
+    assert "'R.Knee.Med' and 'L.Knee.Med' carry each other's labels" in found.cause
+    assert "knee width" in found.found and "people of this height have" in found.found
+    assert '"R.Knee.Med" = "L.Knee.Med"' in found.cure
+
+
+def test_a_landmark_off_its_bone_is_told_with_side_and_millimetres(sound: Study) -> None:
+    (found,) = spoilt(sound, moved("R.Ankle.Lat", lambda x: x + [0.0, 0.035, 0.0]))
+    assert (found.severity, found.leg) == (WARNING, "r")
+    assert "'R.Ankle.Lat' lies about 3" in found.cause and "mostly up" in found.cause
+
+
+def test_a_knee_as_wide_as_two_is_refused(sound: Study) -> None:
+    found = spoilt(sound, moved("R.Knee.Lat", lambda x: x + [0.0, 0.0, 0.145]))
+    assert found[0].severity is ERROR
+    assert "knee width, right 25" in found[0].found and "'R.Knee.Lat'" in found[0].cause
+
+
+def test_upside_down(sound: Study) -> None:
+    (found,) = spoilt(sound, lambda r: replace(r, markers=r.markers * [1.0, -1.0, -1.0]))
+    assert "points down" in found.cause and found.severity is ERROR
+
+
+@pytest.mark.parametrize("factor", [0.87, 1.15])
+def test_a_height_that_no_length_goes_with(people: dict[str, tuple[dict[str, Array], float]], factor: float) -> None:
+    for name, (p, height) in people.items():
+        found = height_factor(p, factor * height)
+        assert abs(found * factor - 1.0) < 0.08, name
+        assert list(faults(p, factor * height)) == [], name
+
+
+def bent(knee: float, other: float) -> Recording:
+    """The synthetic person standing with right and left knee bent by so many degrees, hips and ankles following."""
+    motion = static_motion()
+    model = published_model(static_only=True)
+    q = motion.q.copy()
+    names = list(COORDINATES)
+    for side, angle in (("r", np.deg2rad(knee)), ("l", np.deg2rad(other))):
+        q[:, names.index(f"hip_flexion_{side}")] += 0.5 * angle
+        q[:, names.index(f"knee_angle_{side}")] += angle
+        q[:, names.index(f"ankle_angle_{side}")] += 0.5 * angle
+    markers = synthetic_markers(model.parameters, model.markers, q)
+    return Recording(source="bent", time=motion.basis.time, labels=model.markers.labels, markers=markers)
+
+
+@pytest.mark.parametrize(
+    ("knees", "cause", "severity"),
+    [((15.0, 12.0), None, None), ((45.0, 42.0), "bent knees", WARNING), ((50.0, 5.0), "unevenly", WARNING)],
+)
+def test_how_somebody_stands_is_told_and_no_landmark_accused(
+    sound: Study, knees: tuple[float, float], cause: str | None, severity: Severity | None
+) -> None:
+    trial = evidence(sound, replace(sound.static, recording=bent(*knees)))
+    stands = standing_legs(landmarks(trial), sound.subject.height)
+    assert stands is not None and np.allclose(stands.knees, knees, atol=2.0)
+    assert list(proportions(trial)) == []
+    found = list(standing_straight(trial))
+    assert [(f.severity, cause in f.cause) for f in found if cause] == ([(severity, True)] if cause else [])
+    assert bool(found) is bool(cause)
+
+
+def test_sitting_is_refused(sound: Study) -> None:
+    trial = evidence(sound, replace(sound.static, recording=sitting()))
+    assert [f.severity for f in standing_straight(trial)] == [ERROR]
+
+
+def sitting() -> Recording:
+    return bent(170.0, 170.0)
+
+
+def test_arms_do_not_matter(sound: Study) -> None:
+    def raised(r: Recording) -> Recording:
+        for label in ("R.Elbow", "R.Wrist.Lat", "R.Wrist.Med", "L.Elbow", "L.Wrist.Lat", "L.Wrist.Med"):
+            r = moved(label, lambda x: x + [0.1, 0.4, 0.0])(r)
+        return r
+
+    assert spoilt(sound, raised) == []
