@@ -48,6 +48,8 @@ class Cluster:
     """(n,) markers; the last may be borrowed."""
     borrowed: bool
     """Whether the last point belongs to the segment above."""
+    reduced: bool
+    """Whether it borrows though the static trial has enough markers: some have no weight, or are missing here."""
     static: Array
     """(n, 3) m, s."""
     shape: Array
@@ -142,7 +144,8 @@ def clusters_of(
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
         if len(labels) >= FEWEST:
-            cluster = _cluster(segment, tuple(labels), lent is not None, np.array(static), np.stack(paths, axis=1))
+            reduced = lent is not None and len(stance.points[segment]) >= FEWEST
+            cluster = _cluster(segment, tuple(labels), lent is not None, reduced, np.array(static), np.stack(paths, 1))
             if cluster is not None:
                 out[segment] = cluster
     return out
@@ -170,7 +173,9 @@ def _borrowed(
     return labels[0], stance.landmarks[name], recording.markers[:, recording.labels.index(labels[0])]
 
 
-def _cluster(segment: str, labels: tuple[str, ...], borrowed: bool, static: Array, paths: Array) -> Cluster | None:
+def _cluster(
+    segment: str, labels: tuple[str, ...], borrowed: bool, reduced: bool, static: Array, paths: Array
+) -> Cluster | None:
     """From paths (nf, n, 3); None where no frame shows three points."""
     seen = seen_mask(paths)
     enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
@@ -189,6 +194,7 @@ def _cluster(segment: str, labels: tuple[str, ...], borrowed: bool, static: Arra
         segment=segment,
         labels=labels,
         borrowed=borrowed,
+        reduced=reduced,
         static=static,
         shape=shape,
         rotation=fit.rotation,

@@ -61,8 +61,8 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
 def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence[TrialEvidence]) -> Finding:
     """One cause, and the trials that show it."""
     trial, worst = max(group, key=lambda pair: pair[1].excess)
-    names = [t.name for t, _ in group]
-    everywhere = len(group) > 1
+    names = list(dict.fromkeys(t.name for t, _ in group))
+    everywhere = len(names) > 1
     when = f"throughout {listed(names)}" if everywhere else _seconds(trial)
     return Finding(
         severity=_severity(worst),
@@ -71,7 +71,7 @@ def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence
         source="" if everywhere else trial.source,
         cause=_cause(worst, "the static trial"),
         found=f"{_evidence(worst)} ({when})",
-        cure=_cure(worst, everywhere and len(group) == len(moving)),
+        cure=_cure(worst, everywhere and len(names) == len(moving)),
         leg=_side(worst.segment),
         weight=worst.excess,
     )
