@@ -16,6 +16,7 @@ from gaitcal.checks import (
     exchanged,
     jumps,
     lengths,
+    marker_places,
     markers,
     plates,
     posture,
@@ -59,6 +60,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     standing.stillness,
     static_landmarks.proportions,
     posture.standing_straight,
+    marker_places.on_segments,
     sampling.rate,
     sampling.header_rate,
     sampling.speed,
@@ -77,7 +79,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
 
 
 CONSEQUENCES = {
-    "landmarks": ("static trial", "posture", "sides", "axes"),
+    "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
     "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time"),
     "sides": ("exchanged", "heading", "plate to foot", "plates"),
 }
