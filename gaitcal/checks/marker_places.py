@@ -16,10 +16,12 @@ from gaitcal.checks.several_statics import still_positions
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import SIDES
 
+LIMBS = ("thigh", "shank")
 FARTHEST = 0.14
 """Share of body height; a marker on a stick is farther off than skin, by some 0.05."""
-ELSEWHERE, CLEARLY = 0.10, 0.5
-"""From the first share of body height on, a marker of a leg belongs to another segment that is nearer by the second."""
+ELSEWHERE, CLEARLY = 0.06, 0.4
+"""From the first share of body height on, a marker of a thigh or shank that another of these is nearer to by the second
+belongs to that one: on thirteen people the nearest such neighbour is 0.9 times as far as the marker's own segment."""
 
 
 def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
@@ -35,14 +37,15 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
         away = {other: _distance(position, *ends) for other, ends in lines.items()}
         nearest = min(away, key=lambda other: away[other])
         share = away[segment] / trial.subject.height
-        other = segment != "pelvis" and share > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
+        limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
+        other = limbs and share > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
         if share > FARTHEST or other:
             told.append(f"'{label}' {1e3 * away[segment]:.0f} mm from {segment} (nearest: {nearest})")
     if told:
         yield trial.finding(
             Severity.ERROR,
             "marker places",
-            f"{listed(told)}; usual: up to {1e3 * ELSEWHERE * trial.subject.height:.0f} mm",
+            f"{listed(told)}; usual: up to {1e3 * ELSEWHERE * trial.subject.height:.0f} mm, and nearer than any other",
             "label the static trial again, or give the marker no weight and leave it out of the file",
             cause="markers do not lie at the segments that they are to follow",
             weight=5.0,
