@@ -10,7 +10,7 @@ their component along the axis that they lie along, so that whatever lies on the
 length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR II (ankle width
 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations 0.0022 and 0.007), widths with 7 mm of
 marker and skin on either side. Standard deviations are wider than either: they hold landmarks as laboratories palpate
-them, measured on thirteen recordings of grown people and children (greatest |z| 2.6).
+them, measured on thirteen recordings of grown people and children (greatest |z| 2.5).
 """
 
 from __future__ import annotations
