@@ -197,13 +197,8 @@ def _length(q: Mapping[str, Array], a: str, b: str, name: str) -> float:
     """mm, negative where the two lie the wrong way round along the body's axis that they should lie along."""
     d = q[b] - q[a]
     length = float(np.linalg.norm(d))
-    if name == "heel to toe":
-        return length if d[0] >= 0 else -length
-    if name == "ASIS to sacrum":
-        return length if d[0] <= 0 else -length
-    if name in ("shank", "medial shank", "ASIS to knee"):
-        return length if d[1] <= 0 else -length
-    return length
+    along = {"heel to toe": d[0], "ASIS to sacrum": -d[0], "shank": -d[1], "medial shank": -d[1], "ASIS to knee": -d[1]}
+    return length if along.get(name, 1.0) >= 0 else -length
 
 
 def _sides(q: Mapping[str, Array], height: float) -> Iterator[Measure]:
