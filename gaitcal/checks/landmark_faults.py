@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.checks.body_build import cost_of_build
 from gaitcal.checks.body_plan import Measure, body_axes, cost, measures
 from gaitcal.model.linkage import SIDES
 
@@ -121,6 +122,8 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
+    if cost_of_build(p, height, even=even) < least + RIVAL:
+        return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
     return Displaced(landmark=name, away=away, rivals=rivals, before=told)
 
