@@ -1,7 +1,7 @@
 """How people are built and stand, as no fault of any landmark: legs bow, bones are twisted, feet turn, somebody leans.
 
-A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whatever made it do so: posture,
-or bone. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and ankles
+A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whatever made it do so:
+posture, or bone. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and ankles
 of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
 
     min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z,

@@ -10,7 +10,7 @@ their component along the axis that they lie along, so that whatever lies on the
 length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR II (ankle width
 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations 0.0022 and 0.007), widths with 7 mm of
 marker and skin on either side. Standard deviations are wider than either: they hold landmarks as laboratories palpate
-them, measured on thirteen recordings of grown people and children (greatest |z| 2.6).
+them, measured on thirteen recordings of grown people and children (greatest |z| 2.5).
 """
 
 from __future__ import annotations
@@ -197,13 +197,8 @@ def _length(q: Mapping[str, Array], a: str, b: str, name: str) -> float:
     """mm, negative where the two lie the wrong way round along the body's axis that they should lie along."""
     d = q[b] - q[a]
     length = float(np.linalg.norm(d))
-    if name == "heel to toe":
-        return length if d[0] >= 0 else -length
-    if name == "ASIS to sacrum":
-        return length if d[0] <= 0 else -length
-    if name in ("shank", "medial shank", "ASIS to knee"):
-        return length if d[1] <= 0 else -length
-    return length
+    along = {"heel to toe": d[0], "ASIS to sacrum": -d[0], "shank": -d[1], "medial shank": -d[1], "ASIS to knee": -d[1]}
+    return length if along.get(name, 1.0) >= 0 else -length
 
 
 def _sides(q: Mapping[str, Array], height: float) -> Iterator[Measure]:

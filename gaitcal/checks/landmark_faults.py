@@ -24,14 +24,20 @@ from gaitcal.model.linkage import SIDES
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""
-DISPLACED_SAVES = 14.0
-"""Least gain of J that a displaced landmark is told for: on clean recordings one saves at most 9."""
-DISPLACED_M = 0.020
-"""Smallest displacement told: on clean recordings the best one measures up to 18 mm."""
+DISPLACED_SAVES = 18.0
+"""Least gain of J that a displaced landmark is told for. On the thirteen recordings one saves at most 11.5; where all
+landmarks are put on with 3 mm of error along each axis, which makes J what it is there, none of 50 is told, with 4 mm
+1 or 2."""
+DISPLACED_M = 0.022
+"""Smallest displacement told."""
 SPREAD_M = 0.060
 """D: landmarks that are wrong are rarely wrong by more."""
 RIVAL = 6.0
 """Candidates within this much of the best J (odds of 20 to 1) are told beside it."""
+BUILD_SAVES = 12.0
+"""By how much build and stance must explain the measures better than one landmark does for none to be blamed: people
+whose joint axes are turned at random by up to 10 deg in every segment save 17 to 160; one landmark displaced by 30 to
+60 mm, never more than 8."""
 SUSPICIOUS_Z = 2.2
 """Largest |z| up to which nothing is searched."""
 MOST_FAULTS = 3
@@ -122,7 +128,7 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
-    if cost_of_build(p, height, even=even) < least + RIVAL:
+    if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
         return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
     return Displaced(landmark=name, away=away, rivals=rivals, before=told)

@@ -18,6 +18,7 @@ from gaitcal.checks import (
     jumps,
     left_place,
     lengths,
+    marker_places,
     markers,
     moving_joint,
     one_body,
@@ -67,6 +68,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     standing.stillness,
     static_landmarks.proportions,
     posture.standing_straight,
+    marker_places.on_segments,
     sampling.rate,
     sampling.header_rate,
     sampling.speed,
@@ -85,7 +87,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
 
 
 CONSEQUENCES = {
-    "landmarks": ("static trial", "posture", "sides", "axes"),
+    "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
     "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time"),
     "sides": ("exchanged", "heading", "plate to foot", "plates"),
 }

@@ -118,3 +118,25 @@ def test_mass_against_standing_force(sound: Study) -> None:
     assert "69.4 kg" in findings(study, "body mass", INFO)[0].found
     heavier = replace(study, subject=replace(study.subject, mass=80.0))
     assert "69.4 kg while standing; subject.mass_kg is 80" in findings(heavier, "body mass", WARNING)[0].found
+
+
+def test_plates_that_touch_are_one_surface(sound: Study) -> None:
+    """A foot across the border of two plates is fine; beside both of them it is not."""
+
+    def bordered(end: float) -> Change:
+        """Plate 1 ends at x = `end`, where plate 3 begins."""
+        beyond = np.array([[10.0, 0.0, -10.0], [end, 0.0, -10.0], [end, 0.0, 10.0], [10.0, 0.0, 10.0]])
+
+        def spoil(r: Recording) -> Recording:
+            more = replace(r.plates[0], name="3", force=0.0 * r.plates[0].force, corners=beyond)
+            return replace(with_corners(end)(r), plates=(*with_corners(end)(r).plates, more))
+
+        return spoil
+
+    walk = next(t for t in sound.trials if t.name == "walk").recording
+    loaded = np.nan_to_num(walk.plates[0].force[:, 1]) > 300.0
+    middle = float(np.median(walk.plates[0].point[loaded, 0]))
+    partly = findings(with_trial(sound, "walk", bordered(middle)), "plate to foot", WARNING)
+    assert not any("plate 1" in f.found and "partly beside" in f.found for f in partly)
+    alone = findings(with_trial(sound, "walk", with_corners(middle)), "plate to foot", WARNING)
+    assert any("plate 1" in f.found and "partly beside" in f.found and "none" not in f.cure for f in alone)

@@ -165,6 +165,12 @@ def test_a_knee_as_wide_as_two_is_refused(sound: Study) -> None:
     assert "knee width, right 25" in found[0].found and "'R.Knee.Lat'" in found[0].cause
 
 
+def test_markers_of_thigh_and_shank_exchanged(sound: Study) -> None:
+    found = spoilt(sound, swapped("R.Thigh.Upper", "R.Shank.Rear"))
+    assert [f.severity for f in found] == [ERROR]
+    assert "'R.Thigh.Upper'" in found[0].found and "nearest: shank_r" in found[0].found
+
+
 def test_upside_down(sound: Study) -> None:
     (found,) = spoilt(sound, lambda r: replace(r, markers=r.markers * [1.0, -1.0, -1.0]))
     assert "points down" in found.cause and found.severity is ERROR

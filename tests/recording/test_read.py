@@ -8,6 +8,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.recording import read_forces, read_recording, write_c3d, write_forces_csv
+from gaitcal.recording.text_file import read_lines
 from tests.recording.recordings import loaded_body
 
 
@@ -49,6 +50,15 @@ def test_a_c3d_named_trc(tmp_path: Path) -> None:
     write_c3d(path, loaded_body())
     with pytest.raises(InputError, match="binary data"):
         read_recording(path.rename(tmp_path / "x.trc"))
+
+
+@pytest.mark.parametrize("name", ["x.trc", "x.csv", "x.mot"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_is_told_to_be_saved_as_utf_8(tmp_path: Path, name: str, encoding: str) -> None:
+    path = tmp_path / name
+    path.write_bytes("time,A_x,A_y,A_z\n0,1,2,3\n0.01,1,2,3\n".encode(encoding))
+    with pytest.raises(InputError, match="found UTF-16 text; save the file as UTF-8"):
+        read_recording(path) if name != "x.mot" else read_lines(path)
 
 
 def test_given_forces_take_the_place_of_the_plates(tmp_path: Path) -> None:

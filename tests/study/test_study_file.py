@@ -237,6 +237,10 @@ def test_single_bracket_trial(folder: Path) -> None:
         (bytes(range(256)), "not UTF-8"),
         (b"\x00" * 100, "not valid TOML"),
         (b"# " + b"x" * MAX_BYTES, "over 100 kB"),
+        (STUDY.encode("utf-16"), "found UTF-16 text; save the file as UTF-8"),
+        (b".".join([b"a"] * 40_000) + b" = 1", "line 1 nests tables over 30 deep"),
+        (b"[subject]\n[" + b" . ".join([b'"a"'] * 2000) + b"]", "line 2 nests tables"),
+        (b"a = " + b"[" * 40_000, "nested too deeply"),
     ],
 )  # fmt: skip
 def test_content_that_is_no_study(folder: Path, content: bytes, part: str) -> None:

@@ -1,0 +1,40 @@
+"""What is offered for a name that nobody knows: never its namesake on the other side."""
+
+from __future__ import annotations
+
+import pytest
+
+from gaitcal.errors import alike, nearest, side_named
+
+
+@pytest.mark.parametrize(
+    ("label", "side"),
+    [
+        *[
+            (label, "r")
+            for label in ("RKNE", "R.Knee", "R_Knee", "knee_r", "kneeR", "Right_Knee", "Knee_Right", "rKnee")
+        ],
+        *[(label, "l") for label in ("LKNE", "L.Knee", "hip_l", "left knee", "LeftKnee")],
+        *[(label, "") for label in ("V.Sacral", "C7", "role", "rule", "clav", "Lumbar", "Rate", "Sternum", "legs")],
+    ],
+)
+def test_the_side_that_a_label_names(label: str, side: str) -> None:
+    assert side_named(label) == side
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed", "offered"),
+    [
+        ("RKNE", ["LKNE"], []),
+        ("RKNE", ["LKNE", "RKNEE"], ["RKNEE"]),
+        ("rkne", ["lkne"], []),
+        ("RHEEL", ["LHEE", "LHEEL"], []),
+        ("Right knee", ["Left knee"], []),
+        ("R_Ankle", ["L_Ankle", "R_Ankel"], ["R_Ankel"]),
+        ("rigth", ["left", "right", "both"], ["right"]),
+        ("staic", ["static", "gait"], ["static"]),
+    ],
+)
+def test_what_is_offered(name: str, allowed: list[str], offered: list[str]) -> None:
+    assert alike(name, allowed) == offered
+    assert nearest(name, allowed) == (f"; did you mean '{offered[0]}'?" if offered else "")
