@@ -1,7 +1,7 @@
 """How people are built and stand, as no fault of any landmark: legs bow, bones are twisted, feet turn, somebody leans.
 
-A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whatever made it do so:
-posture, or bone. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and ankles
+A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whether posture or bone made it
+do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and ankles
 of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
 
     min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z,
@@ -41,7 +41,7 @@ Landmarks = Mapping[str, Array]
 def cost_of_build(p: Landmarks, height: float, *, even: bool = True) -> float:
     """What it costs to explain landmarks p ((3,) m each, y up) by build and stance alone."""
     z = _deviations(p, height, even)
-    columns = [(_deviations(moved, height, even) - z) * scale for moved, scale in _moved(p)]
+    columns = [(_deviations(moved, height, even) - z) * scale for moved, scale in moved(p)]
     if not columns:
         return float(z @ z)
     U, s, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
@@ -52,7 +52,7 @@ def _deviations(p: Landmarks, height: float, even: bool) -> Array:
     return np.array([m.z for m in measures(p, height, even=even)])
 
 
-def _moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
+def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
     """Landmarks with one joint turned or shifted a little, and how many such steps its standard deviation has."""
     axes = body_axes(p)
     if axes is None:
