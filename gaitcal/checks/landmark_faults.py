@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.checks.body_build import cost_of_build
 from gaitcal.checks.body_plan import Measure, body_axes, cost, measures
 from gaitcal.model.linkage import SIDES
 
@@ -33,6 +34,10 @@ SPREAD_M = 0.060
 """D: landmarks that are wrong are rarely wrong by more."""
 RIVAL = 6.0
 """Candidates within this much of the best J (odds of 20 to 1) are told beside it."""
+BUILD_SAVES = 12.0
+"""By how much build and stance must explain the measures better than one landmark does for none to be blamed: people
+whose joint axes are turned at random by up to 10 deg in every segment save 17 to 160; one landmark displaced by 30 to
+60 mm, never more than 8."""
 SUSPICIOUS_Z = 2.2
 """Largest |z| up to which nothing is searched."""
 MOST_FAULTS = 3
@@ -123,6 +128,8 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
+    if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
+        return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
     return Displaced(landmark=name, away=away, rivals=rivals, before=told)
 

@@ -10,12 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.checks import check_study
-from gaitcal.checks.body_plan import measures
+from gaitcal.checks import body_build, check_study
+from gaitcal.checks.body_build import cost_of_build
+from gaitcal.checks.body_plan import cost, measures
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
 from gaitcal.checks.posture import standing_legs, standing_straight
+from gaitcal.checks.standing import nominal_model_of
 from gaitcal.checks.static_landmarks import landmarks, proportions
+from gaitcal.checks.study import evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
@@ -23,6 +26,7 @@ from gaitcal.recording import Recording
 from gaitcal.study.study import Study, StudyTrial
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import static_motion
+from gaitcal.synthetic.subject import synthesize
 from tests.checks.spoilt import Array, Change, moved, sound_study, swapped, with_trial
 from tests.real_studies import REAL, study_text
 
@@ -230,3 +234,26 @@ def test_arms_do_not_matter(sound: Study) -> None:
         return r
 
     assert spoilt(sound, raised) == []
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
+    """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of its segments."""
+    study = Study.load(synthesize(tmp_path, seed=seed, perturb=True))
+    model, _ = nominal_model_of(study)
+    (static,) = (trial for trial in evidence_of(study, model) if trial.is_static)
+    assert list(proportions(static)) == []
+    p, height = landmarks(static), study.subject.height
+    assert cost_of_build(p, height) < 0.8 * cost(measures(p, height))
+
+
+def test_the_cost_of_build_is_the_least_of_turns_and_shifts(sound: Study) -> None:
+    """Against the same least squares solved densely; one landmark alone is no build."""
+    rng = np.random.default_rng(3)
+    standing, height = body(sound)
+    p = {name: point + 0.01 * rng.normal(size=3) for name, point in standing.items()}
+    z = np.array([m.z for m in measures(p, height)])
+    columns = [(np.array([m.z for m in measures(q, height)]) - z) * scale for q, scale in body_build.moved(p)]
+    stacked = np.vstack([np.stack(columns, axis=1), np.eye(len(columns))])
+    least = np.linalg.lstsq(stacked, np.concatenate([z, np.zeros(len(columns))]), rcond=None)[1]
+    assert cost_of_build(p, height) == pytest.approx(float(least[0]), rel=1e-8)
