@@ -21,6 +21,7 @@ import gaitcal
 
 MODULES = (
     "gaitcal",
+    "gaitcal.findings",
     "gaitcal.study.study",
     "gaitcal.person.result",
     "gaitcal.person.hold_out",

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitcal.verdict.force_causes import Kind
 from gaitcal.verdict.force_evidence import ForceEvidence
-from gaitcal.verdict.force_fits import ForceFit, fits
+from gaitcal.verdict.force_fits import ForceFit, at_size, fits
 from gaitcal.verdict.force_residual import ForceResidual
 
 ENOUGH = 7.0
@@ -70,8 +70,8 @@ MOST: Mapping[Kind, tuple[float, float]] = {
     Kind.PLACE: (-1.5, 1.5),
     Kind.TILT: (-0.35, 0.35),
     Kind.MARKERS_TILTED: (-0.35, 0.35),
-    Kind.GAIN: (-0.95, 15.0),
-    Kind.VERTICAL_GAIN: (-0.95, 15.0),
+    Kind.GAIN: (-0.95, 30.0),
+    Kind.VERTICAL_GAIN: (-0.95, 30.0),
     Kind.HORIZONTAL_GAIN: (-0.9, 9.0),
     Kind.FREE_MOMENT: (-2.5, 299.0),
     Kind.OFFSET: (-300.0, 300.0),
@@ -103,13 +103,14 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     """What is wrong with the forces of the trials of one session."""
     alone: list[Named] = []
     left: list[Unexplained] = []
-    for trial in trials:
-        size, found = fits(ForceResidual([trial]))
+    residuals = [ForceResidual([trial]) for trial in trials]
+    for trial, residual in zip(trials, residuals, strict=True):
+        size, found = fits(residual)
         if best := named(found):
             alone.append(Named(trials=(trial,), fits=best))
         elif size > UNEXPLAINED:
             left.append(Unexplained(trial=trial, size=size))
-    together = _together(trials) if len(trials) > 1 else None
+    together = _together(residuals) if len(trials) > 1 else None
     if together is None:
         return alone, left
     first = together.fits[0]
@@ -121,12 +122,16 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     return alone, left
 
 
-def _together(trials: Sequence[ForceEvidence]) -> Named | None:
-    """A cause that all trials share."""
-    residual = ForceResidual(trials)
-    _, found = fits(residual)
-    best = named([fit for fit in found if (fit.gains > TRIAL_GAIN).all()])
-    return Named(trials=tuple(trials), fits=best) if best else None
+def _together(alone: Sequence[ForceResidual]) -> Named | None:
+    """A cause that all trials share, its size sought in all of them and its gain summed over each by itself.
+
+    Marginalised together, the inertial errors would carry a fault of one trial into all others.
+    """
+    trials = tuple(trial for residual in alone for trial in residual.trials)
+    _, found = fits(ForceResidual(trials))
+    common = [at_size(alone, fit) for fit in found if fit.gain > 0.0]
+    best = named(sorted((fit for fit in common if (fit.gains > TRIAL_GAIN).all()), key=lambda fit: -fit.gain))
+    return Named(trials=trials, fits=best) if best else None
 
 
 def named(found: Sequence[ForceFit]) -> tuple[ForceFit, ...]:

@@ -1,6 +1,14 @@
 """Findings on the forces of a session: what explains that they disagree with the motion, or that nothing does.
 
-A fault is an error where it moves a torque of a leg by more than its error bar can hold; below that it is a warning.
+A fault is an error where it moves a torque of a leg by more than its error bar can hold (`HOLDS`, RMS); below that it
+is a warning.
+
+Measured by `scripts/check_force_faults.py --seed 7`, 378 faults in 18 walks of ten people and 3 of synthetic ones:
+right cause first 303, in the set 10, another plate 3, wrong 7, nothing told 55; sizes found over true ones 1.00 (10 to
+90 %: 0.86 to 1.10), 125 of 144 within 20 %; nothing told of the clean walks. Found from, in 80 % of cases: clock 17 ms;
+place 64 mm; tilt 2, of one plate 3, of markers 4 deg; yaw 6 deg; gain of all 11, vertical 6, horizontal 20 %, of one
+plate 18 to 60 %; offset 20 N; free moment 2.3 times, its sign seldom; signs, axes, units, exchanged plates always or
+nearly so. Taken for each other: gain and vertical gain; one plate and all; exchanged axes, horizontal gain and yaw.
 """
 
 from __future__ import annotations

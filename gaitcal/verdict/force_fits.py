@@ -11,14 +11,14 @@ A cause without a coefficient has p = 1 / 2, being one of a few.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.verdict.force_causes import Cause, Kind, causes_of
+from gaitcal.verdict.force_causes import Cause, Kind, Undone, causes_of
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_residual import ForceResidual
 from gaitcal.verdict.force_witnesses import surprise
@@ -48,7 +48,7 @@ class ForceFit:
 
 def fits(residual: ForceResidual) -> tuple[float, list[ForceFit]]:
     """|y|^2 a row without any cause, and every cause with its best size, the best cause first."""
-    plain = residual.whitened([trial.residual(trial.wrenches) for trial in residual.trials])
+    plain = _whitened(residual, None, np.zeros(0))
     before = residual.squares(plain)
     found: dict[object, ForceFit] = {}
     for cause in causes_of(residual.trials):
@@ -66,10 +66,41 @@ def gains(before: Array, after: Array, rows: Array, parameters: float, choices: 
     return out
 
 
+def at_size(alone: Sequence[ForceResidual], fit: ForceFit) -> ForceFit:
+    """The same cause of the same size in several trials, each by itself."""
+    rows = np.array([residual.rows.sum() for residual in alone])
+    before, after = np.zeros(len(alone)), np.zeros(len(alone))
+    for i, residual in enumerate(alone):
+        before[i] = residual.squares(_whitened(residual, None, fit.x)).sum()
+        after[i] = residual.squares(_whitened(residual, fit.cause, fit.x)).sum()
+    return _judged(alone, fit.cause, fit.x, before, after, rows)
+
+
+def _whitened(residual: ForceResidual, cause: Cause | None, x: Array) -> Array:
+    """(rows,) y without a fault of size x; as measured where no cause is given."""
+    undone = [(t, Undone(t.wrenches) if cause is None else cause.undo(t, x)) for t in residual.trials]
+    return residual.whitened([trial.residual(u.wrenches, u.need) for trial, u in undone])
+
+
+def _judged(
+    residuals: Sequence[ForceResidual], cause: Cause, x: Array, before: Array, after: Array, rows: Array
+) -> ForceFit:
+    """A cause of size x, from the sums of squares (trials,) without and with it."""
+    cost = (cause.parameters or NO_COEFFICIENT, _choices(residuals, cause))
+    witnessed = np.concatenate([_witnessed(residual, cause, x) for residual in residuals])
+    of_trials = gains(before, after, rows, *cost) + witnessed
+    return ForceFit(
+        cause=cause,
+        x=x,
+        gain=float(of_trials.sum()),
+        explained=float(1.0 - after.sum() / before.sum()),
+        gains=of_trials,
+    )
+
+
 def _fit(residual: ForceResidual, cause: Cause, plain: Array, before: Array) -> ForceFit:
     def misfit(x: Array) -> Array:
-        undone = [(trial, cause.undo(trial, x)) for trial in residual.trials]
-        return residual.whitened([trial.residual(u.wrenches, u.need) for trial, u in undone])
+        return _whitened(residual, cause, x)
 
     x: Array = np.zeros(0)
     if not cause.parameters:
@@ -80,23 +111,14 @@ def _fit(residual: ForceResidual, cause: Cause, plain: Array, before: Array) -> 
         y = plain + slopes @ x
     else:
         x, y = _sought(misfit, cause)
-    after = residual.squares(y)
-    cost = (cause.parameters or NO_COEFFICIENT, _choices(residual, cause))
-    of_trials = gains(before, after, residual.rows, *cost) + _witnessed(residual, cause, x)
-    return ForceFit(
-        cause=cause,
-        x=x,
-        gain=float(of_trials.sum()),
-        explained=float(1.0 - after.sum() / before.sum()),
-        gains=of_trials,
-    )
+    return _judged([residual], cause, x, before, residual.squares(y), residual.rows)
 
 
-def _choices(residual: ForceResidual, cause: Cause) -> int:
+def _choices(residuals: Sequence[ForceResidual], cause: Cause) -> int:
     """Among how many plates one was chosen."""
     if not cause.plates:
         return 1
-    return len({plate.name for trial in residual.trials for plate in trial.plates})
+    return len({plate.name for r in residuals for trial in r.trials for plate in trial.plates})
 
 
 def _solved(residual: ForceResidual, cause: Cause, plain: Array, slopes: Array) -> Array:
