@@ -17,6 +17,7 @@ from gaitcal.checks.contradiction import Contradiction, Fault, contradictions
 from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
+from gaitcal.checks.left_place import stretches
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.recording.recording import Recording
 
@@ -26,6 +27,8 @@ LARGE = 2.0
 """Times a limit, for a contradiction without a known cause."""
 BETWEEN_WALKS = 0.6
 """Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the pelvis by 2.6."""
+SIDES_WORDS = "right and left labels are exchanged"
+MIRROR_WORDS = "one axis of the laboratory is mirrored"
 SIDE_WORDS = {"r": "right ", "l": "left "}
 WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
 PART_OF_OFFSET = 0.4
@@ -52,6 +55,8 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             told.add(trial.name)
             continue
         for cause in causes:
+            if cause.fault is Fault.MARKER and cause.labels[0] in stretches(trial):
+                continue  # told with the time at which it left its place
             found.setdefault((cause.fault, cause.segment, cause.labels), []).append((trial, cause))
     for group in found.values():
         yield _of_cause(group, [t for t in sized if t.name not in told])
@@ -160,25 +165,20 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
         return None
     most = max(1e3 * c.offset for c in causes)
     seen = f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to {most:.0f} mm"
-    kinds = (
-        (sides_exchanged, "right and left labels are exchanged", "exchange right and left in the labels of the file"),
-        (
-            axis_mirrored,
-            "the trial is mirrored: one of its axes points the other way",
-            "export it with right-handed axes",
-        ),
-    )
-    for change, words, cure in kinds:
+    found = []
+    for change, words in ((sides_exchanged, SIDES_WORDS), (axis_mirrored, MIRROR_WORDS)):
         changed = replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
         if changed.clusters and not contradictions(changed.clusters, changed.links):
-            return trial.error(
-                "one body",
-                f"undoing it {seen} ({_seconds(trial)})",
-                cure,
-                cause=words + " in this trial, or in the static one",
-                weight=max(c.excess for c in causes),
-            )
-    return None
+            found.append(words)
+    if not found:
+        return None
+    return trial.error(
+        "one body",
+        f"undoing it {seen} ({_seconds(trial)})",
+        "exchange right and left in the labels of the file, or export it again with right-handed axes",
+        cause=f"{', or '.join(found)}, in this trial or in the static one",
+        weight=max(c.excess for c in causes),
+    )
 
 
 def sides_exchanged(recording: Recording) -> Recording:
