@@ -28,9 +28,12 @@ def scale_of(trial: TrialEvidence) -> float | None:
 
 
 def odd_scale(trial: TrialEvidence) -> float | None:
-    """The scale of a trial where it is not that of the static trial."""
+    """The scale of a trial where it is not that of the static trial; scatter alone enlarges a cluster a little."""
     scale = scale_of(trial)
-    return scale if scale is not None and not SCALE[0] <= scale <= SCALE[1] else None
+    if scale is None:
+        return None
+    swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
+    return scale if not SCALE[0] <= scale <= SCALE[1] + swollen else None
 
 
 def rescaled(trial: TrialEvidence) -> TrialEvidence:

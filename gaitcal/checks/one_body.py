@@ -12,7 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.checks.body import OFFSET_M
 from gaitcal.checks.body_scale import body_scale, rescaled
+from gaitcal.checks.cluster import alignment
 from gaitcal.checks.contradiction import Contradiction, Fault, contradictions
 from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
@@ -23,6 +25,10 @@ from gaitcal.recording.recording import Recording
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
+KNEE_AXIS_RAD = np.deg2rad(30.0)
+"""Clean recordings reach 26 deg where the knee bends far, as the skin of the thigh turns, and 14 deg in walking."""
+SURE = 1.15
+"""Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
 LARGE = 2.0
 """Times a limit, for a contradiction without a known cause."""
 BETWEEN_WALKS = 0.6
@@ -60,7 +66,11 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             found.setdefault((cause.fault, cause.segment, cause.labels), []).append((trial, cause))
     for group in found.values():
         yield _of_cause(group, [t for t in sized if t.name not in told])
-    yield from _between_walks([t for t in sized if t.is_gait and t.name not in told], set(found))
+    concerned = {_side(segment) for _, segment, _ in found}
+    yield from _knee_axes([t for t in sized if t.name not in told], concerned)
+    yield from _between_walks(
+        [t for t in sized if t.is_gait and t.name not in told], {segment for _, segment, _ in found}
+    )
 
 
 def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence[TrialEvidence]) -> Finding:
@@ -87,7 +97,8 @@ def _severity(cause: Contradiction) -> Severity:
         return Severity.ERROR
     if cause.fault is Fault.UNKNOWN:
         return Severity.ERROR if cause.excess > LARGE else Severity.WARNING
-    return Severity.ERROR if cause.shift > SHIFT_M or cause.turn > TURN_RAD else Severity.WARNING
+    sure = cause.excess > SURE and (cause.shift > SHIFT_M or cause.turn > TURN_RAD)
+    return Severity.ERROR if sure else Severity.WARNING
 
 
 def _cause(cause: Contradiction, against: str) -> str:
@@ -193,29 +204,47 @@ def axis_mirrored(recording: Recording) -> Recording:
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
-def _between_walks(walks: Sequence[TrialEvidence], told: set[tuple[Fault, str, tuple[str, ...]]]) -> Iterator[Finding]:
-    """The walk of a session in which a cluster has another shape than in the rest."""
+def _knee_axes(trials: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+    """Knees that bend about another line than through their epicondyles, on legs of which nothing else was said."""
+    for side in {"r", "l"} - told:
+        turns = {t.name: t.links[knee].axis_turn for t in trials if (knee := f"knee_{side}") in t.links}
+        odd = {name: np.rad2deg(turn) for name, turn in turns.items() if turn is not None and abs(turn) > KNEE_AXIS_RAD}
+        if odd:
+            worst = max(abs(v) for v in odd.values())
+            yield Finding(
+                severity=Severity.WARNING,
+                topic="one body",
+                where=next(iter(odd)) if len(odd) == 1 else STUDY,
+                cause=f"the {SIDE_WORDS[side]}knee bends about another line than through its epicondyles",
+                found=", ".join(f"{v:+.0f} deg, seen from above, in {name}" for name, v in odd.items())
+                + f"; allowed: {np.rad2deg(KNEE_AXIS_RAD):.0f}",
+                cure="look at the medial and lateral knee markers of the static trial; or another static trial",
+                leg=side,
+                weight=worst / float(np.rad2deg(KNEE_AXIS_RAD)),
+            )
+
+
+def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+    """The walk of a session in which a cluster has another shape than in the rest; not of segments `told`."""
     if len(walks) < FEWEST_WALKS:
         return
     for trial in walks:
-        against = {}
         for segment, cluster in trial.clusters.items():
-            shapes = [
-                c.shape for t in walks if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels
-            ]
-            if len(shapes) >= FEWEST_WALKS:
-                against[segment] = replace(cluster, static=np.median(shapes, axis=0))
-        for cause in contradictions(against, {}, BETWEEN_WALKS):
-            if (cause.fault, cause.segment, cause.labels) in told:
+            same = [c for t in walks if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels]
+            if len(same) < FEWEST_WALKS or segment in told:
                 continue
-            yield Finding(
-                severity=_severity(cause),
-                topic="one body",
-                where=trial.name,
-                source=trial.source,
-                cause=_cause(cause, f"the other {len(walks) - 1} walks"),
-                found=f"{_evidence(cause)} ({_seconds(trial)})",
-                cure=_cure(cause, False),
-                leg=_side(cause.segment),
-                weight=cause.excess,
+            usual = np.median([c.shape for c in same], axis=0)
+            turn, shift = alignment(cluster.shape, usual)
+            away = np.linalg.norm(cluster.shape @ turn.T + shift - usual, axis=1)
+            limit = BETWEEN_WALKS * np.hypot(OFFSET_M[cluster.part], cluster.scatter)
+            if (worst := float((away / limit).max())) <= 1.0:
+                continue
+            names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
+            yield trial.warning(
+                "one body",
+                f"{listed(names, 3)} ({_seconds(trial)})",
+                f'weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], or leave the trial out',
+                cause=f"the markers of the {_part(segment)} sit otherwise than in the other {len(walks) - 1} walks",
+                leg=_side(segment),
+                weight=worst,
             )

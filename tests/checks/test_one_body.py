@@ -205,3 +205,37 @@ def test_gaps_do_not_matter(study: Study) -> None:
 
 def test_a_gap_of_one_marker_all_the_time_is_no_contradiction(study: Study) -> None:
     assert told(with_trial(study, "walk", moved("L.Shank.Front", lambda x: put(x, slice(None), np.nan)))) == []
+
+
+def test_a_knee_that_bends_about_another_line(study: Study) -> None:
+    def moved_forward(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        for label, by in (("R.Knee.Lat", 0.045), ("R.Knee.Med", -0.045)):
+            markers[:, recording.labels.index(label), 0] += by
+        return replace(recording, markers=markers)
+
+    found = [f for f in told(with_trial(study, "static", moved_forward)) if "epicondyles" in f.cause]
+    assert len(found) == 1 and found[0].leg == "r" and found[0].severity is Severity.WARNING
+
+
+def test_the_odd_walk_of_three_is_named(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    walk = study.trials[1]
+    rng = np.random.default_rng(0)
+    others = tuple(
+        replace(
+            walk,
+            name=name,
+            recording=replace(
+                walk.recording, markers=walk.recording.markers + 1e-4 * rng.normal(size=walk.recording.markers.shape)
+            ),
+        )
+        for name in ("walk2", "walk3")
+    )
+    three = replace(study, trials=(*study.trials, *others))
+    assert told(three) == []
+    cluster = trials["walk"].clusters["thigh_r"]
+    way = cluster.static[0] - cluster.static[1]
+    way = 0.011 * way / np.linalg.norm(way)
+    spoilt = with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", cluster.labels[:1], way[None]))
+    (found,) = told(spoilt)
+    assert found.where == "walk2" and "the other 2 walks" in found.cause
