@@ -118,7 +118,8 @@ def _cause(cause: Contradiction, against: str) -> str:
 
 def _evidence(cause: Contradiction) -> str:
     mm, deg = 1e3 * cause.offset, np.rad2deg(cause.turn)
-    pose = f"the pose of the segment is off by {1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg"
+    pose = "the pose of the segment is off by "
+    pose += f"{1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg" if cause.shift else f"{deg:.0f} deg"
     if cause.fault is Fault.MARKER:
         return f"{mm:.0f} mm off{_ways(cause)}; {pose}"
     if cause.fault is Fault.CLUSTER:

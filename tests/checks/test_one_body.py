@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gaitcal.checks import check_study
+from gaitcal.checks import check_further, check_study
 from gaitcal.checks.cluster import alignment, clusters_of
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.joint_link import nearest_rotation, side_turns
@@ -239,3 +239,15 @@ def test_the_odd_walk_of_three_is_named(study: Study, trials: dict[str, TrialEvi
     spoilt = with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", cluster.labels[:1], way[None]))
     (found,) = told(spoilt)
     assert found.where == "walk2" and "the other 2 walks" in found.cause
+
+
+def test_a_further_trial_is_held_against_the_saved_model(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    model = trials["walk"].model
+    assert model is not None
+    spoilt = with_trial(
+        study, "walk", turned_with(trials["walk"], "foot_r", ("R.Heel",), np.array([[0.0, 0.03, 0.02]]))
+    )
+    for of, labels in ((study, []), (spoilt, ["'R.Heel'"])):
+        found = [f for f in check_further(of.trials[1], model, study.marker_set, study.settings) if f.topic in BODY]
+        assert len(found) == len(labels)
+        assert all(label in f.cause for f, label in zip(found, labels, strict=True))
