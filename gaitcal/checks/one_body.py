@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitcal.checks.body import OFFSET_M
 from gaitcal.checks.body_scale import body_scale, rescaled
-from gaitcal.checks.cluster import alignment
+from gaitcal.checks.cluster import FEWEST, alignment
 from gaitcal.checks.contradiction import Contradiction, Fault, contradictions
 from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
@@ -29,6 +29,8 @@ KNEE_AXIS_RAD = np.deg2rad(30.0)
 """Clean recordings reach 26 deg where the knee bends far, as the skin of the thigh turns, and 14 deg in walking."""
 SURE = 1.15
 """Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
+FAR_M = 0.025
+"""Way of a single marker that no skin goes for a whole trial."""
 LARGE = 2.0
 """Times a limit, for a contradiction without a known cause."""
 BETWEEN_WALKS = 0.6
@@ -97,8 +99,8 @@ def _severity(cause: Contradiction) -> Severity:
         return Severity.ERROR
     if cause.fault is Fault.UNKNOWN:
         return Severity.ERROR if cause.excess > LARGE else Severity.WARNING
-    sure = cause.excess > SURE and (cause.shift > SHIFT_M or cause.turn > TURN_RAD)
-    return Severity.ERROR if sure else Severity.WARNING
+    sure = cause.excess > SURE or (cause.fault is Fault.MARKER and cause.offset > FAR_M)
+    return Severity.ERROR if sure and (cause.shift > SHIFT_M or cause.turn > TURN_RAD) else Severity.WARNING
 
 
 def _cause(cause: Contradiction, against: str) -> str:
@@ -123,7 +125,9 @@ def _evidence(cause: Contradiction) -> str:
     if cause.fault is Fault.MARKER:
         return f"{mm:.0f} mm off{_ways(cause)}; {pose}"
     if cause.fault is Fault.CLUSTER:
-        return f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
+        seen = f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
+        names = listed([repr(label) for label in cause.labels])
+        return f"{seen}; one of {names} out of their plane would look alike" if len(cause.labels) <= FEWEST else seen
     if cause.fault is Fault.UNKNOWN:
         return f"joint centres {mm:.0f} mm apart, turned by {deg:.0f} deg"
     if cause.fault is Fault.MIRRORED:
