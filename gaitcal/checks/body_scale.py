@@ -14,8 +14,8 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding
 
 SCALE = (0.983, 1.011)
-"""Median size of the clusters of a trial against the static trial: 60 clean trials of 32 people lie between 0.985 and
-1.002."""
+"""Median size of the clusters of a trial against the static trial: those of 20 people, all their
+clean trials together, lie between 0.985 and 1.002."""
 FEWEST_CLUSTERS = 6
 CERTAIN = 0.012
 """Beyond these limits by so much it is another body or another calibration of the cameras."""

@@ -22,7 +22,8 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.recording.intervals import runs, spans
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
-"""Beyond the usual distance from its mean place; a heel that strikes and toes that bend stray by up to 20 mm."""
+"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
+farther."""
 USUAL = 5.0
 """Times the marker's usual distance, if that is more."""
 SHORTEST_FRAMES = 5
@@ -32,8 +33,8 @@ SURE_FAR_M = 0.015
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
 SLIP_M = 6e-3
-"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; clean
-recordings at 60 Hz and more change by 3 mm."""
+"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; no
+clean recording of 20 people has one that lasts and is one marker's alone."""
 MOST_SLIPS = 2
 """In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
 SLIP_S, SLIP_FRAMES = 0.25, 8
