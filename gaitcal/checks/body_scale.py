@@ -14,8 +14,8 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding
 
 SCALE = (0.983, 1.011)
-"""Median size of the clusters of a trial against the static trial: 60 clean trials of 32 people lie between 0.985 and
-1.002."""
+"""Median size of the clusters of a trial against the static trial: those of 20 people, all their
+clean trials together, lie between 0.985 and 1.002."""
 FEWEST_CLUSTERS = 6
 CERTAIN = 0.012
 """Beyond these limits by so much it is another body or another calibration of the cameras."""
@@ -28,9 +28,12 @@ def scale_of(trial: TrialEvidence) -> float | None:
 
 
 def odd_scale(trial: TrialEvidence) -> float | None:
-    """The scale of a trial where it is not that of the static trial."""
+    """The scale of a trial where it is not that of the static trial; scatter alone enlarges a cluster a little."""
     scale = scale_of(trial)
-    return scale if scale is not None and not SCALE[0] <= scale <= SCALE[1] else None
+    if scale is None:
+        return None
+    swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
+    return scale if not SCALE[0] <= scale <= SCALE[1] + swollen else None
 
 
 def rescaled(trial: TrialEvidence) -> TrialEvidence:

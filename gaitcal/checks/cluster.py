@@ -96,6 +96,12 @@ class Cluster:
         sizes = [np.linalg.norm(p[: self.own] - p[: self.own].mean(axis=0)) for p in (self.shape, self.static)]
         return float(sizes[0] / sizes[1])
 
+    @property
+    def swelling(self) -> float:
+        """Share by which scatter across the lines between markers lengthens them."""
+        away = self.static[: self.own] - self.static[: self.own].mean(axis=0)
+        return float((self.scatter[: self.own] ** 2).sum() / (away**2).sum())
+
     def pose_spread(self, point: Array) -> tuple[float, Array]:
         """m, and (3,) rad about x y z: how far the segment's pose at a point (3,) is uncertain as its markers scatter.
 

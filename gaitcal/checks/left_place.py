@@ -22,21 +22,25 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.recording.intervals import runs, spans
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
-"""Beyond the usual distance from its mean place; a heel that strikes and toes that bend stray by up to 20 mm."""
+"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
+farther."""
 USUAL = 5.0
 """Times the marker's usual distance, if that is more."""
 SHORTEST_FRAMES = 5
 FAR_M = 0.025
-SLIPPED_FAR_M = 0.015
+SURE_FAR_M = 0.015
+"""The same where it slipped or its path was made up, which skin never does."""
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
-SLIP_M = {"pelvis": 6e-3, "thigh": 6e-3, "shank": 6e-3, "foot": 10e-3}
-"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; clean
-recordings at 60 Hz and more change by 3 mm."""
+SLIP_M = 6e-3
+"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; no
+clean recording of 20 people has one that lasts and is one marker's alone."""
 MOST_SLIPS = 2
 """In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
 SLIP_S, SLIP_FRAMES = 0.25, 8
 """Stretch of the means before and after, and fewest frames of it."""
+ALONE = 2.0
+"""Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
 SLIP_USUAL = 6.0
 """Times the usual change from frame to frame."""
 SLIP_STAYS = 0.6
@@ -95,7 +99,8 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     part = worst.cluster.segment
     slip = any(s.slipped for s in found)
     bad = any(
-        s.distance > (SLIPPED_FAR_M if s.slipped else FAR_M) and _seconds(time, s.frames) >= LONG_S for s in found
+        s.distance > (SURE_FAR_M if s.slipped or s.straight else FAR_M) and _seconds(time, s.frames) >= LONG_S
+        for s in found
     )
     what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
     if worst.straight:
@@ -128,7 +133,7 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in runs(beyond, SHORTEST_FRAMES):
         k = _culprit(trial, cluster, run)
-        yield Stretch(cluster, cluster.labels[k], run, float(distance[run, k].max()))
+        yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
 
 def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
@@ -140,19 +145,22 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
         return
     away = away[frames]
     step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
-    least = SLIP_M[cluster.part]
-    limit = max(least, SLIP_USUAL * float(np.median(step)))
+    limit = max(SLIP_M, SLIP_USUAL * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
     for f in np.flatnonzero(step > limit).tolist():
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
         if min(len(before), len(after)) < SLIP_FRAMES:
             continue
         change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
-        if change < max(least, SLIP_STAYS * float(step[f])):
+        if change < max(SLIP_M, SLIP_STAYS * float(step[f])):
             continue
         edge = int(frames[f + 1])
-        k = int(np.argmax(_jumps(trial, cluster, edge)))
-        slips.append((edge, k, _slip(cluster, k, before, after)))
+        jumps = _jumps(trial, cluster, edge)
+        k = int(np.argmax(jumps))
+        if jumps[k] < ALONE * float(np.delete(jumps, k).max()):
+            continue
+        shape = cluster.shape[: cluster.own]
+        slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
     if len(slips) > MOST_SLIPS:
         return
     for i, (edge, k, size) in enumerate(slips):
@@ -160,14 +168,23 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
         yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
 
 
-def _slip(cluster: Cluster, k: int, before: Array, after: Array) -> float:
-    """m, by which marker k slipped, if it alone did: the others laid on each other."""
+def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
+    """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
     rest = [i for i in range(cluster.own) if i != k]
-    old, new = (cluster.shape[: cluster.own] + part.mean(axis=0) for part in (before, after))
-    turn, shift = alignment(new[rest], old[rest])
-    if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest slip that explains it
-        turn, shift = alignment(new, old, np.where(np.arange(cluster.own) == k, LIGHTLY, 1.0))
-    return float(np.linalg.norm(turn @ new[k] + shift - old[k]))
+    turn, shift = alignment(after[rest], before[rest])
+    if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest way that explains it
+        turn, shift = alignment(after, before, np.where(np.arange(cluster.own) == k, LIGHTLY, 1.0))
+    return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
+
+
+def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
+    """m, how far marker k is from its mean place where its cluster is bent most, if it alone moved."""
+    bent = np.nan_to_num(cluster.strayed[frames, : cluster.own])
+    after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.own]
+    if not np.isfinite(after).all():
+        return float(bent[:, k].max())
+    shape = cluster.shape[: cluster.own]
+    return _alone(cluster, k, shape, shape + after)
 
 
 def _jumps(trial: TrialEvidence, cluster: Cluster, edge: int) -> Array:
@@ -211,7 +228,7 @@ def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
             if away < usual + WRONG_M or _bend(x[frames, k]) > STRAIGHT_M:
                 continue
             if max(_bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
-                yield Stretch(cluster, label, frames, away, straight=True)
+                yield Stretch(cluster, label, frames, _farthest(cluster, k, frames), straight=True)
 
 
 def _bend(path: Array) -> float:

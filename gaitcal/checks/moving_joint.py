@@ -14,7 +14,7 @@ LEAD = 1.25
 """How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18 synthetic) the declared
 one led the next by 1.7 times at least."""
 MOVES_RAD = np.deg2rad(4.0)
-"""RMS turn below which no joint is said to move: standing reaches 1 deg, the smallest isolated trial 14 deg."""
+"""RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg."""
 
 
 def moving_joint(trial: TrialEvidence) -> tuple[str, float] | None:

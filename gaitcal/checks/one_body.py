@@ -12,20 +12,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.checks.body import OFFSET_M
 from gaitcal.checks.body_scale import body_scale, rescaled
+from gaitcal.checks.cluster import FEWEST, alignment
 from gaitcal.checks.contradiction import Contradiction, Fault, contradictions
 from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
+from gaitcal.checks.left_place import stretches
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.recording.recording import Recording
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
+KNEE_AXIS_RAD = np.deg2rad(30.0)
+"""Clean recordings reach 26 deg where the knee bends far, as the skin of the thigh turns, and 14 deg in walking."""
+SURE = 1.15
+"""Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
+FAR_M = 0.025
+"""Way of a single marker that no skin goes for a whole trial."""
 LARGE = 2.0
 """Times a limit, for a contradiction without a known cause."""
 BETWEEN_WALKS = 0.6
 """Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the pelvis by 2.6."""
+SIDES_WORDS = "right and left labels are exchanged"
+MIRROR_WORDS = "one axis of the laboratory is mirrored"
 SIDE_WORDS = {"r": "right ", "l": "left "}
 WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
 PART_OF_OFFSET = 0.4
@@ -52,10 +63,16 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             told.add(trial.name)
             continue
         for cause in causes:
+            if cause.fault is Fault.MARKER and cause.labels[0] in stretches(trial):
+                continue  # told with the time at which it left its place
             found.setdefault((cause.fault, cause.segment, cause.labels), []).append((trial, cause))
     for group in found.values():
         yield _of_cause(group, [t for t in sized if t.name not in told])
-    yield from _between_walks([t for t in sized if t.is_gait and t.name not in told], set(found))
+    concerned = {_side(segment) for _, segment, _ in found}
+    yield from _knee_axes([t for t in sized if t.name not in told], concerned)
+    yield from _between_walks(
+        [t for t in sized if t.is_gait and t.name not in told], {segment for _, segment, _ in found}
+    )
 
 
 def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence[TrialEvidence]) -> Finding:
@@ -82,7 +99,8 @@ def _severity(cause: Contradiction) -> Severity:
         return Severity.ERROR
     if cause.fault is Fault.UNKNOWN:
         return Severity.ERROR if cause.excess > LARGE else Severity.WARNING
-    return Severity.ERROR if cause.shift > SHIFT_M or cause.turn > TURN_RAD else Severity.WARNING
+    sure = cause.excess > SURE or (cause.fault is Fault.MARKER and cause.offset > FAR_M)
+    return Severity.ERROR if sure and (cause.shift > SHIFT_M or cause.turn > TURN_RAD) else Severity.WARNING
 
 
 def _cause(cause: Contradiction, against: str) -> str:
@@ -102,11 +120,14 @@ def _cause(cause: Contradiction, against: str) -> str:
 
 def _evidence(cause: Contradiction) -> str:
     mm, deg = 1e3 * cause.offset, np.rad2deg(cause.turn)
-    pose = f"the pose of the segment is off by {1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg"
+    pose = "the pose of the segment is off by "
+    pose += f"{1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg" if cause.shift else f"{deg:.0f} deg"
     if cause.fault is Fault.MARKER:
         return f"{mm:.0f} mm off{_ways(cause)}; {pose}"
     if cause.fault is Fault.CLUSTER:
-        return f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
+        seen = f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
+        names = listed([repr(label) for label in cause.labels])
+        return f"{seen}; one of {names} out of their plane would look alike" if len(cause.labels) <= FEWEST else seen
     if cause.fault is Fault.UNKNOWN:
         return f"joint centres {mm:.0f} mm apart, turned by {deg:.0f} deg"
     if cause.fault is Fault.MIRRORED:
@@ -160,25 +181,20 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
         return None
     most = max(1e3 * c.offset for c in causes)
     seen = f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to {most:.0f} mm"
-    kinds = (
-        (sides_exchanged, "right and left labels are exchanged", "exchange right and left in the labels of the file"),
-        (
-            axis_mirrored,
-            "the trial is mirrored: one of its axes points the other way",
-            "export it with right-handed axes",
-        ),
-    )
-    for change, words, cure in kinds:
+    found = []
+    for change, words in ((sides_exchanged, SIDES_WORDS), (axis_mirrored, MIRROR_WORDS)):
         changed = replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
         if changed.clusters and not contradictions(changed.clusters, changed.links):
-            return trial.error(
-                "one body",
-                f"undoing it {seen} ({_seconds(trial)})",
-                cure,
-                cause=words + " in this trial, or in the static one",
-                weight=max(c.excess for c in causes),
-            )
-    return None
+            found.append(words)
+    if not found:
+        return None
+    return trial.error(
+        "one body",
+        f"undoing it {seen} ({_seconds(trial)})",
+        "exchange right and left in the labels of the file, or export it again with right-handed axes",
+        cause=f"{', or '.join(found)}, in this trial or in the static one",
+        weight=max(c.excess for c in causes),
+    )
 
 
 def sides_exchanged(recording: Recording) -> Recording:
@@ -193,29 +209,47 @@ def axis_mirrored(recording: Recording) -> Recording:
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
-def _between_walks(walks: Sequence[TrialEvidence], told: set[tuple[Fault, str, tuple[str, ...]]]) -> Iterator[Finding]:
-    """The walk of a session in which a cluster has another shape than in the rest."""
+def _knee_axes(trials: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+    """Knees that bend about another line than through their epicondyles, on legs of which nothing else was said."""
+    for side in {"r", "l"} - told:
+        turns = {t.name: t.links[knee].axis_turn for t in trials if (knee := f"knee_{side}") in t.links}
+        odd = {name: np.rad2deg(turn) for name, turn in turns.items() if turn is not None and abs(turn) > KNEE_AXIS_RAD}
+        if odd:
+            worst = max(abs(v) for v in odd.values())
+            yield Finding(
+                severity=Severity.WARNING,
+                topic="one body",
+                where=next(iter(odd)) if len(odd) == 1 else STUDY,
+                cause=f"the {SIDE_WORDS[side]}knee bends about another line than through its epicondyles",
+                found=", ".join(f"{v:+.0f} deg, seen from above, in {name}" for name, v in odd.items())
+                + f"; allowed: {np.rad2deg(KNEE_AXIS_RAD):.0f}",
+                cure="look at the medial and lateral knee markers of the static trial; or another static trial",
+                leg=side,
+                weight=worst / float(np.rad2deg(KNEE_AXIS_RAD)),
+            )
+
+
+def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+    """The walk of a session in which a cluster has another shape than in the rest; not of segments `told`."""
     if len(walks) < FEWEST_WALKS:
         return
     for trial in walks:
-        against = {}
         for segment, cluster in trial.clusters.items():
-            shapes = [
-                c.shape for t in walks if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels
-            ]
-            if len(shapes) >= FEWEST_WALKS:
-                against[segment] = replace(cluster, static=np.median(shapes, axis=0))
-        for cause in contradictions(against, {}, BETWEEN_WALKS):
-            if (cause.fault, cause.segment, cause.labels) in told:
+            same = [c for t in walks if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels]
+            if len(same) < FEWEST_WALKS or segment in told:
                 continue
-            yield Finding(
-                severity=_severity(cause),
-                topic="one body",
-                where=trial.name,
-                source=trial.source,
-                cause=_cause(cause, f"the other {len(walks) - 1} walks"),
-                found=f"{_evidence(cause)} ({_seconds(trial)})",
-                cure=_cure(cause, False),
-                leg=_side(cause.segment),
-                weight=cause.excess,
+            usual = np.median([c.shape for c in same], axis=0)
+            turn, shift = alignment(cluster.shape, usual)
+            away = np.linalg.norm(cluster.shape @ turn.T + shift - usual, axis=1)
+            limit = BETWEEN_WALKS * np.hypot(OFFSET_M[cluster.part], cluster.scatter)
+            if (worst := float((away / limit).max())) <= 1.0:
+                continue
+            names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
+            yield trial.warning(
+                "one body",
+                f"{listed(names, 3)} ({_seconds(trial)})",
+                f'weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], or leave the trial out',
+                cause=f"the markers of the {_part(segment)} sit otherwise than in the other {len(walks) - 1} walks",
+                leg=_side(segment),
+                weight=worst,
             )

@@ -2,9 +2,9 @@
 
 Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965; Boone
 and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model. Speeds of
-joints: above those of kicking and sprinting. Torques: about twice what sprinters reach at 9 m/s (Schache et al., Med
-Sci Sports Exerc 43:1260-1271, 2011), for all speeds of walking and running. Pelvis residual: clean recordings have 1 to
-9 % of the body weight, RMS; with more than these limits no torque means anything.
+joints: above those of kicking and sprinting. Torques: beyond those of sprinters at 9 m/s (Schache et al., Med Sci
+Sports Exerc 43:1260-1271, 2011), for all speeds of walking and running; clean walks reach 10 %BW*H. Pelvis residual:
+clean recordings have 2 to 13 % of the body weight, RMS; with more than these limits no torque means anything.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SPEEDS_DEG_S: Mapping[str, float] = {
     "ankle_angle": 2000.0,
     "subtalar_angle": 2000.0,
 }
-"""Coordinate of a leg -> largest speed; a kicked ball is hit with some 1700 deg/s at the knee."""
+"""Coordinate of a leg -> largest speed; no clean walk or isolated trial exceeds 600."""
 TORQUES_PERCENT_BWH: Mapping[str, float] = {
     "hip_flexion": 50.0,
     "hip_adduction": 40.0,
