@@ -21,8 +21,8 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array
+from gaitcal.body.cluster import Cluster
 from gaitcal.checks import check_study
-from gaitcal.checks.cluster import Cluster
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.one_body import axis_mirrored, sides_exchanged
 from gaitcal.checks.standing import nominal_model_of

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.checks.cluster import Cluster, clusters_of
-from gaitcal.checks.joint_link import JointLink, links_of
-from gaitcal.checks.stance import Stance
+from gaitcal.body.cluster import Cluster, clusters_of
+from gaitcal.body.joint_link import JointLink, links_of
+from gaitcal.body.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.checks.cluster import FEWEST, Cluster, alignment
+from gaitcal.body.cluster import FEWEST, Cluster, alignment
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
 from gaitcal.findings import Finding, Severity

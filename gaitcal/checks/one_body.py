@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.checks.body import OFFSET_M
+from gaitcal.body.cluster import FEWEST, alignment
+from gaitcal.body.contradiction import Contradiction, Fault, contradictions
+from gaitcal.body.trial_body import OFFSET_M
 from gaitcal.checks.body_scale import body_scale, rescaled
-from gaitcal.checks.cluster import FEWEST, alignment
-from gaitcal.checks.contradiction import Contradiction, Fault, contradictions
 from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone

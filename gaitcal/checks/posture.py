@@ -1,6 +1,6 @@
 """How somebody stands in a static trial: bent, on one leg, sitting. Arms play no part.
 
-With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan`: the knee bends by the angle
+With the joint centres of the nominal model (hips by Bell) and the body axes of `plan.py`: the knee bends by the angle
 between thigh and shank in the thigh's sagittal plane, and the thigh leans by its angle to the vertical.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.body_plan import body_axes
+from gaitcal.body.plan import body_axes
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.landmarks import StaticPosture

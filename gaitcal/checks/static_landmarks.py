@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.body_plan import Measure, measures
+from gaitcal.body.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
+from gaitcal.body.plan import Measure, measures
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
 from gaitcal.checks.posture import standing_legs
 from gaitcal.findings import Finding, Severity, listed

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from gaitcal.body.stance import Stance
 from gaitcal.checks import (
     body_mass,
     contacts,
@@ -30,7 +31,6 @@ from gaitcal.checks import (
     static_landmarks,
 )
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gaitcal.body.cluster import alignment, clusters_of
+from gaitcal.body.joint_link import nearest_rotation, side_turns
 from gaitcal.checks import check_further, check_study
-from gaitcal.checks.cluster import alignment, clusters_of
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.joint_link import nearest_rotation, side_turns
 from gaitcal.checks.one_body import axis_mirrored, sides_exchanged
 from gaitcal.checks.standing import nominal_model_of
 from gaitcal.checks.study import evidence_of

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.checks import body_build, check_study
-from gaitcal.checks.body_build import cost_of_build
-from gaitcal.checks.body_plan import cost, measures
+from gaitcal.body import build as body_build
+from gaitcal.body.build import cost_of_build
+from gaitcal.body.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
+from gaitcal.body.plan import cost, measures
+from gaitcal.checks import check_study
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
 from gaitcal.checks.posture import standing_legs, standing_straight
 from gaitcal.checks.standing import nominal_model_of
 from gaitcal.checks.static_landmarks import landmarks, proportions

@@ -22,9 +22,9 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.body import NO_MOTION, OFFSET_M, REDUCED, SPREAD, Body, gap_limit
-from gaitcal.checks.cluster import Cluster, alignment
-from gaitcal.checks.joint_link import JointLink, angle_of, side_turns
+from gaitcal.body.cluster import Cluster, alignment
+from gaitcal.body.joint_link import JointLink, angle_of, side_turns
+from gaitcal.body.trial_body import NO_MOTION, OFFSET_M, REDUCED, SPREAD, Body, gap_limit
 
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.checks.body_plan import body_axes, measures
+from gaitcal.body.plan import body_axes, measures
 from gaitcal.model.linkage import SIDES
 
 TURN_DEG = 8.0

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.checks.stance import Stance
+from gaitcal.body.stance import Stance
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.recording.recording import Recording, seen_mask

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.cluster import Cluster
+from gaitcal.body.cluster import Cluster
 from gaitcal.model.linkage import SIDES
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.cluster import FEWEST, Cluster, alignment
-from gaitcal.checks.joint_link import JointLink, side_turns
+from gaitcal.body.cluster import FEWEST, Cluster, alignment
+from gaitcal.body.joint_link import JointLink, side_turns
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
 """Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise) reach

@@ -1,6 +1,6 @@
 """Which fault of the landmarks of a static trial would explain that its measures are not those of a body.
 
-Every candidate changes the landmarks p to p' and is judged by J of `body_plan`:
+Every candidate changes the landmarks p to p' and is judged by J of `plan.py`:
 
     exchange    two landmarks, or two groups of them, carry each other's labels:  J(p')
     displaced   one landmark lies d elsewhere:  min over d of  J(p with p_k - d) + |d|^2 / D^2      (Gauss-Newton)
@@ -18,8 +18,8 @@ from itertools import product
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.checks.body_build import cost_of_build
-from gaitcal.checks.body_plan import Measure, body_axes, cost, measures
+from gaitcal.body.build import cost_of_build
+from gaitcal.body.plan import Measure, body_axes, cost, measures
 from gaitcal.model.linkage import SIDES
 
 EXCHANGE_SAVES = 12.0
