@@ -13,6 +13,11 @@ from gaitcal.model.linkage import ISOLATED_JOINTS
 LEAD = 1.25
 """How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18 synthetic) the declared
 one led the next by 1.7 times at least."""
+TRAVEL_M, STAYS_M = 0.8, 0.3
+"""How far the pelvis goes in a walk, and how far in isolated trials at most."""
+STEPS_RAD = np.deg2rad(12.0)
+"""RMS turn of hip and knee of the other leg, both, from which it walks: 17 and 22 deg in walks; in isolated trials of
+a hip, the knee of the leg that stands turns by 7 and 11 deg at most."""
 MOVES_RAD = np.deg2rad(4.0)
 """RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg."""
 
@@ -24,6 +29,32 @@ def moving_joint(trial: TrialEvidence) -> tuple[str, float] | None:
         return None
     joint = max(turns, key=turns.__getitem__)
     return joint, turns[joint]
+
+
+def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the body stays where it is, and the other leg still, while one joint moves."""
+    declared = trial.trial.joint
+    if not trial.is_isolated or declared is None:
+        return
+    signs = []
+    if trial.pelvis is not None and trial.pelvis.determined.any():
+        places = trial.pelvis.origin[trial.pelvis.determined][:, [0, 2]]
+        travel = float(np.linalg.norm(places[-1] - places[0]))
+        if travel > TRAVEL_M:
+            signs.append(f"the pelvis goes {travel:.2f} m (in trials of one joint up to {STAYS_M:.1f} m)")
+    other = "l" if declared.endswith("r") else "r"
+    turns = [trial.links[f"{joint}_{other}"].rms for joint in ("hip", "knee") if f"{joint}_{other}" in trial.links]
+    if len(turns) == 2 and min(turns) > STEPS_RAD:
+        hip, knee = np.rad2deg(turns)
+        signs.append(f"hip and knee of the other leg turn by {hip:.0f} and {knee:.0f} deg RMS")
+    if signs:
+        yield trial.warning(
+            "role",
+            " and ".join(signs),
+            'write role = "gait", or name the file of the isolated trial',
+            cause=f"the trial is declared for {declared} alone, but this looks like a walk",
+            weight=5.0,
+        )
 
 
 def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:

@@ -64,6 +64,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.flat,
     left_place.left_place,
     moving_joint.declared_joint,
+    moving_joint.one_joint_alone,
     standing.length,
     standing.stillness,
     static_landmarks.proportions,

@@ -24,6 +24,7 @@ from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.study.study import StudyTrial, read_trial
 from gaitcal.study.study_file import Side, Trial
+from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.verdict import judge
 
 
@@ -60,7 +61,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
             done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
-        verdict = judge(findings, [trial.name for trial in done])
+        verdict = judge(without_consequences(findings), [trial.name for trial in done])
         done = [trial.refused() if trial.name in verdict.refused else trial for trial in done]
         stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict)
     print_trials(talk, done)

@@ -47,6 +47,7 @@ SMOOTHED_ENDS = 0.5
 PELVIS_UP = COORDINATES.index("pelvis_ty")
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+CONTRADICTED = "the plates' vertical force is not what the motion asks for"
 CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
@@ -148,7 +149,7 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
             severity=Severity.WARNING,
             topic="forces",
             where="",
-            cause="the plates' vertical force is not what the motion asks for",
+            cause=CONTRADICTED,
             found=f"{where}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),

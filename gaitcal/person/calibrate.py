@@ -38,6 +38,7 @@ from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, nominal_of
+from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.verdict import judge
 
 
@@ -129,7 +130,7 @@ def calibrate(
     )
     of_trials = (finding for t in results for finding in t.findings)
     walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
-    found = (*checked, *later, *of_trials)
+    found = without_consequences((*checked, *later, *of_trials))
     verdict = judge(found, walks, forced=errors)
     remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
     notes = (

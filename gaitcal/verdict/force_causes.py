@@ -32,6 +32,8 @@ class Kind(Enum):
     GAIN = "gain"
     VERTICAL_GAIN = "vertical gain"
     HORIZONTAL_GAIN = "horizontal gain"
+    FORE_AFT_GAIN = "fore-aft gain"
+    SIDEWAYS_GAIN = "sideways gain"
     FREE_MOMENT = "free moment"
     OFFSET = "offset"
     SIGN_FORE_AFT = "sign of the fore-aft force"
@@ -101,6 +103,10 @@ BY_PLATE: tuple[tuple[Kind, int, OnePlate], ...] = (
     (Kind.VERTICAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0 + x[0], 1.0])),
     (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
     (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
+    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
+    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
+    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
+    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
     (Kind.FREE_MOMENT, 1, lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free)),
     (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, 1.0])),
     (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, 1.0])),

@@ -50,7 +50,14 @@ def told_size(fit: ForceFit) -> np.ndarray:
     return fit.x
 
 
-FACTORS = (Kind.GAIN, Kind.VERTICAL_GAIN, Kind.HORIZONTAL_GAIN, Kind.FREE_MOMENT)
+FACTORS = (
+    Kind.GAIN,
+    Kind.VERTICAL_GAIN,
+    Kind.HORIZONTAL_GAIN,
+    Kind.FORE_AFT_GAIN,
+    Kind.SIDEWAYS_GAIN,
+    Kind.FREE_MOMENT,
+)
 LEAST: Mapping[Kind, float] = {
     Kind.CLOCK: 0.018,
     Kind.PLACE: 0.015,
@@ -60,6 +67,8 @@ LEAST: Mapping[Kind, float] = {
     Kind.GAIN: 0.05,
     Kind.VERTICAL_GAIN: 0.05,
     Kind.HORIZONTAL_GAIN: 0.15,
+    Kind.FORE_AFT_GAIN: 0.15,
+    Kind.SIDEWAYS_GAIN: 0.25,
     Kind.FREE_MOMENT: 0.5,
     Kind.OFFSET: 15.0,
     Kind.TRUNK: 0.05,
@@ -73,6 +82,8 @@ MOST: Mapping[Kind, tuple[float, float]] = {
     Kind.GAIN: (-0.95, 30.0),
     Kind.VERTICAL_GAIN: (-0.95, 30.0),
     Kind.HORIZONTAL_GAIN: (-0.9, 9.0),
+    Kind.FORE_AFT_GAIN: (-0.9, 9.0),
+    Kind.SIDEWAYS_GAIN: (-0.9, 9.0),
     Kind.FREE_MOMENT: (-2.5, 299.0),
     Kind.OFFSET: (-300.0, 300.0),
     Kind.TRUNK: (-0.15, 0.15),

@@ -210,8 +210,12 @@ def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[A
 
 
 def _room(measured: Recording, turned: Recording) -> Array:
-    """(3, 3) the quarter turn about y from one recording to the other."""
-    places = [np.nan_to_num(r.markers.reshape(-1, 3)) for r in (measured, turned)]
+    """(3, 3) the quarter turn about y from one recording to the other, which may lack markers that were far away."""
+    shared = [label for label in turned.labels if label in measured.labels]
+    columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
+    markers = [r.markers[:, own] for r, own in zip((measured, turned), columns, strict=True)]
+    seen = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
+    places = [m[seen] for m in markers]
     turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
     return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
 

@@ -170,6 +170,8 @@ WORDS: Mapping[Kind, Callable[[ForceFit, ForceEvidence], Told]] = {
     Kind.GAIN: _factor("the force", CHANNELS),
     Kind.VERTICAL_GAIN: _factor("the vertical force", CHANNELS),
     Kind.HORIZONTAL_GAIN: _factor("the horizontal force", CHANNELS),
+    Kind.FORE_AFT_GAIN: _factor("the fore-aft force", CHANNELS),
+    Kind.SIDEWAYS_GAIN: _factor("the sideways force", CHANNELS),
     Kind.FREE_MOMENT: _free_moment,
     Kind.OFFSET: _offset,
     Kind.SIGN_FORE_AFT: _plain("the fore-aft force of {of} has the wrong sign", SIGN),

@@ -22,6 +22,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.recording.intervals import runs, spans
 
+TOPIC = "markers after the fit"
 LIMIT_M = 0.02
 """Residuals of clean recordings exceed their median by up to 29 mm, but never begin or end that within a frame."""
 LIGHT_LIMIT_M = 0.03
@@ -129,7 +130,7 @@ def _elsewhere(
     error = tracked.heavy(k) and worst - usual > FAR_M
     finding = Finding(
         severity=Severity.ERROR if error else Severity.WARNING,
-        topic="markers after the fit",
+        topic=TOPIC,
         where=tracked.name,
         cause=cause,
         found=f"up to {1e3 * worst:.0f} mm from the model's marker, usually {1e3 * usual:.0f} mm "
@@ -175,7 +176,7 @@ def _displaced(tracked: TrackedMarkers, k: int, usual: Array) -> Iterator[Findin
     label = tracked.labels[k]
     yield Finding(
         severity=Severity.ERROR if tracked.heavy(k) else Severity.WARNING,
-        topic="markers after the fit",
+        topic=TOPIC,
         where=tracked.name,
         cause=f"marker '{label}' is not where the static trial has it on {tracked.segments[k]}",
         found=f"{1e3 * usual[k]:.0f} mm from the model's marker (median), throughout "

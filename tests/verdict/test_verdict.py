@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.consequences import without_consequences
+from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
+from gaitcal.verdict.marker_structure import TOPIC as AFTER
 from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons
 
 GOOD, DOUBTFUL, REFUSED = Judgement
@@ -107,3 +112,21 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
     assert told.trials == ("a", "b")
     assert told.line == "a, b: gaps: a: no marker for 0.3 s; b: no marker for 0.51 s; fill"
     assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
+
+
+def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
+    def finding(topic: str, where: str, cause: str, severity: Severity = Severity.WARNING) -> Finding:
+        return Finding(severity=severity, topic=topic, where=where, cause=cause, found="", cure="")
+
+    contradicted = finding(FORCES, "walk", CONTRADICTED)
+    late, everywhere = (finding(FORCES, where, "the forces come late") for where in ("walk", STUDY))
+    off = finding(AFTER, "walk", "marker 'R.Heel' is odd")
+    assert without_consequences([contradicted, off]) == (contradicted, off)
+    assert without_consequences([contradicted, late]) == (late,)
+    assert without_consequences([contradicted, everywhere]) == (everywhere,)
+    assert without_consequences([contradicted, replace(late, where="walk2")])[0] == contradicted
+    before = finding("clusters", "walk", "marker 'R.Heel' left its place")
+    assert without_consequences([before, off]) == (before,)
+    assert without_consequences([replace(before, where="hip_r"), off])[-1] == off
+    assert without_consequences([replace(before, severity=Severity.INFO), off])[-1] == off
+    assert without_consequences([replace(before, cause="marker 'L.Heel' left its place"), off])[-1] == off

@@ -1,0 +1,31 @@
+"""What only follows from a cause that is told already is not told beside it: one fault, one finding."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from gaitcal.dynamics.ground_reactions import CONTRADICTED
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
+from gaitcal.verdict.marker_structure import TOPIC as MARKERS_AFTER
+
+_LABEL = re.compile(r"'([^']+)'")
+
+
+def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings without vertical forces that a named fault of the forces explains, and without markers that are off
+    after the fit and were named before it.
+    """
+    said = [f for f in findings if f.severity is not Severity.INFO]
+    at_fault = {f.where for f in said if f.topic == FORCES and f.cause != CONTRADICTED}
+    named = {(f.where, label) for f in said if f.topic != MARKERS_AFTER for label in _LABEL.findall(f.cause)}
+
+    def follows(f: Finding) -> bool:
+        if f.cause == CONTRADICTED:
+            return bool({f.where, STUDY} & at_fault)
+        if f.topic == MARKERS_AFTER:
+            return any((f.where, label) in named for label in _LABEL.findall(f.cause))
+        return False
+
+    return tuple(f for f in findings if not follows(f))
