@@ -108,6 +108,9 @@ class TrialResult:
     """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
     calibration are told for its trials together."""
 
+    is_refused: bool = False
+    """The verdict refuses it: its numbers are there to be looked at, and count for nothing."""
+
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
         with weight or those of some segments; None where there are none.
@@ -159,7 +162,7 @@ class TrialResult:
         if loads is not None:
             none = np.zeros_like(loads.reactions.valid)
             loads = replace(loads, reactions=replace(loads.reactions, valid=none), errors=None)
-        return replace(self, loads=loads, coordinate_errors=None)
+        return replace(self, loads=loads, coordinate_errors=None, is_refused=True)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.summary import summary
 
+REFUSED_HEADER = ("verdict: refused; these numbers are not to be used, summary.json has the reasons",)
+"""Comment line of the tables of a trial that is refused."""
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
@@ -112,9 +114,10 @@ def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
     """Motion, marker errors and markers of a trial; with force plates also torques and ground reactions."""
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body = trial.body
+    body, refused = trial.body, REFUSED_HEADER if trial.is_refused else ()
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
-    _csv(coordinate_table(body, trial.coordinate_errors), out / "motion" / f"{trial.name}.csv", COORDINATE_HEADER)
+    coordinates = coordinate_table(body, trial.coordinate_errors)
+    _csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *COORDINATE_HEADER))
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     _csv(
         marker_error_table(trial),
@@ -129,14 +132,14 @@ def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
 def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body = trial.body
-    _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", MOMENT_HEADER)
+    body, refused = trial.body, REFUSED_HEADER if trial.is_refused else ()
+    _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *MOMENT_HEADER))
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,
         loads.final.tau,
         body.coordinates,
-        comments=tuple(line for line in MOMENT_HEADER if line.startswith("valid")),
+        comments=(*refused, *(line for line in MOMENT_HEADER if line.startswith("valid"))),
     )
     write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
 

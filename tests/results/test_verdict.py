@@ -1,0 +1,95 @@
+"""A refused result says so wherever its numbers stand, and has none that count."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from gaitcal.commands.calibrate import run as run_calibrate
+from gaitcal.commands.console import Talk
+from gaitcal.errors import InputError
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.page.report import report_html
+from gaitcal.person.result import Calibration, withdrawn
+from gaitcal.results.calibration import REFUSED_HEADER
+from gaitcal.results.saved import load_result
+from gaitcal.results.summary import summary
+from gaitcal.results.verdict import of_the_model
+from gaitcal.verdict.verdict import judge
+from tests.fake_result import fake_calibration
+from tests.synthetic_studies import write_synthetic_study
+
+
+def with_finding(severity: Severity, where: str, leg: str = "") -> Calibration:
+    whole = fake_calibration()
+    finding = Finding(
+        severity=severity, topic="t", where=where, cause="the forces come late", found="by 60 ms", cure="do", leg=leg
+    )
+    walks = [t.name for t in whole.trials if t.joint is None]
+    return withdrawn(replace(whole, findings=(finding,), verdict=judge([finding], walks)))
+
+
+def test_what_is_refused_has_no_valid_torque_and_no_error_bar() -> None:
+    for where in ("walk", STUDY):
+        refused = with_finding(Severity.ERROR, where)
+        trial = refused.trial("walk")
+        assert trial.is_refused and trial.loads is not None and trial.coordinate_errors is None
+        assert not trial.loads.reactions.valid.any() and trial.loads.errors is None
+        assert refused.standard_errors == {}
+    doubtful = with_finding(Severity.WARNING, "walk")
+    trial = doubtful.trial("walk")
+    assert not trial.is_refused and trial.loads is not None and trial.loads.reactions.valid.any()
+
+
+@pytest.mark.parametrize(("severity", "word"), [(Severity.ERROR, "refused"), (Severity.WARNING, "doubtful")])
+def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: str) -> None:
+    told = summary(with_finding(severity, "walk"))
+    assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word  # type: ignore[index,call-overload]
+    (reason,) = told["reasons"]  # type: ignore[misc]
+    assert reason == {
+        "cause": "the forces come late",
+        "evidence": "by 60 ms",
+        "action": "do",
+        "trial": "walk",
+        "leg": "",
+        "severity": severity.value,
+    }
+    assert told["warnings"] == ["walk: the forces come late: by 60 ms; do"]
+    page = report_html(with_finding(severity, "walk"))
+    assert f"Verdict: {word}" in page and "the forces come late" in page
+
+
+@pytest.mark.parametrize("where", ["walk", "static", STUDY])
+@pytest.mark.parametrize("severity", list(Severity))
+def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severity, where: str) -> None:
+    told = of_the_model(summary(with_finding(severity, where)))
+    if where == "walk" or severity is Severity.INFO:
+        assert told == ()
+    else:
+        assert [f.severity for f in told] == [severity]
+
+
+def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) -> None:
+    """The vertical force of both plates in kgf: nothing that `check` refuses by itself."""
+    path = write_synthetic_study(tmp_path / "study")
+    forces = tmp_path / "study/walk_forces.csv"
+    table = pd.read_csv(forces, comment="#")
+    scaled = [c for c in table if "_f" in c or "_m" in c or c.endswith(("vx", "vy", "vz"))]
+    assert scaled
+    table[scaled] /= 9.80665
+    table.to_csv(forces, index=False)
+    result = tmp_path / "result"
+    with pytest.raises(InputError, match="refused"):
+        run_calibrate(path, result, Talk(quiet=True, verbose=False), force=False)
+    run_calibrate(path, result, Talk(quiet=True, verbose=False), force=True)
+    told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
+    assert told["verdict"] == "refused"
+    text = (result / "moments/walk.csv").read_text(encoding="utf-8")
+    assert text.startswith(f"# {REFUSED_HEADER[0]}\n")
+    moments = pd.read_csv(result / "moments/walk.csv", comment="#")
+    assert not moments["valid"].any() and moments["hip_flexion_r_se"].isna().all()
+    assert load_result(result).uncertainty.joint is None
