@@ -17,7 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import MarkerEvidence
 from gaitcal.calibration.joint_calibration import JointFit
-from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -177,15 +177,43 @@ def in_words(
     return tuple(out)
 
 
-def beyond_bound(name: str) -> Finding:
-    """Of a joint parameter on its bound, or beyond; a note where no leg moves by it."""
-    leg = name.split(".")[0].rpartition("_")[0] in ("hip", "knee", "talocrural", "subtalar")
-    return Finding(
-        severity=Severity.WARNING if leg else Severity.INFO,
-        topic="joint parameters",
-        where=STUDY,
-        cause=f"{name.split('.')[0]} lies further from where the static trial has it than people do",
-        found=f"{name} is on the bound of how far it may move, or beyond",
-        cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
-        leg=name.split(".")[0][-1] if leg else "",
-    )
+LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
+MANY = 4
+"""Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
+
+
+def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
+    """Of joint parameters on their bounds, or beyond; notes where no leg moves by them."""
+    legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in LEG_JOINTS]
+    many = len(legs) >= MANY and len({name.split(".")[0] for name in legs}) > 1
+    out = []
+    for joint in dict.fromkeys(name.split(".")[0] for name in names):
+        own = [name for name in names if name.split(".")[0] == joint]
+        leg = own[0] in legs
+        if leg and many:
+            continue
+        out.append(
+            Finding(
+                severity=Severity.WARNING if leg else Severity.INFO,
+                topic="joint parameters",
+                where=STUDY,
+                cause=f"{joint} lies further from where the static trial has it than people do",
+                found=f"{listed(own)} on the bound of how far it may move, or beyond",
+                cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
+                leg=joint[-1] if leg else "",
+            )
+        )
+    if many:
+        found = f"{len(legs)} joint parameters are on the bound of how far they may move, or beyond: {listed(legs)}"
+        out.append(
+            Finding(
+                severity=Severity.ERROR,
+                topic="joint parameters",
+                where=STUDY,
+                cause="the static trial does not show the body of the moving trials",
+                found=found,
+                cure="is it of another person, or of another day, with the markers in other places?",
+                weight=10.0,
+            )
+        )
+    return tuple(out)

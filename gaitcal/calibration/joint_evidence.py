@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import Turns, beyond_bound, in_words, small_turns, turns_of
+from gaitcal.calibration.identifiability import LEG_JOINTS, Turns, beyond_bounds, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
@@ -34,7 +34,6 @@ from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
 
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
-LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 LEARNT = 0.9
@@ -277,7 +276,7 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
                 "held near nominal values",
                 parts[0].turned if parts else {},
             ),
-            *map(beyond_bound, beyond),
+            *beyond_bounds(beyond),
         ),
         notes=skin_in_words(sizes),
         at_bound=beyond,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaitcal.calibration.identifiability import (
-    beyond_bound,
+    beyond_bounds,
     in_words,
     small_turns,
     turns_of,
@@ -138,7 +138,6 @@ class _Run:
             new = [n for n in unseen if n not in known]
             self.unseen += new
             self.findings += in_words(new, [p.name for p in problems], turned=self.turned)
-        self.findings += [beyond_bound(n) for n in fit.at_bound]
         self.parameters = fit.parameters
         self.fits.append(fit)
         self.influence = influence_of(problems, fit, self.influence)
@@ -196,14 +195,15 @@ class _Run:
         """All phases together."""
         fitted = {name for fit in self.fits for name in fit.free}
         unseen = tuple(name for name in self.unseen if name not in fitted)
+        bounds = tuple(dict.fromkeys(name for fit in self.fits for name in fit.at_bound))
         return JointCalibration(
             parameters=self.parameters,
             phases=tuple(self.phases),
             free=tuple(dict.fromkeys(name for fit in self.fits for name in fit.free)),
             influence=self.influence,
             unidentifiable=unseen,
-            findings=tuple(dict.fromkeys(self.findings)),
-            at_bound=tuple(dict.fromkeys(name for fit in self.fits for name in fit.at_bound)),
+            findings=(*dict.fromkeys(self.findings), *beyond_bounds(bounds)),
+            at_bound=bounds,
             fits=tuple(self.fits),
         )
 

@@ -37,7 +37,7 @@ def run(study: Path, out: Path, talk: Talk, *, force: bool = False, hold_out: bo
     talk.line(f"view:   {out / 'view.html'}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
-        raise InputError(f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].line}")
+        raise InputError(f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}")
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
         raise ConvergenceError(f"phase {late.name} did not converge: {late.message} (the results were written)")

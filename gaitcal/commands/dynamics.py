@@ -69,7 +69,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
     print_remarks(talk, stale, [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
     if verdict.refused and not late:
-        raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].line}")
+        raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].cause}")
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration
@@ -15,6 +16,7 @@ from gaitcal.calibration.skin_evidence import skin_in_words
 from gaitcal.calibration.skin_movement import SIZES, only, skin_columns
 from gaitcal.calibration.torque_errors import source_of
 from gaitcal.dynamics.torque_sources import Source
+from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
@@ -82,3 +84,15 @@ def test_skin_that_was_found_is_said_and_none_is_not() -> None:
     assert skin_in_words({}) == ()
     (said,) = skin_in_words({("thigh_r", "a"): 0.1, ("thigh_r", "b"): 0.5, ("shank_l", "a"): 0.2})
     assert "thigh_r by 10 to 50 %, shank_l by 20 %" in said
+
+
+def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
+    (one,) = beyond_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
+    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r lies further" in one.cause
+    (arm,) = beyond_bounds(["shoulder_l.trunk.front"])
+    assert arm.severity is Severity.INFO
+    own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
+    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], "four of one joint are one odd joint"
+    *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
+    assert body.severity is Severity.ERROR and "does not show the body" in body.cause
+    assert [f.severity for f in arms] == [Severity.INFO]
