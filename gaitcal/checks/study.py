@@ -32,13 +32,16 @@ from gaitcal.checks import (
 )
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.errors import InputError
-from gaitcal.findings import Finding, Severity
+from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, StudyTrial, read_trial
 from gaitcal.study.study_file import StudyFile, load_study_file
+
+OTHER_RATE = 2.5
+"""Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
 
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
@@ -192,11 +195,17 @@ def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Trials whose frame rate is not that of the others."""
     rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
     common = float(np.median(list(rates.values()))) if rates else 0.0
-    odd = [f"{name} {rate:.4g} Hz" for name, rate in rates.items() if abs(rate - common) > 0.01 * common]
+    odd = {name: rate for name, rate in rates.items() if abs(rate - common) > 0.01 * common}
     if odd and len(odd) < 0.5 * len(rates):
-        found = f"most trials have {common:.4g} Hz, but {', '.join(odd)}"
-        cure = "as it should be, if recorded or exported so"
-        yield Finding(severity=Severity.INFO, topic="sampling", where="study", found=found, cure=cure)
+        far = any(not 1.0 / OTHER_RATE <= rate / common <= OTHER_RATE for rate in odd.values())
+        yield Finding(
+            severity=Severity.WARNING if far else Severity.INFO,
+            topic="sampling",
+            where=STUDY,
+            cause="trials of one study have different frame rates",
+            found=f"most have {common:.4g} Hz, but {', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
+            cure="look whether their time columns are right" if far else "as it should be, if recorded or exported so",
+        )
 
 
 def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
