@@ -30,6 +30,7 @@ from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, alone, monte
 from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
 from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
 from gaitcal.page.monte_carlo import add_monte_carlo
+from gaitcal.results.verdict import require_not_refused
 
 FOLDER, REPORT, SUMMARY = "montecarlo", "report.html", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
@@ -104,6 +105,7 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
             store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
         _print_expectation(talk, statistics(draws), expected_mm)
         return
+    require_not_refused(folder)
     with talk.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, options.trial, step)

@@ -138,13 +138,25 @@ def read_whole(
     raise InputError("goes on changing while it is read; run again when nothing writes there", source=folder)
 
 
+def _unix_hash(path: Path) -> str | None:
+    """SHA-256 of a text file as it was written here, whatever line ends a copy gave it."""
+    try:
+        return hashlib.sha256(path.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    except OSError:
+        return None
+
+
 def _hashes(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     return {name: sha256_of(folder / name) for name in (MANIFEST, *names)}
 
 
 def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:
     """Files that differ from what the manifest lists and may; InputError for one that may not."""
-    differ = [name for name, digest in listed(folder).items() if name in found and found[name] != digest]
+    differ = [
+        name
+        for name, digest in listed(folder).items()
+        if name in found and found[name] != digest and not (name in editable and _unix_hash(folder / name) == digest)
+    ]
     for name in differ:
         if found[name] is None:
             raise InputError("is missing, though manifest.json lists it; calibrate again", source=folder / name)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.person.result import TrialResult
 from gaitcal.study.settings import CalibrationSettings
@@ -41,7 +42,8 @@ def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters)
 def disagreements(results: Sequence[TrialResult]) -> Iterator[Finding]:
     """Trials whose markers the final model meets worse than the nominal one."""
     for t in results:
-        first, last = t.nominal.errors.rms(), t.final.errors.rms()
+        segments = () if t.joint else LOWER_BODY  # arms that were raised in the static trial would hide worse legs
+        first, last = t.nominal.errors.rms(*segments), t.final.errors.rms(*segments)
         if first is not None and last is not None and last > max(first + WORSE_M, (1 + WORSE) * first):
             yield Finding(
                 severity=Severity.WARNING,

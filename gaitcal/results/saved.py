@@ -18,11 +18,10 @@ from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import Uncertainty
-from gaitcal.results.verdict import of_the_model
+from gaitcal.results.verdict import SUMMARY, of_the_model
 from gaitcal.study.settings import CalibrationSettings
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
-SUMMARY = "summary.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,13 +50,24 @@ def load_result(folder: Path) -> SavedResult:
         It is none, or one of its files is damaged, missing, or cannot be read.
     """
     editable = (MODEL, MARKER_SET)
-    saved, files = read_whole(folder, (*editable, UNCERTAINTY), lambda: _read(folder), editable)
+    saved, files = read_whole(folder, (*editable, UNCERTAINTY, SUMMARY), lambda: _read(folder), editable)
     return replace(saved, files=files)
 
 
-def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot]:
-    """The model of a result folder alone, which may have been edited; InputError as of `load_result`."""
-    return read_whole(folder, (MODEL,), lambda: load_model(folder / MODEL), (MODEL,))
+def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Finding, ...]]:
+    """The model of a result folder alone, which may have been edited, and what speaks against it.
+
+    Raises
+    ------
+    InputError
+        As of `load_result`.
+    """
+
+    def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
+        return load_model(folder / MODEL), of_the_model(read_object(folder / SUMMARY))
+
+    (model, doubts), files = read_whole(folder, (MODEL, SUMMARY), read, (MODEL,))
+    return model, files, doubts
 
 
 def _read(folder: Path) -> SavedResult:

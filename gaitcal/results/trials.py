@@ -21,10 +21,9 @@ from gaitcal.results.calibration import json_text, write_trial
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MODEL
 from gaitcal.results.summary import trial_summary
-from gaitcal.results.verdict import verdict_summary
+from gaitcal.results.verdict import SUMMARY, verdict_summary
 from gaitcal.verdict.verdict import Verdict
 
-SUMMARY = "summary.json"
 RUN_AGAIN = "; run it again"
 """How warnings on stale trials end: a later run makes them anew, or not."""
 
@@ -148,4 +147,4 @@ def _reasons_about(trials: Mapping[str, Json], summary: Mapping[str, object]) ->
     """Reasons of an earlier summary that are about one of these trials."""
     stored = summary.get("reasons")
     entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
-    return [entry for entry in entries if set(str(entry.get("trial")).split(", ")) & set(trials)]
+    return [entry for entry in entries if set(cast(list[str], entry.get("trials") or [])) & set(trials)]

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import read_object
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.results.json_types import Json
-from gaitcal.verdict.verdict import Judgement, Verdict
+from gaitcal.verdict.verdict import Judgement, Verdict, touches_model
+
+SUMMARY = "summary.json"
 
 
 def verdict_summary(verdict: Verdict) -> dict[str, Json]:
@@ -20,7 +25,9 @@ def verdict_summary(verdict: Verdict) -> dict[str, Json]:
             "evidence": reason.evidence,
             "action": reason.action,
             "trial": ", ".join(reason.trials),
+            "trials": list(reason.trials),
             "leg": reason.leg,
+            "topic": reason.topic,
             "severity": reason.severity.value,
         }
         for reason in verdict.reasons
@@ -37,38 +44,48 @@ def walk_summary(verdict: Verdict, walk: str) -> dict[str, Json]:
     return {"verdict": trial.judgement.value} | legs
 
 
+def require_not_refused(folder: Path) -> None:
+    """InputError where the calibration in a result folder is refused, with the first reason."""
+    summary = read_object(folder / SUMMARY)
+    if summary.get("verdict") != Judgement.REFUSED.value:
+        return
+    stored = summary.get("reasons")
+    first = stored[0] if isinstance(stored, list) and stored and isinstance(stored[0], dict) else {}
+    raise InputError(f"the calibration is refused: {first.get('cause')}; {first.get('action')}", source=folder)
+
+
 def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
     """What a saved calibration's own verdict says of every further trial: one finding, or none.
 
-    Its walks' own faults (a force plate, say) do not touch its model, but where all of it was refused.
+    Faults of the forces of its walks do not touch its model; those of their markers do.
     """
-    told = summary.get("verdict")
-    walks = summary.get("trials")
-    names = set(walks) if isinstance(walks, dict) else set()
-    reasons = summary.get("reasons")
-    shared = [
-        r
-        for r in (reasons if isinstance(reasons, list) else [])
-        if isinstance(r, dict) and not (r.get("trial") in names and _is_walk(walks, str(r.get("trial"))))
-    ]
-    first = shared[0] if shared else {}
-    severity = {Judgement.REFUSED.value: Severity.ERROR, Judgement.DOUBTFUL.value: Severity.WARNING}.get(str(told))
-    if severity is None or not shared:
+    stored = summary.get("reasons")
+    reasons = [r for r in stored if isinstance(r, dict)] if isinstance(stored, list) else []
+    walks = _walks(summary)
+    shared = [r for r in reasons if touches_model(str(r.get("topic"))) or not _names(r) or _names(r) - walks]
+    if not shared:
         return ()
-    if not any(r.get("severity") == Severity.ERROR.value for r in shared):
-        severity = Severity.WARNING
+    first = min(shared, key=lambda r: r.get("severity") != Severity.ERROR.value)
+    refused = first.get("severity") == Severity.ERROR.value
+    word = Judgement.REFUSED.value if refused else Judgement.DOUBTFUL.value
     return (
         Finding(
-            severity=severity,
+            severity=Severity.ERROR if refused else Severity.WARNING,
             topic="calibration",
             where=STUDY,
-            cause=f"the calibration of this person is {told}",
+            cause=f"the calibration of this person is {word}",
             found=f"{first.get('cause')}: {first.get('evidence')}",
             cure=str(first.get("action") or "look at its report"),
         ),
     )
 
 
-def _is_walk(trials: object, name: str) -> bool:
-    entry = trials.get(name) if isinstance(trials, dict) else None
-    return isinstance(entry, dict) and entry.get("role") == "gait"
+def _names(reason: Mapping[str, object]) -> set[str]:
+    names = reason.get("trials")
+    return {str(name) for name in names} if isinstance(names, list) else set()
+
+
+def _walks(summary: Mapping[str, object]) -> set[str]:
+    trials = summary.get("trials")
+    entries = trials.items() if isinstance(trials, dict) else ()
+    return {str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("role") == "gait"}

@@ -2,7 +2,8 @@
 
 Findings of one cause become one reason, and the worst is told first. An error refuses, a warning makes doubtful, a note
 does neither. What is wrong with the static trial, an isolated trial or the study itself concerns every walk, since all
-stand on its model; what is wrong with one walk, or one leg, concerns that one alone.
+stand on its model. What is wrong with one walk concerns that one; where it is about markers, which took part in finding
+the joints, the others are in doubt. A walk with a leg that is refused is refused: its torques are told as a whole.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Reason:
     """Names of trials, the worst first; empty where it is about the study."""
     leg: str
     """`r` or `l`; empty where it is about both, or neither."""
+    topic: str
     severity: Severity
 
     @property
@@ -112,19 +114,27 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     """
     shared = [f for f in findings if f.where not in walks]
     of_all = _of_legs(shared)
+    spoilt = {f.where for f in findings if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)}
     trials: dict[str, TrialVerdict] = {}
     for walk in walks:
         own = _of_legs([f for f in findings if f.where == walk])
         legs = {side: Judgement.worst((own[side], of_all[side])) for side in SIDES}
         whole = Judgement.worst((own[""], of_all[""]))
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
-        refused = all(leg is Judgement.REFUSED for leg in legs.values())
-        partly = Judgement.worst((whole, *(Judgement.DOUBTFUL for leg in legs.values() if leg is not _GOOD)))
-        trials[walk] = TrialVerdict(judgement=Judgement.REFUSED if refused else partly, legs=legs)
+        if spoilt - {walk}:
+            legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
+        trials[walk] = TrialVerdict(judgement=Judgement.worst((whole, *legs.values())), legs=legs)
     return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
 
 
 _GOOD = Judgement.TRUSTWORTHY
+OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
+"""Topics of what is wrong with the forces of a walk, by which no joint was found."""
+
+
+def touches_model(topic: str) -> bool:
+    """Whether a fault of one walk is in the joints as well."""
+    return topic not in OF_FORCES
 
 
 def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
@@ -137,11 +147,13 @@ def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
 
 
 def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, TrialVerdict]) -> Judgement:
-    """Refused where all is: a walk, or a leg, that is refused beside others that are not leaves doubt alone."""
-    everything = [shared[""], *(t.judgement for t in trials.values())]
-    if shared[""] is Judgement.REFUSED or (trials and all(t.judgement is Judgement.REFUSED for t in trials.values())):
+    """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
+    everything = [*shared.values(), *(t.judgement for t in trials.values())]
+    if Judgement.REFUSED in shared.values() or (
+        trials and all(t.judgement is Judgement.REFUSED for t in trials.values())
+    ):
         return Judgement.REFUSED
-    return _GOOD if all(j is _GOOD for j in (*everything, *shared.values())) else Judgement.DOUBTFUL
+    return _GOOD if all(j is _GOOD for j in everything) else Judgement.DOUBTFUL
 
 
 def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
@@ -176,5 +188,6 @@ def _reason(group: Sequence[Finding]) -> Reason:
         action=first.cure,
         trials=trials,
         leg=first.leg if len(legs) == 1 else "",
+        topic=first.topic,
         severity=first.severity,
     )

@@ -18,16 +18,16 @@ from gaitcal.person.result import Calibration, withdrawn
 from gaitcal.results.calibration import REFUSED_HEADER
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import summary
-from gaitcal.results.verdict import of_the_model
+from gaitcal.results.verdict import of_the_model, require_not_refused
 from gaitcal.verdict.verdict import judge
 from tests.fake_result import fake_calibration
 from tests.synthetic_studies import write_synthetic_study
 
 
-def with_finding(severity: Severity, where: str, leg: str = "") -> Calibration:
+def with_finding(severity: Severity, where: str, leg: str = "", topic: str = "forces") -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        severity=severity, topic="t", where=where, cause="the forces come late", found="by 60 ms", cure="do", leg=leg
+        severity=severity, topic=topic, where=where, cause="the forces come late", found="by 60 ms", cure="do", leg=leg
     )
     walks = [t.name for t in whole.trials if t.joint is None]
     return withdrawn(replace(whole, findings=(finding,), verdict=judge([finding], walks)))
@@ -55,7 +55,9 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
         "evidence": "by 60 ms",
         "action": "do",
         "trial": "walk",
+        "trials": ["walk"],
         "leg": "",
+        "topic": "forces",
         "severity": severity.value,
     }
     assert told["warnings"] == ["walk: the forces come late: by 60 ms; do"]
@@ -63,14 +65,21 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
     assert f"Verdict: {word}" in page and "the forces come late" in page
 
 
+@pytest.mark.parametrize("topic", ["forces", "clusters"])
 @pytest.mark.parametrize("where", ["walk", "static", STUDY])
 @pytest.mark.parametrize("severity", list(Severity))
-def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severity, where: str) -> None:
-    told = of_the_model(summary(with_finding(severity, where)))
-    if where == "walk" or severity is Severity.INFO:
+def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severity, where: str, topic: str) -> None:
+    """What is wrong with the markers of a walk is in its joints; what is wrong with its forces is not."""
+    told = of_the_model(summary(with_finding(severity, where, topic=topic)))
+    if severity is Severity.INFO or (where == "walk" and topic == "forces"):
         assert told == ()
     else:
         assert [f.severity for f in told] == [severity]
+
+
+def test_one_refused_leg_leaves_no_valid_torque() -> None:
+    trial = with_finding(Severity.ERROR, "walk", "r").trial("walk")
+    assert trial.is_refused and trial.loads is not None and not trial.loads.reactions.valid.any()
 
 
 def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) -> None:
@@ -93,3 +102,8 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     moments = pd.read_csv(result / "moments/walk.csv", comment="#")
     assert not moments["valid"].any() and moments["hip_flexion_r_se"].isna().all()
     assert load_result(result).uncertainty.joint is None
+    with pytest.raises(InputError, match="the calibration is refused"):
+        require_not_refused(result)
+    (result / "summary.json").write_text(json.dumps(told | {"verdict": "trustworthy"}), encoding="utf-8")
+    with pytest.raises(InputError, match=r"summary\.json: is damaged"):
+        load_result(result)

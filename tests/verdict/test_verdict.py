@@ -23,7 +23,7 @@ JUDGED = {Severity.INFO: GOOD, Severity.WARNING: DOUBTFUL, Severity.ERROR: REFUS
 
 def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weight: float = 1.0) -> Finding:
     return Finding(
-        severity=severity, topic="t", where=where, cause=cause, found="3 mm", cure="do", leg=leg, weight=weight
+        severity=severity, topic="forces", where=where, cause=cause, found="3 mm", cure="do", leg=leg, weight=weight
     )
 
 
@@ -55,11 +55,11 @@ def test_what_concerns_one_walk_leaves_the_other_alone(severity: Severity) -> No
 def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
     verdict = judge([found(Severity.ERROR, "walk", leg="l")], WALKS)
     assert legs_of(verdict) == {("walk", "r"): GOOD, ("walk", "l"): REFUSED, ("walk2", "r"): GOOD, ("walk2", "l"): GOOD}
-    assert verdict.trials["walk"].judgement is DOUBTFUL and verdict.refused == ()
+    assert verdict.trials["walk"].judgement is REFUSED and verdict.refused == ("walk",)
     both = judge([found(Severity.ERROR, "walk", "a", "l"), found(Severity.ERROR, "walk", "b", "r")], WALKS)
     assert both.refused == ("walk",) and both.judgement is DOUBTFUL
     of_the_model = judge([found(Severity.ERROR, "static", leg="l")], WALKS)
-    assert of_the_model.judgement is DOUBTFUL
+    assert of_the_model.judgement is REFUSED
     assert {leg for leg, j in legs_of(of_the_model).items() if j is REFUSED} == {("walk", "l"), ("walk2", "l")}
 
 
@@ -130,3 +130,10 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
     assert without_consequences([replace(before, where="hip_r"), off])[-1] == off
     assert without_consequences([replace(before, severity=Severity.INFO), off])[-1] == off
     assert without_consequences([replace(before, cause="marker 'L.Heel' left its place"), off])[-1] == off
+
+
+def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
+    markers = replace(found(Severity.ERROR, "walk"), topic="clusters")
+    assert judge([markers], WALKS).trials["walk2"].judgement is DOUBTFUL
+    assert judge([found(Severity.ERROR, "walk")], WALKS).trials["walk2"].judgement is GOOD
+    assert judge([replace(markers, severity=Severity.WARNING)], WALKS).trials["walk2"].judgement is GOOD
