@@ -43,7 +43,8 @@ def bending(trials: Sequence[TrialEvidence]) -> dict[str, float]:
 def _doubts_landmarks(found: Finding, static: str) -> bool:
     if found.severity is Severity.INFO:
         return False
-    return (found.where == static and found.topic in ("landmarks", "posture")) or "epicondyles" in found.cause
+    spoilt = found.severity is Severity.ERROR or found.topic in ("landmarks", "posture")
+    return (found.where == static and spoilt) or "epicondyles" in found.cause
 
 
 def _finding(static: TrialEvidence, found: OddLine) -> Finding:
