@@ -98,7 +98,11 @@ def test_without_a_required_marker_no_other_is_accused(sound: Study, lost: str) 
         kept = [i for i, label in enumerate(r.labels) if label != lost]
         return replace(r, labels=tuple(r.labels[i] for i in kept), markers=r.markers[:, kept])
 
-    found = spoilt(sound, without)
+    def wrong(r: Recording) -> Recording:
+        return without(moved("L.Ankle.Lat", lambda x: x + [0.05, 0.05, 0.0])(r))
+
+    assert "'L.Ankle.Lat'" in spoilt(sound, moved("L.Ankle.Lat", lambda x: x + [0.05, 0.05, 0.0]))[0].cause
+    found = spoilt(sound, wrong)
     assert [f.topic for f in found if f.severity is ERROR] == ["static trial"]
     assert all(lost in f.found for f in found)
 
