@@ -5,12 +5,13 @@ A measure m of the landmarks p is held against what people have, in its own stan
     z = (m(p) - mean) / sd,        J(p) = sum z^2,
 
 lengths as shares of body height (so that children serve too), differences between right and left in mm. Body axes: x
-the mean direction from heels to toes, horizontal; y up; z = x x y, to the right. Widths and distances have the sign of
-their component along the axis that they lie along, so that whatever lies on the wrong side stands out by twice its
-length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR II (ankle width
-0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations 0.0022 and 0.007), widths with 7 mm of
-marker and skin on either side. Standard deviations are wider than either: they hold landmarks as laboratories palpate
-them, measured on thirteen recordings of grown people and children (greatest |z| 2.5).
+the mean direction from heels to toes (without one of the feet, across the pelvis), horizontal; y up; z = x x y, to the
+right. Widths and distances have the sign of their component along the axis that they lie along, so that whatever lies
+on the wrong side stands out by twice its length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot,
+height of the hips), ANSUR II (ankle width 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard
+deviations 0.0022 and 0.007), widths with 7 mm of marker and skin on either side. Standard deviations are wider than
+either: they hold landmarks as laboratories palpate them, measured on thirteen recordings of grown people and children
+(greatest |z| 2.5).
 """
 
 from __future__ import annotations
@@ -109,8 +110,13 @@ class Measure:
 
 
 def body_axes(p: Mapping[str, Array]) -> Array | None:
-    """(3, 3), columns x from heels to toes, y up, z to the right; None where the feet give no direction."""
+    """(3, 3), columns x forward, y up, z to the right; None where nothing gives a direction.
+
+    Forward is the mean of both feet. One foot alone turns out by up to 26 degrees: then across the pelvis.
+    """
     feet = np.array([p[f"toe_{s}"] - p[f"heel_{s}"] for s in SIDES if f"toe_{s}" in p and f"heel_{s}" in p])
+    if len(feet) < len(SIDES) and "asis_r" in p and "asis_l" in p:
+        feet = np.cross([0.0, 1.0, 0.0], p["asis_r"] - p["asis_l"])[None]
     if not len(feet):
         return None
     feet[:, 1] = 0.0

@@ -18,8 +18,6 @@ SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""
 LONG_S = 0.2
 """A gap longer than this hides a part of a step."""
-RARE = 5.0
-"""% of the frames in which the pelvis may be lost for moments: the splines carry it over."""
 HALF = 0.5
 """Share of the frames, or of the markers."""
 FROZEN_S = 0.1
@@ -165,17 +163,29 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "gaps get no weight and are not filled; the rest of the segment carries it"
         yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure)
-    pelvis = trial.pelvis
-    if pelvis is not None and not pelvis.determined.all():
-        lost = runs(~pelvis.determined)
-        share = 100 * float(np.mean(~pelvis.determined))
-        lasting = max(duration(trial.recording.time, run) for run in lost)
-        yield trial.finding(
-            Severity.WARNING if share > RARE or lasting > LONG_S else Severity.INFO,
-            "gaps",
-            f"fewer than three pelvis markers in {share:.0f} % of the frames ({spans(trial.recording.time, lost)})",
-            "set time = [start, end] to the part where the pelvis is seen",
-        )
+    yield from _pelvis_lost(trial)
+
+
+def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
+    """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
+    pelvis, time = trial.pelvis, trial.recording.time
+    if pelvis is None or pelvis.determined.all():
+        return
+    lost = ~pelvis.determined
+    lasting = [run for run in runs(lost) if duration(time, run) > LONG_S]
+    share = float(np.mean(lost))
+    words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
+    if not lasting and share <= HALF:
+        yield trial.info("gaps", f"{words}, never for longer than {LONG_S:g} s: these are bridged")
+        return
+    edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
+    part = f", or keep time = [{time[start]:.2f}, {time[stop - 1]:.2f}]" if lasting and stop - start > 1 else ""
+    yield trial.warning(
+        "gaps",
+        f"{words} ({spans(time, lasting or runs(lost))})",
+        f"label or fill the markers of the pelvis there{part}",
+    )
 
 
 def frozen(trial: TrialEvidence) -> Iterator[Finding]:

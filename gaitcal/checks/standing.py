@@ -9,13 +9,13 @@ from gaitcal.errors import InputError
 from gaitcal.findings import Finding
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import still_window
-from gaitcal.recording.still import LAG_S, STILL_M_S
+from gaitcal.recording.still import LAG_S, RESTLESS_M_S, STILL_M_S
 from gaitcal.study.study import Study, nominal_of
 
 FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
 """Of a static trial: speed is told over that time."""
 RESTLESS = 0.5
-"""Share of the allowed speed above which the stillest window is not so still."""
+"""Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in clean static trials."""
 
 
 def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
@@ -51,7 +51,7 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     if window.speed > RESTLESS * STILL_M_S:
         yield trial.warning(
             "still window",
-            f"{words}; at most {1e3 * STILL_M_S:.0f} mm/s is allowed",
+            f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused",
             "let the person stand still for some seconds; segment frames come from this posture",
         )
     else:

@@ -13,6 +13,7 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
 from gaitcal.checks.posture import standing_legs
 from gaitcal.findings import Finding, Severity, listed
+from gaitcal.model.marker_set import REQUIRED
 
 IMPOSSIBLE_Z = 5.5
 """Standard deviations from which no body has such a length."""
@@ -34,6 +35,8 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
     if below is not None and below < 0:
         yield _upside_down(trial, below)
         return
+    if any(name not in p for name in REQUIRED):
+        return  # told already as what keeps the nominal model from being made: the rest would be read askew without it
     found = list(faults(p, given))
     if any(isinstance(fault, Displaced) for fault in found):
         # A leg that is bent or lifted looks like landmarks off their bones: then only what posture leaves alone counts.

@@ -17,6 +17,7 @@ from gaitcal.checks import (
     direction,
     exchanged,
     jumps,
+    knee_lines,
     left_place,
     lengths,
     marker_places,
@@ -140,9 +141,10 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
         if not any(finding.topic == "units" and finding.severity is Severity.ERROR for finding in found):
             measured.append(trial)
+    findings += one_body.one_body(measured)
     return (
         *findings,
-        *one_body.one_body(measured),
+        *knee_lines.knee_lines(measured, findings),
         *rates_differ(trials),
         *same_recording(trials),
         *several_statics.statics_agree(trials),

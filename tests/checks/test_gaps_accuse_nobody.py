@@ -1,7 +1,8 @@
-"""A fifth of the markers missing at random, and a neighbour lost: clean people's labels stay theirs."""
+"""Gaps, a fifth of the markers missing, a neighbour lost: clean people's labels stay theirs, and cures can be done."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import exchanged
+from gaitcal.checks.markers import gaps
+from gaitcal.findings import Finding, Severity
 from gaitcal.study.study import Study, nominal_of
 from tests.checks.spoilt import sound_study
 from tests.real_studies import write_study
@@ -51,3 +54,31 @@ def test_arms_that_turn_under_their_skin_are_not_accused(data_dir: Path, tmp_pat
     trial = next(t for t in study.trials if t.name == "knee_r")
     evidence = TrialEvidence.of(trial, study.marker_set, study.subject, study.settings, model)
     assert [f.found for f in exchanged(evidence) if "LHE" in f.found] == []
+
+
+def pelvis_found(study: Study, lost: Callable[[float, int], bool]) -> tuple[Finding, ...]:
+    """What is said of gaps, beside each marker's own, with two pelvis markers unseen where `lost` (s, frame)."""
+    model = nominal_of(study)
+    trial = next(t for t in study.moving if t.name == "walk")
+    r = trial.recording
+    markers = r.markers.copy()
+    away = np.array([lost(float(t), k) for k, t in enumerate(r.time)])
+    of_pelvis = [i for i, label in enumerate(r.labels) if study.marker_set.segment_of.get(label) == "pelvis"]
+    for i in of_pelvis[2:]:
+        markers[away, i] = np.nan
+    spoilt = replace(trial, recording=replace(r, markers=markers))
+    evidence = TrialEvidence.of(spoilt, study.marker_set, study.subject, study.settings, model)
+    return tuple(f for f in gaps(evidence) if "pelvis markers" in f.found)
+
+
+def test_single_frames_without_the_pelvis_need_no_cure() -> None:
+    (found,) = pelvis_found(sound_study(), lambda t, k: k % 12 == 5)
+    assert found.severity is Severity.INFO and "8 % of the frames" in found.found and not found.cure
+
+
+def test_a_part_of_a_step_without_the_pelvis_is_told_with_the_part_to_keep() -> None:
+    (found,) = pelvis_found(sound_study(), lambda t, k: 0.195 < t < 0.455 or k % 12 == 5)
+    assert found.severity is Severity.WARNING
+    assert "(0.20-0.45 s)" in found.found
+    end = next(t for t in sound_study().moving if t.name == "walk").recording.time[-1]
+    assert f"time = [0.46, {end:.2f}]" in found.cure

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from gaitcal.body import build as body_build
 from gaitcal.body.build import cost_of_build
 from gaitcal.body.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
-from gaitcal.body.plan import cost, measures
+from gaitcal.body.plan import body_axes, cost, measures
 from gaitcal.checks import check_study
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.posture import standing_legs, standing_straight
@@ -72,6 +73,38 @@ def test_no_landmark_of_sound_people_is_accused(people: dict[str, tuple[dict[str
         assert list(faults(p, height)) == [], name
         assert height_factor(p, height) == 1.0
         assert max(abs(m.z) for m in measures(p, height)) < 3.0, name
+
+
+def test_a_foot_without_a_landmark_turns_nobody(people: dict[str, tuple[dict[str, Array], float]]) -> None:
+    """Forward comes from the pelvis then: toes that turn out by 26 degrees are no displacement."""
+    for name, (p, height) in people.items():
+        for lost in ("toe_l", "heel_r", "ankle_lat_l"):
+            some = {landmark: x for landmark, x in p.items() if landmark != lost}
+            assert list(faults(some, height)) == [], (name, lost)
+    p, _ = people["subject01"]
+    outward = Rotation.from_rotvec([0.0, -0.45, 0.0]).as_matrix()
+    for lost, kept in (("toe_l", "r"), ("heel_r", "l")):
+        some = {landmark: x for landmark, x in p.items() if landmark != lost}
+        heel, toe = some[f"heel_{kept}"], some[f"toe_{kept}"]
+        before, after = body_axes(some), body_axes({**some, f"toe_{kept}": heel + outward @ (toe - heel)})
+        assert before is not None and after is not None
+        assert np.allclose(before, after)
+        assert before[:, 0] @ body_axes(p)[:, 0] > np.cos(np.deg2rad(6.0))  # type: ignore[index]
+
+
+@pytest.mark.parametrize("lost", ["L.Toe.Tip", "R.Heel", "R.Knee.Lat", "L.ASIS"])
+def test_without_a_required_marker_no_other_is_accused(sound: Study, lost: str) -> None:
+    def without(r: Recording) -> Recording:
+        kept = [i for i, label in enumerate(r.labels) if label != lost]
+        return replace(r, labels=tuple(r.labels[i] for i in kept), markers=r.markers[:, kept])
+
+    def wrong(r: Recording) -> Recording:
+        return without(moved("L.Ankle.Lat", lambda x: x + [0.05, 0.05, 0.0])(r))
+
+    assert "'L.Ankle.Lat'" in spoilt(sound, moved("L.Ankle.Lat", lambda x: x + [0.05, 0.05, 0.0]))[0].cause
+    found = spoilt(sound, wrong)
+    assert [f.topic for f in found if f.severity is ERROR] == ["static trial"]
+    assert all(lost in f.found for f in found)
 
 
 EXCHANGES = [
