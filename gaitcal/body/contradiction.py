@@ -24,7 +24,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.body.cluster import Cluster, alignment
 from gaitcal.body.joint_link import JointLink, angle_of, side_turns
-from gaitcal.body.trial_body import NO_MOTION, OFFSET_M, REDUCED, SPREAD, Body, gap_limit
+from gaitcal.body.trial_body import NO_MOTION, SPREAD, Body, gap_limit, offset_limit
 
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
@@ -180,7 +180,7 @@ def _cost(
 ) -> tuple[float, tuple[Array, Array]]:
     """J without its price, and the C that makes it least; `markers`: factor of their weight."""
     taken = [i for i in kept if cluster.labels[i] not in body.cleared.get(cluster.segment, ())]
-    sigma = OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0) / SPREAD
+    sigma = offset_limit(cluster) / SPREAD
     points, targets = [shape[taken]], [cluster.static[taken]]
     weights = [np.full(len(taken), markers * sigma**-2)]
     for link, p, q in body.seen_from(cluster.segment) if joints else ():

@@ -22,6 +22,9 @@ from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording
 
 CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
+USUAL_HEIGHT_M = 1.75
+"""Clean recordings from which limits in metres are taken are of people up to about this height: taller ones have
+longer ways between markers, and those grow with them."""
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -38,6 +41,8 @@ class Stance:
     """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other way on the left."""
     landmarks: Mapping[str, Array] = field(default_factory=dict)
     """(3,) m, of the marker set's landmarks that were seen."""
+    size: float = 1.0
+    """Of the person, by which limits in metres grow: height over the usual, at least 1."""
 
     @classmethod
     def of_recording(
@@ -63,6 +68,7 @@ class Stance:
                 if posture.has(f"knee_med_{s}")
             },
             landmarks=landmarks,
+            size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
     @classmethod
@@ -72,7 +78,7 @@ class Stance:
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
         for label, segment, local in placed:
             points.setdefault(segment, {})[label] = local
-        return cls(points)
+        return cls(points, size=max(1.0, model.subject.height / USUAL_HEIGHT_M))
 
 
 def _axes(legs: LowerBody) -> Array:

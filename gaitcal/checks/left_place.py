@@ -43,6 +43,12 @@ ALONE = 2.0
 """Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
 SLIP_USUAL = 6.0
 """Times the usual change from frame to frame."""
+SLIP_RATE = 0.6
+"""m/s of the same: skin goes on moving between two frames, and slow cameras see it jump."""
+SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
+"""Times the changes of the frames so near before and after (but for the next ones): tape that comes off does so at
+once, skin deforms over several frames."""
+SHORTEST_STAY_S = 0.15
 SLIP_STAYS = 0.6
 """Share of a change that must last."""
 LIGHTLY = 0.05
@@ -129,7 +135,7 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is."""
     distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
     usual = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
-    limit = usual + np.maximum(AWAY_M[cluster.part], USUAL * usual)
+    limit = usual + np.maximum(cluster.size * AWAY_M[cluster.part], USUAL * usual)
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in runs(beyond, SHORTEST_FRAMES):
         k = _culprit(trial, cluster, run)
@@ -140,19 +146,22 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches that begin where a marker slips, until it slips again or the trial ends."""
     away = cluster.away[:, : cluster.own]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
-    window = max(SLIP_FRAMES, round(SLIP_S * trial.recording.rate))
-    if len(frames) < 2 * SLIP_FRAMES:
+    rate = trial.recording.rate
+    window = max(SLIP_FRAMES, round(SLIP_S * rate))
+    fewest, near = max(SLIP_FRAMES, round(SHORTEST_STAY_S * rate)), max(3, round(SUDDEN_S * rate))
+    if len(frames) < 2 * fewest:
         return
     away = away[frames]
     step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
-    limit = max(SLIP_M, SLIP_USUAL * float(np.median(step)))
+    least = cluster.size * SLIP_M
+    limit = max(least, SLIP_RATE / rate, SLIP_USUAL * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
     for f in np.flatnonzero(step > limit).tolist():
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
-        if min(len(before), len(after)) < SLIP_FRAMES:
+        if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _around(step, f, near):
             continue
         change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
-        if change < max(SLIP_M, SLIP_STAYS * float(step[f])):
+        if change < max(least, SLIP_STAYS * float(step[f])):
             continue
         edge = int(frames[f + 1])
         jumps = _jumps(trial, cluster, edge)
@@ -166,6 +175,11 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     for i, (edge, k, size) in enumerate(slips):
         again = next((other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away))
         yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
+
+
+def _around(step: Array, f: int, near: int) -> float:
+    """m, the largest change from frame to frame near change f, without its neighbours."""
+    return float(np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(initial=0.0))
 
 
 def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:

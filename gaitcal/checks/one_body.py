@@ -241,7 +241,7 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
             usual = np.median([c.shape for c in same], axis=0)
             turn, shift = alignment(cluster.shape, usual)
             away = np.linalg.norm(cluster.shape @ turn.T + shift - usual, axis=1)
-            limit = BETWEEN_WALKS * np.hypot(OFFSET_M[cluster.part], cluster.scatter)
+            limit = BETWEEN_WALKS * np.hypot(cluster.size * OFFSET_M[cluster.part], cluster.scatter)
             if (worst := float((away / limit).max())) <= 1.0:
                 continue
             names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
