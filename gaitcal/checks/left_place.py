@@ -26,9 +26,9 @@ AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 farther."""
 USUAL = 5.0
 """Times the marker's usual distance, if that is more."""
-SHORTEST_FRAMES = 5
+SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
 FAR_M = 0.025
-SURE_FAR_M = 0.015
+SURE_FAR_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
 """The same where it slipped or its path was made up, which skin never does."""
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
@@ -37,6 +37,8 @@ SLIP_M = 6e-3
 clean recording of 20 people has one that lasts and is one marker's alone."""
 MOST_SLIPS = 2
 """In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
+MOST_JUMPS = 3
+"""Of one marker, whether it stays or comes back at once: more are cameras that lose it."""
 SLIP_S, SLIP_FRAMES = 0.25, 8
 """Stretch of the means before and after, and fewest frames of it."""
 ALONE = 2.0
@@ -105,7 +107,7 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     part = worst.cluster.segment
     slip = any(s.slipped for s in found)
     bad = any(
-        s.distance > (SURE_FAR_M if s.slipped or s.straight else FAR_M) and _seconds(time, s.frames) >= LONG_S
+        s.distance > (SURE_FAR_M[s.cluster.part] if s.slipped or s.straight else FAR_M) and _seconds(time, s.frames) >= LONG_S
         for s in found
     )
     what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
@@ -137,7 +139,7 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     usual = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
     limit = usual + np.maximum(cluster.size * AWAY_M[cluster.part], USUAL * usual)
     beyond: BoolArray = np.any(distance > limit, axis=1)
-    for run in runs(beyond, SHORTEST_FRAMES):
+    for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
         k = _culprit(trial, cluster, run)
         yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
@@ -156,7 +158,9 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     least = cluster.size * SLIP_M
     limit = max(least, SLIP_RATE / rate, SLIP_USUAL * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
-    for f in np.flatnonzero(step > limit).tolist():
+    sudden = np.flatnonzero(step > limit).tolist()
+    jumpers = [int(np.argmax(_jumps(trial, cluster, int(frames[f + 1])))) for f in sudden]
+    for f, k in zip(sudden, jumpers, strict=True):
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
         if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _around(step, f, near):
             continue
@@ -165,8 +169,7 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
             continue
         edge = int(frames[f + 1])
         jumps = _jumps(trial, cluster, edge)
-        k = int(np.argmax(jumps))
-        if jumps[k] < ALONE * float(np.delete(jumps, k).max()):
+        if jumpers.count(k) > MOST_JUMPS or jumps[k] < ALONE * float(np.delete(jumps, k).max()):
             continue
         shape = cluster.shape[: cluster.own]
         slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
