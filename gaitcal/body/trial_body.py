@@ -34,7 +34,7 @@ and 15 deg."""
 SCATTERED = 2.0
 """Standard deviations, as markers scatter within the trial, that widen the limits of gap and turn: a small cluster far
 from the joint tells little of it."""
-GAP_PER_RAD, TURN_PER_RAD = 0.10, 0.8
+GAP_PER_RAD, TURN_PER_RAD = 0.10, 1.0
 """m and rad that widen them for each rad by which the trial stays away from the static posture. Parts of clean trials
 in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay inverted turns of 30 deg at 35 deg."""
 SPREAD = 3.0

@@ -107,7 +107,8 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     part = worst.cluster.segment
     slip = any(s.slipped for s in found)
     bad = any(
-        s.distance > (SURE_FAR_M[s.cluster.part] if s.slipped or s.straight else FAR_M) and _seconds(time, s.frames) >= LONG_S
+        s.distance > (SURE_FAR_M[s.cluster.part] if s.slipped or s.straight else FAR_M)
+        and _seconds(time, s.frames) >= LONG_S
         for s in found
     )
     what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
@@ -117,12 +118,18 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
         Severity.ERROR if bad else Severity.WARNING,
         "left its place",
         f"up to {1e3 * worst.distance:.0f} mm away in {frames} frames, {spans(time, [s.frames for s in found])}",
-        f'leave that part out with time = [start, end], export gaps as gaps, or weights = {{ "{label}" = 0 }} under '
-        "[markers]",
+        _cure(worst),
         cause=what,
         leg=part[-1] if part.endswith(("_r", "_l")) else "",
         weight=worst.distance / AWAY_M[worst.cluster.part],
     )
+
+
+def _cure(stretch: Stretch) -> str:
+    part = "leave that part out with time = [start, end], "
+    if stretch.cluster.own < FEWEST:
+        return part + "or export gaps as gaps: without this marker the other does not tell how the segment lies"
+    return part + f'export gaps as gaps, or weights = {{ "{stretch.label}" = 0 }} under [markers]'
 
 
 def _seconds(time: Array, frames: slice) -> float:
