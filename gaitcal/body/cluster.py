@@ -13,7 +13,7 @@ markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,8 @@ class Cluster:
     """(nf, 3) m, o."""
     away: Array
     """(nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen."""
+    size: float = 1.0
+    """Of the person, by which limits in metres grow."""
     determined: BoolArray
     """(nf,) whether three points not on a line were seen."""
 
@@ -153,7 +155,7 @@ def clusters_of(
             reduced = lent is not None and len(stance.points[segment]) >= FEWEST
             cluster = _cluster(segment, tuple(labels), lent is not None, reduced, np.array(static), np.stack(paths, 1))
             if cluster is not None:
-                out[segment] = cluster
+                out[segment] = replace(cluster, size=stance.size)
     return out
 
 

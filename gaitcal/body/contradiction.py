@@ -22,9 +22,9 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.body.cluster import Cluster, alignment
+from gaitcal.body.cluster import FEWEST, Cluster, alignment
 from gaitcal.body.joint_link import JointLink, angle_of, side_turns
-from gaitcal.body.trial_body import NO_MOTION, OFFSET_M, REDUCED, SPREAD, Body, gap_limit
+from gaitcal.body.trial_body import NO_MOTION, SPREAD, Body, gap_limit, offset_limit
 
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
@@ -75,6 +75,8 @@ class Contradiction:
     """How many times the limits were exceeded, the worst."""
     seen_at: tuple[str, ...]
     """What exceeded its limit, in words."""
+    rivals: tuple[str, ...] = ()
+    """Markers of which one elsewhere would look alike: the other one of a segment that has two."""
 
 
 def contradictions(
@@ -180,7 +182,7 @@ def _cost(
 ) -> tuple[float, tuple[Array, Array]]:
     """J without its price, and the C that makes it least; `markers`: factor of their weight."""
     taken = [i for i in kept if cluster.labels[i] not in body.cleared.get(cluster.segment, ())]
-    sigma = OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0) / SPREAD
+    sigma = offset_limit(cluster) / SPREAD
     points, targets = [shape[taken]], [cluster.static[taken]]
     weights = [np.full(len(taken), markers * sigma**-2)]
     for link, p, q in body.seen_from(cluster.segment) if joints else ():
@@ -210,6 +212,7 @@ def _told(
     seen_at: tuple[str, ...],
 ) -> _Explanation:
     turn, shift = pose
+    own = cluster.own
     at = [cluster.labels.index(label) for label in labels]
     centres = [link.centre for link in body.links.values() if cluster.segment in (link.above, link.below)]
     moved = [turn @ c + shift - c for c in centres]
@@ -228,6 +231,9 @@ def _told(
         direction=direction,
         excess=excess,
         seen_at=seen_at,
+        rivals=tuple(m for m in cluster.labels[:own] if m not in labels)
+        if fault is Fault.MARKER and own < FEWEST
+        else (),
     )
     # The reflection or the exchange is in the shape: what is left to be explained is judged without these markers.
     cleared = cluster.labels if fault in (Fault.MIRRORED, Fault.LABELS) else labels if fault is Fault.MARKER else ()

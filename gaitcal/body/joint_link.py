@@ -6,7 +6,9 @@ t_f = R_above^T (o_below - o_above), a point p of the lower segment lies in the 
     M_f p + t_f  ~  B (p - c) + g,      B = median M_f,   g = median (M_f c + t_f)
 
 over the frames whose flexion is near that of the static trial. g - c is the gap of the two joint centres, and B = Rz(f)
-Rx(a) Ry(r) holds the ab/adduction a and the axial turn r against the static posture.
+Rx(a) Ry(r) holds the ab/adduction a and the axial turn r against the static posture. A centre that is wrong by e opens
+a gap |(M_f - 1) e|, and a joint may move about all its axes: how far those frames turn from the static posture on the
+whole says how much the gap and B can tell.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ NEAR_RAD = np.deg2rad(30.0)
 """Flexion from the static posture within which the joint is near it; at least the nearest tenth of the frames."""
 NEAREST_PERCENT = 10.0
 FEWEST_FRAMES = 5
+STANDS_RAD = np.deg2rad(15.0)
+"""Turn from the static posture that walks have in their nearest frames."""
 AXIS_FLEXION = np.deg2rad(75.0)
 AXIS_RANGE = np.deg2rad(35.0)
 AXIS_PERCENTILES = (5.0, 95.0)
@@ -54,6 +58,10 @@ class JointLink:
     """m, standard deviation of the gap as the markers of both segments scatter in the trial."""
     turn_spread: Array
     """(2,) rad, the same of ab/adduction and axial turn."""
+    far: float
+    """rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within it."""
+    size: float
+    """Of the person, as of the clusters."""
     axis_turn: float | None
     """rad, transverse angle from the measured axis of a knee to its epicondyles; None where it cannot be told."""
 
@@ -106,6 +114,8 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array, axis: Array
         rms=_rms_turn(turn),
         gap_spread=float(np.hypot(place_above, place_below)),
         turn_spread=np.hypot(turn_above, turn_below)[:2],
+        far=max(0.0, float(np.median(angle_of(turn[near]))) - STANDS_RAD),
+        size=above.size,
         axis_turn=None if axis is None else _axis_turn(turn, flexion, axis),
     )
 

@@ -13,15 +13,24 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.model.chain import Chain
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import HipCentre, LowerBody, across, lower_body
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, across, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording
 
 CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
+MODEL_JOINT = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}
+"""Joint -> that of the linkage whose centre it is, and the segment above it."""
+USUAL_HEIGHT_M = 1.75
+"""Clean recordings from which limits in metres are taken are of people up to about this height: taller ones have
+longer ways between markers, and those grow with them."""
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -32,12 +41,13 @@ class Stance:
     points: Mapping[str, Mapping[str, Array]]
     """Segment -> marker -> (3,) m."""
     centres: Mapping[str, Array] = field(default_factory=dict)
-    """`hip_r`, `knee_r`, ... -> (3,) m; empty where the static recording is not at hand: then every segment has axes of
-    its own, and nothing can be said across joints."""
+    """`hip_r`, `knee_r`, ... -> (3,) m; empty where nothing can be said across joints."""
     knee_axes: Mapping[str, Array] = field(default_factory=dict)
     """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other way on the left."""
     landmarks: Mapping[str, Array] = field(default_factory=dict)
     """(3,) m, of the marker set's landmarks that were seen."""
+    size: float = 1.0
+    """Of the person, by which limits in metres grow: height over the usual, at least 1."""
 
     @classmethod
     def of_recording(
@@ -63,16 +73,46 @@ class Stance:
                 if posture.has(f"knee_med_{s}")
             },
             landmarks=landmarks,
+            size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
     @classmethod
     def of_model(cls, model: SubjectModel) -> Stance:
-        """From a saved model, each segment in axes of its own."""
+        """From a saved model, all coordinates zero: its joint centres, and the markers where its segments carry them."""
+        frames = _at_zero(model.parameters)
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
         for label, segment, local in placed:
-            points.setdefault(segment, {})[label] = local
-        return cls(points)
+            points.setdefault(segment, {})[label] = frames[segment].point(local)
+        return cls(
+            points=points,
+            centres={
+                f"{name}_{side}": frames[parent].point(_position(model.parameters, f"{joint}_{side}", parent))
+                for name, (joint, part) in MODEL_JOINT.items()
+                for side in SIDES
+                for parent in (part if part == "pelvis" else f"{part}_{side}",)
+            },
+            landmarks={name: frames[segment].point(at) for name, (segment, at) in model.landmarks.items()},
+            size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
+        )
+
+
+def _at_zero(parameters: Parameters) -> dict[str, Frame]:
+    """Segment frames of a linkage with all coordinates zero."""
+    chain = Chain()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    poses = forward(chain, constants, np.zeros((1, len(chain.coordinates))))
+    axes, origins = segment_poses(chain, constants, poses)
+    return {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+
+
+def _position(parameters: Parameters, joint: str, segment: str) -> Array:
+    """(3,) m, centre of a joint in the frame of one of its segments."""
+    out = np.zeros(3)
+    for p in JOINT_PARAMETERS:
+        if (p.joint, p.segment, p.kind) == (joint, segment, Kind.POSITION):
+            out[p.axis] = parameters.joint[JP_INDEX[p.name]]
+    return out
 
 
 def _axes(legs: LowerBody) -> Array:

@@ -34,6 +34,9 @@ and 15 deg."""
 SCATTERED = 2.0
 """Standard deviations, as markers scatter within the trial, that widen the limits of gap and turn: a small cluster far
 from the joint tells little of it."""
+GAP_PER_RAD, TURN_PER_RAD = 0.10, 1.0
+"""m and rad that widen them for each rad by which the trial stays away from the static posture. Parts of clean trials
+in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay inverted turns of 30 deg at 35 deg."""
 SPREAD = 3.0
 """A limit is taken as so many standard deviations."""
 NO_MOTION = (np.eye(3), np.zeros(3))
@@ -41,12 +44,32 @@ NO_MOTION = (np.eye(3), np.zeros(3))
 
 def gap_limit(link: JointLink) -> float:
     """m, gap of a joint of this trial that says something."""
-    return float(np.hypot(GAP_M[link.name], SCATTERED * link.gap_spread))
+    return float(np.hypot(_gap_base(link), SCATTERED * link.gap_spread))
+
+
+def turn_limits(link: JointLink) -> Array:
+    """(2,) rad, ab/adduction and axial turn of a joint of this trial that say something."""
+    out: Array = np.hypot(_turn_base(link), SCATTERED * link.turn_spread)
+    return out
 
 
 def reach(link: JointLink) -> float:
     """M from the joint centre to the points on its axis: there the limits of gap and turn weigh alike."""
-    return GAP_M[link.name] / float(np.mean(TURN_RAD[link.name]))
+    return _gap_base(link) / float(np.mean(_turn_base(link)))
+
+
+def _gap_base(link: JointLink) -> float:
+    return link.size * float(np.hypot(GAP_M[link.name], GAP_PER_RAD * link.far))
+
+
+def _turn_base(link: JointLink) -> Array:
+    out: Array = np.hypot(TURN_RAD[link.name], TURN_PER_RAD * link.far)
+    return out
+
+
+def offset_limit(cluster: Cluster) -> float:
+    """m, largest offset of a marker of the cluster, in a person of its size."""
+    return cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
 
 
 @dataclass
@@ -105,7 +128,7 @@ class Body:
         out = {name: value for name, c in self.clusters.items() if (value := self.offset_excess(c)) > 1.0}
         for joint, link in self.links.items():
             turn, gap = self.relation(link)
-            ratios = np.abs(side_turns(turn)) / np.hypot(TURN_RAD[link.name], SCATTERED * link.turn_spread)
+            ratios = np.abs(side_turns(turn)) / turn_limits(link)
             value = max(float(np.linalg.norm(gap)) / gap_limit(link), float(ratios.max()))
             if value > 1.0:
                 out[joint] = value
@@ -119,9 +142,10 @@ class Body:
         turn, shift = alignment(cluster.shape[kept], cluster.static[kept])
         away = np.linalg.norm(cluster.shape[kept] @ turn.T + shift - cluster.static[kept], axis=1)
         steady = away / np.hypot(cluster.scatter[kept], JITTER_M)
-        limit = self.strictness * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
+        limit = self.strictness * offset_limit(cluster)
         value = float((away / np.hypot(limit, cluster.scatter[kept])).max())
         if not cluster.reduced and self.strictness == 1.0:
-            counted = (away > STEADY_M) & (steady > STEADY_RATIO)
-            value = max(value, float((away[counted] / STEADY_M).max(initial=0.0)))
+            least = cluster.size * STEADY_M
+            counted = (away > least) & (steady > STEADY_RATIO)
+            value = max(value, float((away[counted] / least).max(initial=0.0)))
         return value

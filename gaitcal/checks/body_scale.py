@@ -17,6 +17,9 @@ SCALE = (0.983, 1.011)
 """Median size of the clusters of a trial against the static trial: those of 20 people, all their
 clean trials together, lie between 0.985 and 1.002."""
 FEWEST_CLUSTERS = 6
+MOST_MARGIN = 0.006
+"""By which the scatter of the clusters' sizes about their median widens the limits, at most: two standard errors of it.
+Halves of a clean walk with Plug-in Gait markers, two to four a segment, have a median of 0.980."""
 CERTAIN = 0.012
 """Beyond these limits by so much it is another body or another calibration of the cameras."""
 
@@ -27,13 +30,23 @@ def scale_of(trial: TrialEvidence) -> float | None:
     return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
 
 
+def margin_of(trial: TrialEvidence) -> float:
+    """By how much the median size of the trial's clusters is uncertain, as they scatter about it: twice
+    1.25 (1.48 median |r - median r|) / sqrt(n), the standard error of a median of n.
+    """
+    ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
+    scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
+    return min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
+
+
 def odd_scale(trial: TrialEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial; scatter alone enlarges a cluster a little."""
     scale = scale_of(trial)
     if scale is None:
         return None
+    margin = margin_of(trial)
     swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
-    return scale if not SCALE[0] <= scale <= SCALE[1] + swollen else None
+    return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
 
 def rescaled(trial: TrialEvidence) -> TrialEvidence:

@@ -26,9 +26,9 @@ AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 farther."""
 USUAL = 5.0
 """Times the marker's usual distance, if that is more."""
-SHORTEST_FRAMES = 5
+SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
 FAR_M = 0.025
-SURE_FAR_M = 0.015
+SURE_FAR_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
 """The same where it slipped or its path was made up, which skin never does."""
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
@@ -37,12 +37,20 @@ SLIP_M = 6e-3
 clean recording of 20 people has one that lasts and is one marker's alone."""
 MOST_SLIPS = 2
 """In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
+MOST_JUMPS = 3
+"""Of one marker, whether it stays or comes back at once: more are cameras that lose it."""
 SLIP_S, SLIP_FRAMES = 0.25, 8
 """Stretch of the means before and after, and fewest frames of it."""
 ALONE = 2.0
 """Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
 SLIP_USUAL = 6.0
 """Times the usual change from frame to frame."""
+SLIP_RATE = 0.6
+"""m/s of the same: skin goes on moving between two frames, and slow cameras see it jump."""
+SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
+"""Times the changes of the frames so near before and after (but for the next ones): tape that comes off does so at
+once, skin deforms over several frames."""
+SHORTEST_STAY_S = 0.15
 SLIP_STAYS = 0.6
 """Share of a change that must last."""
 LIGHTLY = 0.05
@@ -99,7 +107,8 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     part = worst.cluster.segment
     slip = any(s.slipped for s in found)
     bad = any(
-        s.distance > (SURE_FAR_M if s.slipped or s.straight else FAR_M) and _seconds(time, s.frames) >= LONG_S
+        s.distance > (SURE_FAR_M[s.cluster.part] if s.slipped or s.straight else FAR_M)
+        and _seconds(time, s.frames) >= LONG_S
         for s in found
     )
     what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
@@ -109,12 +118,18 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
         Severity.ERROR if bad else Severity.WARNING,
         "left its place",
         f"up to {1e3 * worst.distance:.0f} mm away in {frames} frames, {spans(time, [s.frames for s in found])}",
-        f'leave that part out with time = [start, end], export gaps as gaps, or weights = {{ "{label}" = 0 }} under '
-        "[markers]",
+        _cure(worst),
         cause=what,
         leg=part[-1] if part.endswith(("_r", "_l")) else "",
         weight=worst.distance / AWAY_M[worst.cluster.part],
     )
+
+
+def _cure(stretch: Stretch) -> str:
+    part = "leave that part out with time = [start, end], "
+    if stretch.cluster.own < FEWEST:
+        return part + "or export gaps as gaps: without this marker the other does not tell how the segment lies"
+    return part + f'export gaps as gaps, or weights = {{ "{stretch.label}" = 0 }} under [markers]'
 
 
 def _seconds(time: Array, frames: slice) -> float:
@@ -129,9 +144,9 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is."""
     distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
     usual = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
-    limit = usual + np.maximum(AWAY_M[cluster.part], USUAL * usual)
+    limit = usual + np.maximum(cluster.size * AWAY_M[cluster.part], USUAL * usual)
     beyond: BoolArray = np.any(distance > limit, axis=1)
-    for run in runs(beyond, SHORTEST_FRAMES):
+    for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
         k = _culprit(trial, cluster, run)
         yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
@@ -140,24 +155,28 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches that begin where a marker slips, until it slips again or the trial ends."""
     away = cluster.away[:, : cluster.own]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
-    window = max(SLIP_FRAMES, round(SLIP_S * trial.recording.rate))
-    if len(frames) < 2 * SLIP_FRAMES:
+    rate = trial.recording.rate
+    window = max(SLIP_FRAMES, round(SLIP_S * rate))
+    fewest, near = max(SLIP_FRAMES, round(SHORTEST_STAY_S * rate)), max(3, round(SUDDEN_S * rate))
+    if len(frames) < 2 * fewest:
         return
     away = away[frames]
     step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
-    limit = max(SLIP_M, SLIP_USUAL * float(np.median(step)))
+    least = cluster.size * SLIP_M
+    limit = max(least, SLIP_RATE / rate, SLIP_USUAL * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
-    for f in np.flatnonzero(step > limit).tolist():
+    sudden = np.flatnonzero(step > limit).tolist()
+    jumpers = [int(np.argmax(_jumps(trial, cluster, int(frames[f + 1])))) for f in sudden]
+    for f, k in zip(sudden, jumpers, strict=True):
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
-        if min(len(before), len(after)) < SLIP_FRAMES:
+        if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _around(step, f, near):
             continue
         change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
-        if change < max(SLIP_M, SLIP_STAYS * float(step[f])):
+        if change < max(least, SLIP_STAYS * float(step[f])):
             continue
         edge = int(frames[f + 1])
         jumps = _jumps(trial, cluster, edge)
-        k = int(np.argmax(jumps))
-        if jumps[k] < ALONE * float(np.delete(jumps, k).max()):
+        if jumpers.count(k) > MOST_JUMPS or jumps[k] < ALONE * float(np.delete(jumps, k).max()):
             continue
         shape = cluster.shape[: cluster.own]
         slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
@@ -166,6 +185,11 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     for i, (edge, k, size) in enumerate(slips):
         again = next((other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away))
         yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
+
+
+def _around(step: Array, f: int, near: int) -> float:
+    """m, the largest change from frame to frame near change f, without its neighbours."""
+    return float(np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(initial=0.0))
 
 
 def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:

@@ -106,7 +106,8 @@ def _severity(cause: Contradiction) -> Severity:
 def _cause(cause: Contradiction, against: str) -> str:
     place = _part(cause.segment)
     if cause.fault is Fault.MARKER:
-        return f"marker '{cause.labels[0]}' is not where {against} has it on the {place}"
+        which = " or ".join(repr(label) for label in (cause.labels[0], *cause.rivals))
+        return f"marker {which} is not where {against} has it on the {place}"
     if cause.fault is Fault.LABELS:
         return (
             f"'{cause.labels[0]}' and '{cause.labels[1]}' on the {place} carry each other's label, or did in {against}"
@@ -139,6 +140,8 @@ def _cure(cause: Contradiction, static_doubted: bool) -> str:
     other = (
         "another static trial (all moving trials agree against this one)" if static_doubted else "another static trial"
     )
+    if cause.fault is Fault.MARKER and cause.rivals:
+        return f"{other}; neither can be left out, as one alone does not tell how the segment lies"
     if cause.fault is Fault.MARKER:
         return f'weights = {{ "{cause.labels[0]}" = 0 }} under [markers] leaves it out; or {other}'
     if cause.fault is Fault.LABELS:
@@ -241,7 +244,7 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
             usual = np.median([c.shape for c in same], axis=0)
             turn, shift = alignment(cluster.shape, usual)
             away = np.linalg.norm(cluster.shape @ turn.T + shift - usual, axis=1)
-            limit = BETWEEN_WALKS * np.hypot(OFFSET_M[cluster.part], cluster.scatter)
+            limit = BETWEEN_WALKS * np.hypot(cluster.size * OFFSET_M[cluster.part], cluster.scatter)
             if (worst := float((away / limit).max())) <= 1.0:
                 continue
             names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
