@@ -215,3 +215,25 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     evidence = exact_walk().evidence()
     named, left = choose([replace(evidence, name=name) for name in size])
     assert sorted(t.name for one in named for t in one.trials) == convicted and left == []
+
+
+def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go() -> None:
+    """19 % and 14 nats: what single frames without markers left in a clean real walk."""
+    evidence = exact_walk().evidence()
+    causes = {c.kind: c for c in causes_of([evidence]) if not c.plates}
+    found = [
+        ForceFit(cause=causes[kind], x=np.array([0.003, 0.05]), gain=14.0, explained=0.19, gains=np.array([14.0]))
+        for kind in (Kind.MARKERS_TILTED, Kind.PLACE, Kind.TILT)
+    ]
+    assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
+    assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
+
+
+def test_the_share_of_missing_samples_is_known() -> None:
+    def blanked(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[::20] = np.nan
+        return replace(recording, markers=markers)
+
+    assert exact_walk().evidence().missing == 0.0
+    assert exact_walk().evidence(blanked).missing == pytest.approx(0.05, abs=0.005)
