@@ -195,8 +195,8 @@ def force_evidence(
 def _missing(recording: Recording, model: SubjectModel) -> float:
     """Of the markers of the model that are seen in some frames."""
     known = [i for i, label in enumerate(recording.labels) if label in model.markers.labels]
-    gone: BoolArray = np.isnan(recording.markers[:, known]).any(axis=2)
-    seen: BoolArray = ~np.all(gone, axis=0)
+    gone = np.isnan(recording.markers[:, known, 0])
+    seen = ~np.all(gone, axis=0)
     return float(gone[:, seen].mean()) if seen.any() else 0.0
 
 
