@@ -30,6 +30,8 @@ OFFSET_N = 15.0
 CLIPPED = 5
 """Samples in a row at the very same largest value: an amplifier at its end."""
 CLIPPED_N = 200.0
+DEAD_N, DEAD_SAMPLES = 0.5, 20
+"""A horizontal force that changes by less over so many loaded samples is no measured one: noise alone changes more."""
 ASLANT = 0.5
 """Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2."""
 STANCE_S = 0.3
@@ -85,12 +87,29 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.warning("plates", found, cure, cause=f"{name} is not at zero when empty")
         yield from _clipped(trial, plate)
         loaded = up > BODY_N
+        yield from _dead(trial, plate, force[loaded])
         if loaded.sum() > 10:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
             if ratio > ASLANT:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
                 cure = "are its axes those of the file, y up?"
                 yield trial.warning("plates", found, cure, cause=f"the axes of {name} are not those of the room")
+
+
+def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
+    """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
+    if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
+        return
+    still = [name for axis, name in ((0, "x"), (2, "z")) if np.ptp(loaded[:, axis]) <= DEAD_N]
+    if still:
+        missing = " and ".join(f"F{name}" for name in still)
+        yield trial.warning(
+            "plates",
+            f"plate {plate.name}: {missing} stays at {loaded[0, 0 if still[0] == 'x' else 2]:.0f} N in all "
+            f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)",
+            "look for the channel, its cable and its column in the file; without it leave the plate out of torques",
+            cause=f"a horizontal force of plate {plate.name} is missing: {missing} is constant",
+        )
 
 
 def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:

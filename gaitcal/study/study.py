@@ -20,6 +20,10 @@ from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 
+OTHER_UNIT = 100.0
+"""Forces that last so many times longer than whole markers have their time in ms: laboratories crop markers, to a tenth
+or a twentieth of the forces."""
+
 
 class Role(str, Enum):
     """What a trial is for."""
@@ -258,7 +262,16 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
     if trial.role != "gait":
         return
     step = float(np.median(np.diff(recording.time)))
+    whole = float(np.ptp(recording.time))
     for plate in recording.plates:
+        lasts = float(np.ptp(plate.time))
+        if lasts > OTHER_UNIT * whole and trial.time is None:
+            raise InputError(
+                f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the two times is in "
+                "another unit (ms?); both must be in s",
+                source=trial.forces or trial.file,
+                field=f"plate {plate.name}",
+            )
         if plate.time[0] > recording.time[0] + step or plate.time[-1] < recording.time[-1] - step:
             raise InputError(
                 f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "

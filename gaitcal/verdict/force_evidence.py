@@ -88,6 +88,8 @@ class ForceEvidence:
     """N, of the subject."""
     height: float
     """m."""
+    missing: float = 0.0
+    """Share of the samples of markers that the trial shows at all which are not there."""
 
     @property
     def weight_of_model(self) -> float:
@@ -186,7 +188,16 @@ def force_evidence(
         empty=tuple(empty_reading(plates[i], weight) for i in heavy),
         weight=weight,
         height=model.subject.height,
+        missing=_missing(recording, model),
     )
+
+
+def _missing(recording: Recording, model: SubjectModel) -> float:
+    """Of the markers of the model that are seen in some frames."""
+    known = [i for i, label in enumerate(recording.labels) if label in model.markers.labels]
+    gone = np.isnan(recording.markers[:, known, 0])
+    seen = ~np.all(gone, axis=0)
+    return float(gone[:, seen].mean()) if seen.any() else 0.0
 
 
 def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[Array, Array]:

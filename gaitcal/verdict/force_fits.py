@@ -46,12 +46,14 @@ class ForceFit:
     """(trials,) part of the gain that each trial gives."""
 
 
-def fits(residual: ForceResidual) -> tuple[float, list[ForceFit]]:
-    """|y|^2 a row without any cause, and every cause with its best size, the best cause first."""
+def fits(residual: ForceResidual, only: object = None) -> tuple[float, list[ForceFit]]:
+    """|y|^2 a row without any cause, and every cause with its best size (or `only` of that key), the best one first."""
     plain = _whitened(residual, None, np.zeros(0))
     before = residual.squares(plain)
     found: dict[object, ForceFit] = {}
     for cause in causes_of(residual.trials):
+        if only is not None and cause.key != only:
+            continue
         fit = _fit(residual, cause, plain, before)
         if cause.key not in found or fit.gain > found[cause.key].gain:
             found[cause.key] = fit

@@ -140,3 +140,15 @@ def test_plates_that_touch_are_one_surface(sound: Study) -> None:
     assert not any("plate 1" in f.found and "partly beside" in f.found for f in partly)
     alone = findings(with_trial(sound, "walk", with_corners(middle)), "plate to foot", WARNING)
     assert any("plate 1" in f.found and "partly beside" in f.found and "none" not in f.cure for f in alone)
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "Fx"), (2, "Fz")])
+def test_a_horizontal_channel_that_never_changes_is_missing(sound: Study, axis: int, name: str) -> None:
+    def dead(p: ForcePlate) -> ForcePlate:
+        force = p.force.copy()
+        force[:, axis] = 0.0
+        return replace(p, force=force)
+
+    found = [f for f in findings(with_trial(sound, "walk", plate(1, dead)), "plates", WARNING) if "missing" in f.cause]
+    assert [f.cause for f in found] == [f"a horizontal force of plate 1 is missing: {name} is constant"]
+    assert not [f for f in findings(sound, "plates", WARNING) if "missing" in f.cause]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +20,10 @@ from gaitcal.recording import ForcePlate, Recording, write_forces_csv
 from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import gait_motion
 from gaitcal.verdict import force_choice
+from gaitcal.verdict.force_causes import Kind, causes_of
 from gaitcal.verdict.force_choice import choose
 from gaitcal.verdict.force_diagnosis import force_findings
+from gaitcal.verdict.force_fits import ForceFit
 from gaitcal.verdict.force_standing import FORCE_UNITS
 from gaitcal.verdict.force_torques import torque_change
 from tests.real_studies import study_text
@@ -173,3 +176,64 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
     np.testing.assert_array_equal(done.model.parameters.inertial, done.nominal.parameters.inertial)
     further = analyse(clean.model, study.moving[0], study.settings, clean.uncertainty)
     assert [f.cause for f in further.findings if "ms late" in f.cause and f.topic == "forces"]
+
+
+@pytest.mark.parametrize(
+    ("late", "convicted"),
+    [
+        ((0.0174, 0.0174, 0.042, 0.0174, 0.0174), ["w3"]),
+        ((0.014, 0.014, 0.042, 0.014, 0.040), ["w3", "w5"]),
+        ((0.042, 0.040, 0.038, 0.039, 0.040), ["w1", "w2", "w3", "w4", "w5"]),
+        ((0.030, 0.024, 0.042, 0.026, 0.025), ["w1", "w2", "w3", "w4", "w5"]),
+        ((0.021, 0.021, 0.042, 0.021, 0.021), ["w1", "w2", "w3", "w4", "w5"]),
+        ((0.014, 0.014, 0.014, 0.014, 0.014), []),
+    ],
+)
+def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves(
+    monkeypatch: pytest.MonkeyPatch, late: tuple[float, ...], convicted: list[str]
+) -> None:
+    """Clocks of real walks: 14 ms late with nothing wrong gain 11 nats by that, 42 ms late 56 nats."""
+    size = {f"w{i}": seconds for i, seconds in enumerate(late, start=1)}
+    cause = next(c for c in causes_of([exact_walk().evidence()]) if c.kind is Kind.CLOCK)
+
+    def fit_of(names: Sequence[str], x: float) -> ForceFit:
+        best = np.array([56.0 * (size[name] / 0.042) ** 1.5 for name in names])
+        gains = best * [1.0 - ((x - size[name]) / size[name]) ** 2 for name in names]
+        return ForceFit(cause=cause, x=np.array([x]), gain=float(gains.sum()), explained=0.3, gains=gains)
+
+    def best_fit(residual: SimpleNamespace, only: object = None) -> tuple[float, list[ForceFit]]:
+        names = [trial.name for trial in residual.trials]
+        sizes = np.linspace(0.0, 0.05, 101)[1:]
+        return 1.0, [max((fit_of(names, float(x)) for x in sizes), key=lambda fit: fit.gain)]
+
+    def in_each(alone: Sequence[SimpleNamespace], fit: ForceFit) -> ForceFit:
+        return fit_of([trial.name for one in alone for trial in one.trials], float(fit.x[0]))
+
+    monkeypatch.setattr(force_choice, "ForceResidual", lambda trials: SimpleNamespace(trials=tuple(trials)))
+    monkeypatch.setattr(force_choice, "fits", best_fit)
+    monkeypatch.setattr(force_choice, "at_size", in_each)
+    evidence = exact_walk().evidence()
+    named, left = choose([replace(evidence, name=name) for name in size])
+    assert sorted(t.name for one in named for t in one.trials) == convicted and left == []
+
+
+def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go() -> None:
+    """19 % and 14 nats: what single frames without markers left in a clean real walk."""
+    evidence = exact_walk().evidence()
+    causes = {c.kind: c for c in causes_of([evidence]) if not c.plates}
+    found = [
+        ForceFit(cause=causes[kind], x=np.array([0.003, 0.05]), gain=14.0, explained=0.19, gains=np.array([14.0]))
+        for kind in (Kind.MARKERS_TILTED, Kind.PLACE, Kind.TILT)
+    ]
+    assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
+    assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
+
+
+def test_the_share_of_missing_samples_is_known() -> None:
+    def blanked(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[::20] = np.nan
+        return replace(recording, markers=markers)
+
+    assert exact_walk().evidence().missing == 0.0
+    assert exact_walk().evidence(blanked).missing == pytest.approx(0.05, abs=0.005)
