@@ -78,7 +78,7 @@ class Stance:
 
     @classmethod
     def of_model(cls, model: SubjectModel) -> Stance:
-        """From a saved model, all coordinates zero: its joint centres, and the markers where its segments carry them."""
+        """From a saved model, all coordinates zero: its joint centres and markers."""
         frames = _at_zero(model.parameters)
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)

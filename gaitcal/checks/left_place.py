@@ -106,11 +106,7 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
     frames = sum(s.frames.stop - s.frames.start for s in found)
     part = worst.cluster.segment
     slip = any(s.slipped for s in found)
-    bad = any(
-        s.distance > (SURE_FAR_M[s.cluster.part] if s.slipped or s.straight else FAR_M)
-        and _seconds(time, s.frames) >= LONG_S
-        for s in found
-    )
+    bad = any(s.distance > _far(s) and _seconds(time, s.frames) >= LONG_S for s in found)
     what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
     if worst.straight:
         what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
@@ -123,6 +119,10 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
         leg=part[-1] if part.endswith(("_r", "_l")) else "",
         weight=worst.distance / AWAY_M[worst.cluster.part],
     )
+
+
+def _far(stretch: Stretch) -> float:
+    return SURE_FAR_M[stretch.cluster.part] if stretch.slipped or stretch.straight else FAR_M
 
 
 def _cure(stretch: Stretch) -> str:

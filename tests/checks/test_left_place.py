@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from gaitcal.checks import check_study
 from gaitcal.findings import Finding, Severity
+from gaitcal.recording import Recording
 from gaitcal.study.study import Study
 from tests.checks.spoilt import moved, sound_study, with_trial
 
@@ -46,6 +50,37 @@ def test_a_marker_that_slips_and_stays(study: Study, label: str) -> None:
     found = left(spoilt)
     assert [f"'{label}' slipped" in f.cause for f in found] == [True]
     assert f"{spoilt.trials[1].recording.time[90]:.2f}-" in found[0].found
+
+
+def every(frames: int, seconds: float, by: float) -> Callable[[Recording], Recording]:
+    """Each so-many-th frame, in which R.Heel goes up within so many seconds by so many metres, and stays."""
+
+    def change(recording: Recording) -> Recording:
+        x = recording.markers.copy()
+        time = recording.time - recording.time[90]
+        share = (time >= 0.0).astype(float) if seconds == 0.0 else np.clip(time / seconds, 0.0, 1.0)
+        x[:, recording.labels.index("R.Heel"), 1] += by * share
+        return replace(recording, time=recording.time[::frames], markers=x[::frames])
+
+    return change
+
+
+@pytest.mark.parametrize("frames", [1, 2, 4])
+def test_what_takes_a_while_is_no_slip_at_any_rate(study: Study, frames: int) -> None:
+    slow = left(with_trial(study, "walk", every(frames, 0.15, 0.02)))
+    assert not any("slipped" in f.cause for f in slow)
+    at_once = left(with_trial(study, "walk", every(frames, 0.0, 0.06)))
+    assert any("'R.Heel' slipped" in f.cause for f in at_once)
+
+
+def test_a_marker_that_cameras_lose_again_and_again_has_not_slipped(study: Study) -> None:
+    def rattling(x: Array) -> Array:
+        for edge in (40, 48, 60):
+            x[edge : edge + 3, 1] += 0.02
+        x[90:, 1] += 0.02
+        return x
+
+    assert not any("slipped" in f.cause for f in left(with_trial(study, "walk", moved("R.Heel", rattling))))
 
 
 @pytest.mark.parametrize("straight", [True, False])

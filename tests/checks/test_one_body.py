@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.body.cluster import alignment, clusters_of
-from gaitcal.body.joint_link import nearest_rotation, side_turns
+from gaitcal.body.contradiction import contradictions
+from gaitcal.body.joint_link import flexion_of, links_of, nearest_rotation, side_turns
+from gaitcal.body.trial_body import offset_limit, reach
 from gaitcal.checks import check_further, check_study
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.one_body import axis_mirrored, sides_exchanged
@@ -251,6 +253,71 @@ def test_a_further_trial_is_held_against_the_saved_model(study: Study, trials: d
         found = [f for f in check_further(of.trials[1], model, study.marker_set, study.settings) if f.topic in BODY]
         assert len(found) == len(labels)
         assert all(label in f.cause for f, label in zip(found, labels, strict=True))
+
+
+@pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"])
+@pytest.mark.parametrize("axis", range(3))
+def test_in_a_further_trial_the_marker_itself_is_named(
+    study: Study, trials: dict[str, TrialEvidence], label: str, axis: int
+) -> None:
+    model = trials["walk"].model
+    assert model is not None
+    spoilt = with_trial(study, "walk", turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]))
+    found = [f for f in check_further(spoilt.trials[1], model, study.marker_set, study.settings) if f.topic in BODY]
+    assert [f"marker '{label}' is not where" in f.cause for f in found] == [True]
+
+
+def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, TrialEvidence]) -> None:
+    walk = trials["walk"]
+    assert walk.stance is not None
+    flexion = np.abs(
+        flexion_of(walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation)
+    )
+    bent = np.argsort(flexion)[-12:]
+    part = replace(walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent])
+    centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
+    clusters = clusters_of(part, walk.stance, {}, lambda _: True)
+    links = links_of(clusters, centres, {})
+    assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
+    near = {joint: replace(link, far=0.0) for joint, link in links.items()}
+    assert contradictions(clusters, near) != ()
+
+
+def test_limits_grow_with_tall_people(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    tall = replace(study, subject=replace(study.subject, height=2.1))
+    model, _ = nominal_model_of(tall)
+    walk = next(t for t in evidence_of(tall, model) if t.name == "walk")
+    for segment, cluster in walk.clusters.items():
+        assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
+    for joint, link in walk.links.items():
+        assert reach(link) == pytest.approx(1.2 * reach(trials["walk"].links[joint]), rel=0.01)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02])
+def test_sizes_that_scatter_leave_the_body_its_size(
+    study: Study, trials: dict[str, TrialEvidence], scatter: float
+) -> None:
+    spoilt = study
+    clusters = trials["walk"].clusters
+    for (segment, cluster), way in zip(clusters.items(), np.linspace(-1.0, 1.0, len(clusters)), strict=True):
+        size = 0.981 + scatter * way
+        by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
+        for name in ("walk", "knee_r"):
+            spoilt = with_trial(spoilt, name, turned_with(trials[name], segment, cluster.labels, by))
+    assert any(f.topic == "body size" for f in told(spoilt)) == (scatter == 0.0)
+
+
+@pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front"])
+def test_of_two_markers_both_are_named_and_neither_is_left_out(study: Study, label: str) -> None:
+    def without(recording: Recording) -> Recording:
+        kept = [i for i, name in enumerate(recording.labels) if name != "R.Thigh.Rear"]
+        return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
+
+    two = with_trial(study, "walk", without)
+    assert told(two) == []
+    found = told(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
+    assert len(found) == 1 and "'R.Thigh.Upper'" in found[0].cause and "'R.Thigh.Front'" in found[0].cause
+    assert "weights" not in found[0].cure
 
 
 def test_a_walk_that_is_declared_for_one_joint(study: Study) -> None:
