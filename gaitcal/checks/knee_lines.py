@@ -50,6 +50,7 @@ def _doubts_landmarks(found: Finding, static: str) -> bool:
 def _finding(static: TrialEvidence, found: OddLine) -> Finding:
     both = len(found.sides) == 2
     names = [label_words(static, f"knee_{end}_{side}") for side in found.sides for end in ("lat", "med")]
+    knees = "both knees" if both else f"the {'right' if found.sides[0] == 'r' else 'left'} knee"
     way = "forward" if found.turn > 0 else "back"
     told = ", ".join(f"{x:+.0f} deg {_WORDS[name]}" for name, x in found.witnesses.items())
     return static.warning(
@@ -57,7 +58,7 @@ def _finding(static: TrialEvidence, found: OddLine) -> Finding:
         f"seen from above: {told}; together {found.turn:+.0f} deg, usual within {found.usual:.0f}",
         f"look at {', '.join(names)} in the static trial (person, photograph), and record it again; hip rotation and "
         "knee adduction are wrong by as much",
-        cause=f"the lateral and medial markers of {'both knees' if both else 'a knee'} lie about "
+        cause=f"the lateral and medial markers of {knees} lie about "
         f"{abs(found.turn):.0f} deg off the axis on which a knee bends, the lateral end too far {way}",
         leg="" if both else found.sides[0],
         weight=abs(found.turn) / found.usual,

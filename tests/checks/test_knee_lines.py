@@ -10,7 +10,7 @@ import pytest
 from gaitcal.body.knee_lines import ODD_BOTH, OddLine, odd_lines
 from gaitcal.body.plan import body_axes
 from gaitcal.checks import check_study
-from gaitcal.checks.knee_lines import bending
+from gaitcal.checks.knee_lines import bending, knee_lines
 from gaitcal.checks.static_landmarks import landmarks
 from gaitcal.checks.study import evidence_of
 from gaitcal.findings import Finding, Severity
@@ -62,9 +62,13 @@ def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -
 def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
     (back,) = told(off(sound, -0.025, 0.025))
     assert "too far back" in back.cause
-    p, turns = seen(off(sound, 0.022, -0.022, "L"))
+    left = off(sound, 0.022, -0.022, "L")
+    p, turns = seen(left)
     (one,) = odd_lines(p, turns)
     assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
+    trials = evidence_of(left, nominal_of(left))
+    (said,) = knee_lines(trials, ())
+    assert said.leg == "l" and "the left knee" in said.cause
 
 
 def test_ten_millimetres_are_below_the_floor(sound: Study) -> None:
@@ -89,11 +93,11 @@ def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[
 
 def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Study) -> None:
     p, turns = seen(sound)
-    twisted = turned(p, 25.0, ("knee_lat", "knee_med"))
+    twisted = turned(p, 35.0, ("knee_lat", "knee_med"))
     assert list(odd_lines(twisted, turns)) == []  # the axis of bending went along
-    (found,) = odd_lines(twisted, {side: x + 25.0 for side, x in turns.items()})
+    (found,) = odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
     assert isinstance(found, OddLine) and found.sides == ("r", "l")
-    assert found.turn == pytest.approx(25.0, abs=4.0)
+    assert found.turn == pytest.approx(35.0, abs=4.0)
 
 
 def test_the_bending_turns_with_the_epicondyles_on_either_side(sound: Study) -> None:
