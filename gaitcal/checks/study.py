@@ -99,6 +99,10 @@ CONSEQUENCES = {
 """Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 
 
+NO_BODY = ("units", "axes", "sides", "landmarks")
+"""Topics of errors of a trial that are told already and put its whole body in disorder against the other trials'."""
+
+
 def check_file(path: Path | str) -> tuple[Finding, ...]:
     """Check the study file at `path` and everything that it names; a file that cannot be read is a finding too."""
     path = Path(path)
@@ -139,9 +143,10 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     for trial in trials:
         found = _check_trial(trial)
         findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
-        if not any(finding.topic == "units" and finding.severity is Severity.ERROR for finding in found):
+        if not any(finding.topic in NO_BODY and finding.severity is Severity.ERROR for finding in found):
             measured.append(trial)
-    findings += one_body.one_body(measured)
+    if study.static.name in [trial.name for trial in measured]:
+        findings += one_body.one_body(measured)
     return (
         *findings,
         *knee_lines.knee_lines(measured, findings),

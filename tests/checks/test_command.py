@@ -63,7 +63,9 @@ def test_force_goes_on_and_says_so(
     assert not result.exists()
     capsys.readouterr()
     assert run(monkeypatch, "calibrate", study, "--out", result, "--force") in (0, 3)  # such data may not converge
-    assert "went on by --force past an error" in capsys.readouterr().out
-    warnings = json.loads((result / "summary.json").read_text(encoding="utf-8"))["warnings"]
-    assert any(w.startswith("went on by --force past an error") and "R.Thigh.Front" in w for w in warnings)
-    assert "--force past an error" in (result / "report.html").read_text(encoding="utf-8")
+    printed = capsys.readouterr().out
+    assert "verdict: refused" in printed and "made with --force, past errors" in printed
+    told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
+    assert (told["verdict"], told["forced"]) == ("refused", True)
+    assert any("R.Thigh.Front" in w for w in told["warnings"])
+    assert "made with --force, past errors" in (result / "report.html").read_text(encoding="utf-8")

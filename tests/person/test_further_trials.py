@@ -151,11 +151,11 @@ def test_errors_stop_before_anything_is_solved(
 
 
 def test_warnings_are_printed_and_written(folder: Path) -> None:
-    """A body a tenth larger may be the same one, measured with cameras that were calibrated anew."""
-    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.1)))
+    """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
+    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.025)))
     warnings = told(folder)["warnings"]
     assert isinstance(warnings, list)
-    assert any(w.startswith("walk2: units: lengths between markers of one segment are 1.1 times") for w in warnings)
+    assert any("another size" in w for w in warnings)
     assert all(f"warning: {w}" in out for w in warnings)
 
 
