@@ -37,6 +37,8 @@ from the joint tells little of it."""
 GAP_PER_RAD, TURN_PER_RAD = 0.10, 1.0
 """m and rad that widen them for each rad by which the trial stays away from the static posture. Parts of clean trials
 in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay inverted turns of 30 deg at 35 deg."""
+KNEE_TURN_FROM = float(np.deg2rad(10.0))
+"""rad, from where on those of the knee, a hinge whose turns stay small, widen."""
 SPREAD = 3.0
 """A limit is taken as so many standard deviations."""
 NO_MOTION = (np.eye(3), np.zeros(3))
@@ -63,7 +65,8 @@ def _gap_base(link: JointLink) -> float:
 
 
 def _turn_base(link: JointLink) -> Array:
-    out: Array = np.hypot(TURN_RAD[link.name], TURN_PER_RAD * link.far)
+    far = max(0.0, link.far - KNEE_TURN_FROM) if link.name == "knee" else link.far
+    out: Array = np.hypot(TURN_RAD[link.name], TURN_PER_RAD * far)
     return out
 
 
