@@ -126,7 +126,7 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     residuals = [ForceResidual([trial]) for trial in trials]
     for trial, residual in zip(trials, residuals, strict=True):
         size, found = fits(residual)
-        if best := named(found):
+        if best := named(found, _shaken([trial])):
             alone.append(Named(trials=(trial,), fits=best))
         elif size > UNEXPLAINED:
             left.append(Unexplained(trial=trial, size=size))

@@ -217,7 +217,9 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     assert sorted(t.name for one in named for t in one.trials) == convicted and left == []
 
 
-def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go() -> None:
+def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """19 % and 14 nats: what single frames without markers left in a clean real walk."""
     evidence = exact_walk().evidence()
     causes = {c.kind: c for c in causes_of([evidence]) if not c.plates}
@@ -227,6 +229,8 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
     ]
     assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
     assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
+    monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (1.0, found))
+    assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)]) == ([], [])
 
 
 def test_the_share_of_missing_samples_is_known() -> None:
