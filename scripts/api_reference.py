@@ -22,6 +22,8 @@ import gaitcal
 MODULES = (
     "gaitcal",
     "gaitcal.findings",
+    "gaitcal.verdict.verdict",
+    "gaitcal.files.snapshot",
     "gaitcal.study.study",
     "gaitcal.person.result",
     "gaitcal.person.hold_out",

@@ -93,8 +93,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
 
 CONSEQUENCES = {
     "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
-    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time"),
-    "sides": ("exchanged", "heading", "plate to foot", "plates"),
+    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
+    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
 }
 """Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 

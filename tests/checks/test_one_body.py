@@ -14,7 +14,7 @@ from gaitcal.body.joint_link import flexion_of, links_of, nearest_rotation, side
 from gaitcal.body.trial_body import offset_limit, reach
 from gaitcal.checks import check_further, check_study
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.checks.one_body import axis_mirrored, sides_exchanged
+from gaitcal.checks.one_body import axis_mirrored, one_body, sides_exchanged
 from gaitcal.checks.standing import nominal_model_of
 from gaitcal.checks.study import evidence_of
 from gaitcal.findings import STUDY, Finding, Severity
@@ -149,7 +149,9 @@ def test_a_mirrored_cluster_is_an_error(study: Study, trials: dict[str, TrialEvi
 )
 @pytest.mark.parametrize("name", ["knee_r", "walk"])
 def test_a_whole_trial_changed_has_one_cause(study: Study, change: Change, words: str, name: str) -> None:
-    found = [f for f in told(with_trial(study, name, change)) if f.topic == "one body"]
+    """Found by the directions of the trial alone too, which is what is told: one fault, one finding."""
+    model, _ = nominal_model_of(study)
+    found = [f for f in one_body(evidence_of(with_trial(study, name, change), model)) if f.topic == "one body"]
     assert len(found) == 1 and found[0].severity is Severity.ERROR
     assert words in found[0].cause
 

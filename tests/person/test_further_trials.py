@@ -152,7 +152,7 @@ def test_errors_stop_before_anything_is_solved(
 
 def test_warnings_are_printed_and_written(folder: Path) -> None:
     """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
-    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.025)))
+    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.02)))
     warnings = told(folder)["warnings"]
     assert isinstance(warnings, list)
     assert any("another size" in w for w in warnings)
