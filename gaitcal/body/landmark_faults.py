@@ -19,7 +19,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.body.build import cost_of_build
-from gaitcal.body.plan import Measure, body_axes, cost, measures
+from gaitcal.body.measure import Measure, cost
+from gaitcal.body.plan import body_axes, measures
 from gaitcal.model.linkage import SIDES
 
 EXCHANGE_SAVES = 12.0

@@ -17,11 +17,11 @@ either: they hold landmarks as laboratories palpate them, measured on thirteen r
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.body.measure import Measure
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
 
@@ -77,38 +77,6 @@ AXIS_DEG = 11.0
 """sd of the difference between right and left of a joint's line, seen from above."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measure:
-    """One measure of the landmarks, against what people have."""
-
-    name: str
-    """In words: `knee width, right`."""
-    value: float
-    """mm, or degrees."""
-    mean: float
-    sd: float
-    landmarks: tuple[str, ...]
-    """Which it depends on most."""
-    unit: str = "mm"
-    absolute: bool = False
-    """A length against people of that height, and not right against left."""
-    postural: bool = False
-    """Depends on how the person stands."""
-
-    @property
-    def z(self) -> float:
-        """Standard deviations from the mean."""
-        return (self.value - self.mean) / self.sd
-
-    @property
-    def words(self) -> str:
-        """What was measured, and what people have."""
-        if self.absolute:
-            low, high = self.mean - 3 * self.sd, self.mean + 3 * self.sd
-            return f"{self.name} {self.value:.0f} {self.unit} (people of this height have {low:.0f} to {high:.0f})"
-        return f"{self.name} {self.value:+.0f} {self.unit} (usual within {3 * self.sd:.0f})"
-
-
 def body_axes(p: Mapping[str, Array]) -> Array | None:
     """(3, 3), columns x forward, y up, z to the right; None where nothing gives a direction.
 
@@ -139,11 +107,6 @@ def measures(p: Mapping[str, Array], height: float, *, even: bool = True) -> lis
     q = {name: 1e3 * (point @ axes) for name, point in p.items()}
     found = [*_lengths(q, 1e3 * height), *_sides(q, 1e3 * height), *_angles(q), *_lines(q)]
     return found if even else [m for m in found if not m.postural]
-
-
-def cost(found: list[Measure]) -> float:
-    """J, the sum of squares of all z."""
-    return float(sum(m.z**2 for m in found))
 
 
 _WORDS = {"r": "right", "l": "left"}

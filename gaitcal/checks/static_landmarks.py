@@ -8,7 +8,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.body.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
-from gaitcal.body.plan import Measure, measures
+from gaitcal.body.measure import Measure
+from gaitcal.body.plan import measures
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
 from gaitcal.checks.posture import standing_legs

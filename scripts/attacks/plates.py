@@ -294,9 +294,6 @@ def _contact(p: ForcePlate) -> float | None:
 
 def assigned(feet: Mapping[str, str]) -> StudyChange:
     """The study says which foot is on which plate."""
-
-    def spoil(study: Study) -> Study:
-        trials = tuple(replace(t, plates=dict(feet)) if t.name == WALK else t for t in study.trials)
-        return replace(study, trials=trials)
-
-    return spoil
+    return lambda study: replace(
+        study, trials=tuple(replace(t, plates=dict(feet)) if t.name == WALK else t for t in study.trials)
+    )

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from gaitcal.body import build as body_build
 from gaitcal.body.build import cost_of_build
 from gaitcal.body.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
-from gaitcal.body.plan import body_axes, cost, measures
+from gaitcal.body.measure import cost
+from gaitcal.body.plan import body_axes, measures
 from gaitcal.checks import check_study
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.posture import standing_legs, standing_straight
