@@ -33,7 +33,7 @@ from gaitcal.recording import Recording
 from gaitcal.study.study import StudyTrial
 from gaitcal.synthetic.subject import synthesize
 
-TOPICS = ("one body", "body size", "left its place", "joint", "exchanged", "frozen", "sides")
+TOPICS = ("one body", "body size", "left its place", "joint", "exchanged", "frozen", "sides", "axes")
 SOME_M = 0.03
 """Error of a made-up path below which it does no harm worth telling."""
 
