@@ -21,6 +21,11 @@ class Severity(Enum):
     INFO = "info"
     """Good to know; nothing needs to be done."""
 
+    @property
+    def rank(self) -> int:
+        """0 for the worst."""
+        return list(Severity).index(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:

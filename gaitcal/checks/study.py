@@ -195,7 +195,7 @@ def _without_consequences(findings: list[Finding]) -> list[Finding]:
 
 
 def _worst_first(findings: list[Finding]) -> list[Finding]:
-    return sorted(findings, key=lambda finding: list(Severity).index(finding.severity))
+    return sorted(findings, key=lambda finding: finding.severity.rank)
 
 
 def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:

@@ -168,7 +168,7 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
-    return list(Severity).index(finding.severity), -finding.weight
+    return finding.severity.rank, -finding.weight
 
 
 def _without_numbers(text: str) -> str:

@@ -9,10 +9,12 @@ from itertools import count
 
 from benchmarks.figure import Timing
 from benchmarks.folder import temporary_folder
+from gaitcal.checks import check_study
 from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.settings import Plan
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess, Workers
+from gaitcal.study.study import Study
 
 DRAWS = Plan(levels=(100,), draws=100)
 
@@ -28,6 +30,14 @@ def section_startup() -> list[Timing]:
         Timing("import gaitcal", _python("-c", "import gaitcal")),
         Timing("python alone", _python("-c", "pass")),
     ]
+
+
+def section_checks() -> list[Timing]:
+    """All checks of the demo's seven trials, files read before; wanted below a second."""
+    folder = temporary_folder()
+    _python("-m", "gaitcal.cli", "synthesize", "-q", "--out", str(folder / "study"))()
+    study = Study.load(folder / "study" / "study.toml")
+    return [Timing("check_study", lambda: check_study(study), "7 moving trials and the static one, 7408 frames")]
 
 
 def section_calibrate_study() -> list[Timing]:

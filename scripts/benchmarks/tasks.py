@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from benchmarks.figure import Amount, Timing
 from benchmarks.opensim import inverse_dynamics, inverse_kinematics
-from benchmarks.programs import section_calibrate_study, section_montecarlo, section_startup
+from benchmarks.programs import section_calibrate_study, section_checks, section_montecarlo, section_startup
 from benchmarks.references import lower_bound, passes, plain_least_squares
 from benchmarks.scaling import section_scaling
 from benchmarks.trials import GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
@@ -175,6 +175,7 @@ SECTIONS: dict[str, Callable[[], list[Timing] | list[Timing | Amount]]] = {
     "bandwidth": section_bandwidth,
     "ip": section_ip,
     "inverse-dynamics": section_inverse_dynamics,
+    "checks": section_checks,
     "calibrate-study": section_calibrate_study,
     "montecarlo": section_montecarlo,
     "startup": section_startup,

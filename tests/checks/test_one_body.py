@@ -320,13 +320,3 @@ def test_of_two_markers_both_are_named_and_neither_is_left_out(study: Study, lab
     found = told(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
     assert len(found) == 1 and "'R.Thigh.Upper'" in found[0].cause and "'R.Thigh.Front'" in found[0].cause
     assert "weights" not in found[0].cure
-
-
-def test_a_walk_that_is_declared_for_one_joint(study: Study) -> None:
-    walk = next(t.recording for t in study.trials if t.name == "walk")
-    found = [f for f in check_study(with_trial(study, "knee_r", lambda _: walk)) if f.topic == "role"]
-    assert [f.cause for f in found] == ["the trial is declared for knee_r alone, but this looks like a walk"]
-    assert "the pelvis goes" in found[0].found and "of the other leg turn by" in found[0].found
-    on_the_spot = replace(walk, markers=walk.markers - walk.markers[:, :, :].mean(axis=1, keepdims=True) * [1, 0, 1])
-    (still,) = [f for f in check_study(with_trial(study, "knee_r", lambda _: on_the_spot)) if f.topic == "role"]
-    assert "the pelvis goes" not in still.found and "of the other leg turn by" in still.found
