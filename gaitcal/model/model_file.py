@@ -66,6 +66,10 @@ class _Subject(Table):
     mass_kg: Annotated[_Number, Field(gt=0)]
     height_m: Annotated[_Number, Field(gt=0)]
     sex: str
+    age_years: Annotated[_Number, Field(ge=0)] | None = None
+    knee_width_mm: dict[str, _Number] = Field(default={})
+    ankle_width_mm: dict[str, _Number] = Field(default={})
+    marker_diameter_mm: _Number | None = None
 
 
 class _Value(Table):
@@ -125,6 +129,10 @@ def model_text(model: SubjectModel) -> str:
         f"mass_kg = {_text(s.mass, 'kg')}",
         f"height_m = {_text(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
+        *([] if s.age is None else [f"age_years = {_text(s.age, 'kg')}"]),
+        *([] if s.marker_diameter is None else [f"marker_diameter_mm = {_text(s.marker_diameter, 'mm')}"]),
+        *_widths("knee", s.knee_width),
+        *_widths("ankle", s.ankle_width),
         "",
         "[joint_parameters] # mm, deg",
         *_values(JP_NAMES, _JP_UNITS, now.joint, nominal.joint),
@@ -182,6 +190,13 @@ def _text(x: float, unit: str) -> str:
     return text if "." in text or "e" in text else f"{text}.0"
 
 
+def _widths(joint: str, widths: Mapping[str, float]) -> list[str]:
+    if not widths:
+        return []
+    inner = ", ".join(f"{side} = {_text(width, 'mm')}" for side, width in widths.items())
+    return [f"{joint}_width_mm = {{ {inner} }}"]
+
+
 def _si(value: Decimal, unit: str) -> float:
     return float(_EXACT.multiply(value, _TO_SI[unit]))
 
@@ -216,7 +231,16 @@ def load_model(path: Path | str) -> SubjectModel:
             raise InputError(f"marker '{label}' is there {labels.count(label)} times", source=source, field="marker")
     s = file.subject
     return SubjectModel(
-        subject=Subject(s.name, _si(s.mass_kg, "kg"), _si(s.height_m, "m"), s.sex),
+        subject=Subject(
+            s.name,
+            _si(s.mass_kg, "kg"),
+            _si(s.height_m, "m"),
+            s.sex,
+            age=None if s.age_years is None else _si(s.age_years, "kg"),
+            knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
+            ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
+            marker_diameter=None if s.marker_diameter_mm is None else _si(s.marker_diameter_mm, "mm"),
+        ),
         parameters=Parameters(joint[0], inertial[0], zero[0]),
         nominal=Parameters(joint[1], inertial[1], zero[1]),
         markers=MarkerPlacement(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from gaitcal.arrays import Array
@@ -21,6 +22,14 @@ class Subject:
     """m."""
     sex: str
     """`male` or `female`: the column of the anthropometric table."""
+    age: float | None = None
+    """Years; None where not known."""
+    knee_width: Mapping[str, float] = field(default_factory=dict)
+    """Side -> m across the femoral epicondyles, where measured."""
+    ankle_width: Mapping[str, float] = field(default_factory=dict)
+    """Side -> m across the malleoli, where measured."""
+    marker_diameter: float | None = None
+    """m; None where not known."""
 
     @property
     def weight(self) -> float:

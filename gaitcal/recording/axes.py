@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.recording.recording import ForcePlate, Recording, seen_mask
 
 LOADED_N = 100.0
@@ -154,7 +155,10 @@ def turn_recording(recording: Recording, turn: Turn) -> Recording:
         )
         for plate in recording.plates
     )
-    return replace(recording, markers=turn.apply(recording.markers), plates=plates)
+    computed = recording.computed
+    if computed is not None:
+        computed = ComputedPoints(computed.labels, turn.apply(computed.points))
+    return replace(recording, markers=turn.apply(recording.markers), plates=plates, computed=computed)
 
 
 def make_y_up(recording: Recording, otherwise: Vertical) -> Recording:

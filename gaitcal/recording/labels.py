@@ -13,9 +13,11 @@ from collections.abc import Iterable, Sequence
 UNLABELLED = re.compile(r"\*\d*|")
 """Trajectories the operator did not name: `*12` (Vicon) and blanks."""
 
+NUMBER = re.compile(r"[LR]?[A-Z]\w*(Angles?|Moments?|Forces?|Powers?|GRF|ProgressAngles)")
+"""Names of computed points that hold three numbers of another kind than places."""
 COMPUTED = re.compile(
     r"Cent(re|er)OfMass\w*"
-    r"|[LR]?[A-Z]\w*(Angles?|Moments?|Forces?|Powers?|GRF|ProgressAngles)"
+    rf"|{NUMBER.pattern}"
     r"|[LR]?(HJC|KJC|AJC|SJC|EJC|WJC)"
 )
 """Names that vendors give to computed points; used besides the file's own lists."""
@@ -61,6 +63,11 @@ def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def is_unlabelled(label: str) -> bool:
     """True for trajectories without a name."""
     return UNLABELLED.fullmatch(label) is not None
+
+
+def is_number(label: str) -> bool:
+    """True for computed points that are no places by their spelling: angles, moments, forces, powers."""
+    return NUMBER.fullmatch(label) is not None
 
 
 def computed_points(labels: Sequence[str]) -> set[str]:

@@ -16,6 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
+from gaitcal.recording.metadata import ComputedPoints, Facts, FootEvent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +61,12 @@ class Recording:
     """Force plates, in the order of the file; none where forces were not recorded."""
     notes: tuple[str, ...] = field(default=())
     """What was assumed, converted or left out on reading, one sentence each; shown in every output."""
+    events: tuple[FootEvent, ...] = ()
+    """Foot strikes and offs that the file tells, in order of time."""
+    facts: Facts = field(default=Facts())
+    """What the file says about the person."""
+    computed: ComputedPoints | None = None
+    """Points of other programs, at the same frames and in the same axes; None where the file has none."""
 
     @property
     def rate(self) -> float:
@@ -69,6 +76,13 @@ class Recording:
     def with_notes(self, *notes: str) -> Recording:
         """The same recording with more notes."""
         return replace(self, notes=self.notes + notes)
+
+    def frames(self, chosen: BoolArray) -> Recording:
+        """The recording at its frames `chosen` (nf,) only; plates keep their own clock, and all their samples."""
+        computed = self.computed
+        if computed is not None:
+            computed = ComputedPoints(computed.labels, computed.points[chosen])
+        return replace(self, time=self.time[chosen], markers=self.markers[chosen], computed=computed)
 
 
 def seen_mask(markers: Array) -> BoolArray:

@@ -16,9 +16,10 @@ from gaitcal.model.nominal import HipCentre, nominal_model
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.recording import read_recording
+from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import StudyFile, Trial, load_study_file
+from gaitcal.study.study_file import StudyFile, SubjectTable, Trial, load_study_file
 
 OTHER_UNIT = 100.0
 """Forces that last so many times longer than whole markers have their time in ms: laboratories crop markers, to a tenth
@@ -102,11 +103,10 @@ class Study:
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
-        s = file.subject
         _check_weights(file, marker_set, path)
         _check_renamed(file, trials, path)
         return cls(
-            subject=Subject(s.name, s.mass_kg, s.height_m, s.sex),
+            subject=_subject(file.subject, trials),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,
@@ -143,6 +143,22 @@ class Study:
         """Inputs that are no longer what was read, as `inputs` names them."""
         files = _file_words(self.files, Path(self.source).parent)
         return tuple(name for name, f in files.items() if self.inputs.get(name) != sha256_of(f))
+
+
+def _subject(table: SubjectTable, trials: Iterable[StudyTrial]) -> Subject:
+    """The person as the study says, and, of what it does not say, as the first static trial's file does."""
+    told = next((trial.recording.facts for trial in trials if trial.role is Role.STATIC), Facts())
+    given_mm = table.marker_diameter_mm
+    return Subject(
+        table.name,
+        table.mass_kg,
+        table.height_m,
+        table.sex,
+        age=table.age_years,
+        knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
+        ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+    )
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
@@ -255,7 +271,7 @@ def _window(recording: Recording, trial: Trial) -> Recording:
             source=trial.file,
             field=f"trial '{trial.name}'.time",
         )
-    return replace(recording, time=recording.time[inside], markers=recording.markers[inside])
+    return recording.frames(inside)
 
 
 def _check_forces_cover(recording: Recording, trial: Trial) -> None:

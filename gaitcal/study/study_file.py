@@ -45,6 +45,18 @@ def _interval(value: object) -> tuple[float, float]:
     return float(numbers[0]), float(numbers[1])
 
 
+def _sided(value: object) -> object:
+    """A width in mm of either side, or of each."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        value = {"r": value, "l": value}
+    if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
+        raise ValueError(f"found {shown(value)}; allowed: a width in mm, or {{ r = ..., l = ... }}")
+    for width in value.values():
+        if isinstance(width, bool) or not isinstance(width, int | float) or not 10 <= width <= 300:
+            raise ValueError(f"found {shown(width)}; allowed: 10 to 300 mm")
+    return {side: float(width) for side, width in value.items()}
+
+
 class SubjectTable(Table):
     """`[subject]`: the person."""
 
@@ -52,6 +64,14 @@ class SubjectTable(Table):
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float = Field(description="body height in m")
     sex: Literal["male", "female"] = Field(description="'male' or 'female': which anthropometric table is used")
+    age_years: float | None = Field(default=None, ge=0, le=130, description="age in years")
+    knee_width_mm: Annotated[dict[str, float], BeforeValidator(_sided)] = Field(
+        default={}, description="width of the knee across the epicondyles, mm: one number, or { r = 105, l = 107 }"
+    )
+    ankle_width_mm: Annotated[dict[str, float], BeforeValidator(_sided)] = Field(
+        default={}, description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }"
+    )
+    marker_diameter_mm: float | None = Field(default=None, gt=0, le=60, description="diameter of the markers, mm")
 
     @field_validator("name")
     @classmethod

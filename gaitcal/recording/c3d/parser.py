@@ -20,7 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
-GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL")
+GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS")
 BASE_SECONDS = 6.0
 """An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged."""
 SECONDS_PER_BYTE = 1e-6

@@ -12,9 +12,11 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.recording.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.recording.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
+from gaitcal.recording.c3d.metadata import events_of, facts_of
 from gaitcal.recording.c3d.parser import ParserDiedError, parse_c3d
 from gaitcal.recording.c3d.plates import measured_plates, stand_up
-from gaitcal.recording.labels import clean, common_prefix, computed_points, is_unlabelled, unique
+from gaitcal.recording.labels import clean, common_prefix, computed_points, is_number, is_unlabelled, unique
+from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.recording.recording import Recording, zeros_to_missing
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
@@ -23,6 +25,8 @@ ABSURD_M = 1e6
 """No place lies so far off; only a damaged float does."""
 COMPUTED_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
+NUMBERS = tuple(name for name in COMPUTED_GROUPS if name != "MODELED_MARKERS")
+"""Those whose points are no places: three numbers of another kind."""
 USUAL_VERTICAL = Vertical(2, 1, "the usual practice, as the data do not tell")
 
 
@@ -54,7 +58,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     if frames < 1:
         raise InputError("found no frame of points; at least one is needed", source=path)
     first = _first_frame(parameters, int(raw["first_frame"]))
-    keep, labels, label_notes = _markers(path, parameters, points.shape[1])
+    keep, labels, label_notes, computed = _markers(path, parameters, points.shape[1])
     notes += label_notes
     markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
@@ -68,7 +72,17 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
-    recording = Recording(source=str(path), time=time, labels=labels, markers=markers, plates=standing, notes=notes)
+    recording = Recording(
+        source=str(path),
+        time=time,
+        labels=labels,
+        markers=markers,
+        plates=standing,
+        notes=notes,
+        events=events_of(parameters),
+        facts=facts_of(parameters),
+        computed=_computed(computed, points, per_metre),
+    )
     return recording if UP_TO_Y[vertical.axis, vertical.sign].is_identity else turn_up(recording, vertical)
 
 
@@ -112,8 +126,10 @@ def _texts(group: Mapping[str, Any], name: str) -> list[str]:
 
 def _markers(
     path: Path, parameters: Mapping[str, Mapping[str, Any]], count: int
-) -> tuple[list[int], tuple[str, ...], tuple[str, ...]]:
-    """Places of the measured, named markers among `count` points, their names, and notes on the rest."""
+) -> tuple[list[int], tuple[str, ...], tuple[str, ...], dict[str, int]]:
+    """Places of the measured, named markers among `count` points, their names, notes on the rest, and the computed
+    points that are places (label -> place), not angles or moments.
+    """
     group = parameters.get("POINT", {})
     labels = [clean(label) for label in _texts(group, "LABELS")][:count]
     labels += [""] * (count - len(labels))
@@ -134,9 +150,19 @@ def _markers(
     if not keep:
         raise InputError(f"all {len(named)} named points are computed ones; markers are needed", source=path)
     names, repetition_notes = unique(spelt[i] for i in keep)
-    return keep, names, notes + prefix_notes + repetition_notes
+    numbers = _listed_as_computed(group, NUMBERS)
+    places = {spelt[i]: i for i in named if i not in set(keep) and labels[i] not in numbers and not is_number(spelt[i])}
+    return keep, names, notes + prefix_notes + repetition_notes, places
 
 
-def _listed_as_computed(group: Mapping[str, Any]) -> set[str]:
-    names: Sequence[str] = [*COMPUTED_GROUPS, *(clean(text) for text in _texts(group, "TYPE_GROUPS"))]
+def _computed(places: Mapping[str, int], points: Array, per_metre: float) -> ComputedPoints | None:
+    if not places:
+        return None
+    values = points[:, list(places.values())].transpose(2, 1, 0) / per_metre
+    known = np.isfinite(values).all(axis=2) & (np.abs(values) <= ABSURD_M).all(axis=2) & (values != 0).any(axis=2)
+    return ComputedPoints(tuple(places), np.where(known[:, :, None], values, np.nan))
+
+
+def _listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
+    names = groups or [*COMPUTED_GROUPS, *(clean(text) for text in _texts(group, "TYPE_GROUPS"))]
     return {clean(label) for name in names if name != "LABELS" for label in _texts(group, name)}
