@@ -3,7 +3,8 @@
     python scripts/check_clinics.py [--jobs 2] [--only REGEX] [--list] [--keep DIR]
 
 Each case is a folder of recordings without a study file: as the laboratory left it, or changed as another one would
-have written it (`clinics/variants.py`). `gaitcal calibrate FOLDER` runs on it in a process of its own. It ends as one of
+have written it (`clinics/variants.py`). `gaitcal calibrate FOLDER` runs on it in a process of its own. It ends as one
+of
 
 torques     exit code 0 or a verdict that says no, and a leg with valid torques wherever forces were recorded; the same
             as of the folder as it was, within their error bars (RMS over frames of |difference| /
