@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from gaitcal.model.linkage import SIDES
 
 _SIDED = (
@@ -34,6 +36,16 @@ REQUIRED: tuple[str, ...] = tuple(
     name for name in LANDMARKS if name == "sacrum" or name.rsplit("_", 1)[0] in set(_INSTEAD)
 )
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
+PARTNER: dict[str, str] = {
+    f"{one}_{side}": f"{other}_{side}" for side in SIDES for one, other in (("heel", "toe"), ("toe", "heel"))
+}
+"""Landmark of a foot -> the one from which it is guessed where no marker shows it."""
+
+
+def missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
+    """Required landmarks that are not among those given; of a foot, heel or toe is enough."""
+    there = set(given)
+    return tuple(name for name in REQUIRED if name not in there and PARTNER.get(name) not in there)
 
 
 def instead_of(landmark: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gaitcal.model.landmark_names import REQUIRED
+from gaitcal.model.landmark_names import REQUIRED, missing_landmarks
 from gaitcal.model.linkage import LEG_SEGMENTS
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def coverage_of(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable
     bare = [segment for segment in LEG_SEGMENTS if segment != "pelvis" and segment not in tracked]
     if len(tracked.get("pelvis", ())) < PELVIS_NEEDS:
         bare.insert(0, "pelvis")
-    missing = tuple(name for name in REQUIRED if name not in landmarks)
+    missing = missing_landmarks(landmarks)
     share = sum(label in known for label in given) / len(given) if given else 0.0
     whole = not missing and not bare
     return Coverage(

@@ -94,7 +94,7 @@ class MarkerSet:
         return replace(recording, labels=spelt).with_notes(f"markers renamed: {changes}")
 
     def _spelt(self, labels: Iterable[str]) -> tuple[str, ...]:
-        """Labels as the set spells them: by its aliases, and where only the case differs and one label alone is meant."""
+        """Labels as the set spells them: by its aliases, and where only the case differs and one label is meant."""
         given = tuple(labels)
         in_file, known = set(given), set(self.labels)
         new_names: dict[str, str] = {}

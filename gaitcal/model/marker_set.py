@@ -31,9 +31,20 @@ from gaitcal.files.package_data import models_path
 from gaitcal.files.toml import toml_table, toml_value
 from gaitcal.files.validation import Table, read_validated, require_known, shown
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
-from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of
+from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of, missing_landmarks
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
+
+__all__ = [
+    "LANDMARKS",
+    "NO_REASON",
+    "REQUIRED",
+    "MarkerSet",
+    "built_in_sets",
+    "instead_of",
+    "load_marker_set",
+    "marker_set_text",
+]
 
 DEVICE_MARKERS = 3
 """Of a knee alignment device."""
@@ -217,9 +228,8 @@ def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[
 
 
 def _check_required(landmarks: Mapping[str, tuple[str, ...]], path: Path) -> None:
-    for name in REQUIRED:
-        if name not in landmarks:
-            raise InputError(f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks")
+    for name in missing_landmarks(landmarks):
+        raise InputError(f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks")
 
 
 def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> None:
