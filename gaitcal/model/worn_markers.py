@@ -93,13 +93,20 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
             f"knee, {'right' if side == 'r' else 'left'}: {', '.join(marker_set.knee_device[label])} taken as a "
             "knee alignment device, whose rod is the direction of the knee's axis"
         )
-    return replace(
+    made = replace(
         marker_set,
         landmarks=landmarks,
         alternatives={},
         knee_device={},
         notes=(*([f"landmarks of the set that have alternatives: {'; '.join(told)}"] if told else []), *notes),
         **_groups(marker_set, landmarks, seen),  # type: ignore[arg-type]
+    )
+    known = set(made.labels)
+    return replace(
+        made,
+        weights={label: weight for label, weight in made.weights.items() if label in known},
+        reasons={label: why for label, why in made.reasons.items() if label in known},
+        aliases={label: others for label, others in made.aliases.items() if label in known},
     )
 
 
@@ -121,11 +128,14 @@ def _groups(
     rejected = {m for name in open_names for group in marker_set.options(name) for m in group} - in_use - seen
     tracking = {s: tuple(m for m in labels if m not in rejected) for s, labels in marker_set.tracking.items()}
     static_only = {s: tuple(m for m in labels if m not in rejected) for s, labels in marker_set.static_only.items()}
-    required = {m for name in REQUIRED for m in landmarks.get(name, ())}
+    lasting = {m for name, group in landmarks.items() if "_med_" not in name for m in group}
     for segment, labels in marker_set.optional.items():
-        there = [m for m in labels if m in seen]
-        tracking[segment] = (*tracking.get(segment, ()), *(m for m in there if m in required))
-        static_only[segment] = (*static_only.get(segment, ()), *(m for m in there if m not in required))
+        there = tuple(m for m in labels if m in seen)
+        always = there if seen.isdisjoint(tracking.get(segment, ())) else tuple(m for m in there if m in lasting)
+        tracking[segment] = (*tracking.get(segment, ()), *always)
+        static_only[segment] = (*static_only.get(segment, ()), *(m for m in there if m not in always))
+    for segment in set(static_only) - {s for s, labels in tracking.items() if labels}:  # landmarks without a cluster
+        tracking[segment] = static_only.pop(segment)
     groups = {"tracking": tracking, "static_only": static_only, "optional": {}}
     return {name: {s: labels for s, labels in table.items() if labels} for name, table in groups.items()}
 
