@@ -22,7 +22,7 @@ from gaitcal.findings import Finding
 from gaitcal.gait.cycles import FootEvents, steady
 from gaitcal.gait.event_clock import checked_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
-from gaitcal.gait.swing import swing_events
+from gaitcal.gait.swing import OFF, STRIKE, swing_events
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.recording.force_plate import LOADED_N
@@ -68,7 +68,7 @@ def trial_events(
     """
     time = motion.time
     by_motion = _by_motion(model, motion)
-    by_plates = [] if reactions is None else _by_plates(time, reactions.loaded, recording.plates)
+    by_plates = [] if reactions is None else plate_events(time, reactions.loaded, recording.plates)
     return joined_events(time, recording.events, by_plates, by_motion)
 
 
@@ -117,17 +117,17 @@ def _by_motion(model: SubjectModel, motion: Motion) -> list[FootEvent]:
     return motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
 
 
-def motion_events(time: Array, slower: Array) -> list[FootEvent]:
+def motion_events(time: Array, slower: Array, strike: float = STRIKE, off: float = OFF) -> list[FootEvent]:
     """Events of both feet from the speed (nf, 2) m/s of the slower end of each: order right, left."""
     events = []
     for foot, side in enumerate(SIDES):
-        strikes, offs = swing_events(time, slower[:, foot])
+        strikes, offs = swing_events(time, slower[:, foot], strike, off)
         events += [FootEvent(FootMoment.STRIKE, side, t) for t in strikes.tolist()]
         events += [FootEvent(FootMoment.OFF, side, t) for t in offs.tolist()]
     return events
 
 
-def _by_plates(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -> list[FootEvent]:
+def plate_events(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -> list[FootEvent]:
     """Where the plates under a foot become loaded and unloaded; `loaded` (nf, 2)."""
     events = []
     for foot, side in enumerate(SIDES):
