@@ -22,16 +22,21 @@ AGREE: Final = 0.1
 """s: motion alone misses contacts by up to 0.08 s where a foot drags (`scripts/check_events.py`)."""
 FIT: Final = 0.75
 """Share of the events that must agree."""
+RIVAL: Final = 0.4
+"""s: where the motion has the event this near, but does not agree, the file's is at the wrong place."""
 FEWEST: Final = 4
 """Events from which a fault common to all can be told."""
-PLATE_OFFSET: Final = 0.03
-"""s common to all events against the forces: persons who set events by eye stay within that (labs seen: 0.017)."""
+PLATE_OFFSET: Final = 0.04
+"""s common to all events against the forces: who sets events by eye stays within that (laboratories seen: 0.014)."""
 MOTION_OFFSET: Final = 0.06
 """s common to strikes and offs against the motion: its own faults have opposite signs for the two."""
 SCATTER: Final = 0.02
 """s, median distance from the common offset, above which it is no common one."""
+WHOLE: Final = 0.9
+"""Share of the events that lie inside the trial where they are counted otherwise."""
 EDGE: Final = 0.2
 """s at either end of a trial, where the motion may not show the event."""
+SIDE_WORDS: Final = {"r": "right", "l": "left"}
 OTHER: Final = {"r": "l", "l": "r"}
 
 
@@ -63,7 +68,9 @@ def checked_events(
     shown = [*plates, *motion]
     fit = _fit(file, shown, time)
     if fit.good:
-        return _without_offset(inside, plates, motion)
+        used, findings = _without_offset(inside, plates, motion)
+        astray = [e for e in used if AGREE < abs(_nearest(e, shown)) < RIVAL]
+        return [e for e in used if e not in astray], (*findings, *(_astray(astray) if astray else ()))
     if len(file) < FEWEST:
         if fit.judged == 0:
             return inside, ()
@@ -72,12 +79,12 @@ def checked_events(
         (float(time[0]), "the file's events are counted from its first frame, not from frame 0"),
         (-float(time[0]), "the file's events are counted from frame 0 twice over"),
     ):
-        moved = _moved(file, offset)
-        again = _fit(moved, shown, time)
-        if abs(offset) > AGREE and again.good and again.judged >= FEWEST:
+        moved = [e for e in _moved(file, offset) if time[0] - half <= e.time <= time[-1] + half]
+        again, rest = _fit(moved, shown, time), _differences(moved, shown)
+        whole = len(moved) >= WHOLE * len(file) and again.good and again.judged >= FEWEST
+        if abs(offset) > AGREE and whole and abs(float(np.median(rest))) < PLATE_OFFSET:
             found = f"{_stand(fit)}; {abs(offset):.3f} s {_word(offset)}, {again}: used so"
-            kept = [e for e in moved if time[0] - half <= e.time <= time[-1] + half]
-            return kept, (_finding(Severity.INFO, cause, found, ""),)
+            return moved, (_finding(Severity.INFO, cause, found, ""),)
     return [], (_fault(file, shown, time, fit),)
 
 
@@ -122,6 +129,12 @@ def _without_offset(
     cause = f"the file's events come {1e3 * abs(offset):.0f} ms too {'late' if offset > 0 else 'early'}"
     found = f"median of {len(against)} against {by}; not used; strides are those of forces and motion"
     return [], (_finding(Severity.WARNING, cause, found, "correct the events, or the clock that they were set with"),)
+
+
+def _astray(events: Sequence[FootEvent]) -> tuple[Finding, ...]:
+    named = ", ".join(f"{SIDE_WORDS[e.side]} {e.moment.value} {e.time:.2f} s" for e in events)
+    cause = "single events of the file do not fit its forces and motion"
+    return (_finding(Severity.INFO, cause, f"{named}; not used, forces or motion tell them", ""),)
 
 
 def _fit(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> _Fit:

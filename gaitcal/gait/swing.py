@@ -83,7 +83,7 @@ def _first(marked: BoolArray) -> int:
 
 
 def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
-    """The first frame from `start` on, forwards or backwards, that is slower than the threshold; None where none is, or all are."""
+    """The first frame after `start`, forwards or backwards, that is slower than the threshold; None without one."""
     along = speed[start:] if step > 0 else speed[start::-1]
     k = _first(along < threshold)
     return None if k in (0, len(along)) else start + step * k
