@@ -15,6 +15,7 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.gait.events import trial_events
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
@@ -274,6 +275,9 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
         body=after,
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
+        events=trial_events(
+            cast(Any, SimpleNamespace(landmarks={})), after, loads.reactions if loads else None, _recording(names)
+        ),
     )
 
 

@@ -74,7 +74,7 @@ def stem(number: int, name: str) -> str:
 
 def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitView:
     loads, model = trial.loads, calibration.model
-    drawn = layout(model, trial.body, loads.reactions if loads else None)
+    drawn = layout(trial.body, loads.reactions if loads else None, trial.events)
     view = GaitView(
         trial=trial,
         layout=drawn,

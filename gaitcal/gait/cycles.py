@@ -2,10 +2,7 @@
 
     percent(t) = 100 (t - t_strike) / (t_next strike - t_strike)
 
-Foot strike and toe-off are where a force plate becomes loaded and unloaded. Away from plates they follow from the
-motion alone: at strike the heel is furthest in front of the pelvis, at toe-off the toe furthest behind it (Zeni,
-Richards, Higginson, Gait & Posture 2008), on the ground and on a treadmill. Where both are known, their median
-difference moves the events of the other steps, so that all mean the same.
+Strikes and toe-offs come from `gait/events.py`, each with its source.
 """
 
 from __future__ import annotations
@@ -15,17 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.gait.gait_event import EventSource
 from gaitcal.recording.intervals import runs
 
-SAME_EVENT = 0.2
-"""s: an event of the motion this near to one of a plate is the same event."""
 SHORTEST_PHASE = 0.1
 """s: a shorter contact, or a shorter swing, is a flicker of the threshold."""
-LEAST_TRAVEL = 0.1
-"""m by which heel or toe must come back after an extreme: less is no step."""
 CYCLE_RANGE = (0.4, 4.0)
 """s: from running to very slow pathological gait; anything else is no stride."""
 POINTS = 101
@@ -38,6 +31,8 @@ class FootEvents:
 
     strikes: Array
     toe_offs: Array
+    sources: tuple[EventSource, ...] = ()
+    """Of each strike."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +45,8 @@ class GaitCycle:
     """s, next strike of the same foot."""
     toe_off: float | None
     """s, end of stance; None where it is not known."""
+    sources: tuple[EventSource, ...] = ()
+    """Of its first and of its second strike."""
 
     def percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
@@ -62,31 +59,13 @@ class GaitCycle:
         return None if self.toe_off is None else float(self.percent(self.toe_off))
 
 
-def foot_events(time: Array, loaded: BoolArray, heel: Array | None = None, toe: Array | None = None) -> FootEvents:
-    """Strikes and toe-offs of one foot.
-
-    Parameters
-    ----------
-    time : (nf,) s.
-    loaded : (nf,) a plate carries the foot.
-    heel, toe : (nf,) m in front of the pelvis along the progression; None where not known.
-    """
-    contacts = runs(steady(time, loaded))
-    begins = [float(time[run.start]) for run in contacts if run.start > 0]
-    ends = [float(time[run.stop]) for run in contacts if run.stop < len(time)]
-    return FootEvents(
-        _merged(time, loaded, begins, _extremes(time, heel)),
-        _merged(time, loaded, ends, _extremes(time, None if toe is None else -toe)),
-    )
-
-
 def gait_cycles(events: FootEvents) -> tuple[GaitCycle, ...]:
     """All complete cycles of one foot, in time order."""
     cycles = []
-    for start, stop in itertools.pairwise(events.strikes.tolist()):
+    for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):
         if CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]:
             off = [t for t in events.toe_offs.tolist() if start < t < stop]
-            cycles.append(GaitCycle(start, stop, off[0] if off else None))
+            cycles.append(GaitCycle(start, stop, off[0] if off else None, events.sources[k : k + 2]))
     return tuple(cycles)
 
 
@@ -140,28 +119,3 @@ def resample(time: Array, values: Array, at: Array) -> Array:
 def best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> GaitCycle:
     """The cycle with the largest share of valid frames; the first of equals."""
     return max(cycles, key=lambda c: float(valid[(time >= c.start) & (time <= c.stop)].mean()))
-
-
-def _extremes(time: Array, forward: Array | None) -> list[float]:
-    """Times (s) of clear maxima inside the trial; one that has only begun to come back at its end counts."""
-    if forward is None or not np.isfinite(forward).all():
-        return []
-    low = float(forward.min())
-    padded = np.concatenate([[low], forward, [low]])
-    peaks, _ = find_peaks(padded, prominence=max(LEAST_TRAVEL, 0.25 * float(np.ptp(forward))))
-    return [float(time[k - 1]) for k in peaks if 1 < k < len(time)]
-
-
-def _merged(time: Array, loaded: BoolArray, plate: list[float], motion: list[float]) -> Array:
-    """Events of plates, and those of the motion that no plate saw, moved by the median difference."""
-    differences, alone = [], []
-    for t in motion:
-        near = [p - t for p in plate if abs(p - t) < SAME_EVENT]
-        if near:
-            differences.append(min(near, key=abs))
-        else:
-            alone.append(t)
-    shift = float(np.median(differences)) if differences else 0.0
-    moved = [t + shift for t in alone]
-    kept = [t for t in moved if time[0] <= t <= time[-1] and not loaded[int(np.abs(time - t).argmin())]]
-    return np.array(sorted(plate + kept))

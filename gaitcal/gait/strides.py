@@ -9,26 +9,15 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points
-from gaitcal.gait.cycles import (
-    POINTS,
-    FootEvents,
-    GaitCycle,
-    best_cycle,
-    foot_events,
-    gait_cycles,
-    normalise,
-    resample,
-    stances,
-)
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
+from gaitcal.gait.events import SIDES, TrialEvents
+from gaitcal.gait.gait_event import source_words
 from gaitcal.motion.motion import Motion
 
 MOST_POINTS = 400
 """A plot against time shows no more: about one a pixel."""
 MOST_OTHERS = 10
 """Further strides drawn thin beside the main one."""
-SIDES = ("r", "l")
 
 
 @dataclass(frozen=True)
@@ -100,27 +89,14 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return shown, resample(time, values, shown)
 
 
-def layout(model: SubjectModel, motion: Motion, reactions: GroundReactions | None) -> Layout:
+def layout(motion: Motion, reactions: GroundReactions | None, events: TrialEvents) -> Layout:
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
-    events = _events(model, motion, reactions)
-    cycles = {side: gait_cycles(found) for side, found in events.items()}
-    down = {side: stances(found, time) for side, found in events.items()}
+    of_feet = {side: events.of(side) for side in SIDES}
+    cycles = {side: gait_cycles(found) for side, found in of_feet.items()}
+    down = {side: stances(found, time) for side, found in of_feet.items()}
     return Layout(time, valid, down, cycles if all(cycles.values()) else {})
-
-
-def _events(model: SubjectModel, motion: Motion, reactions: GroundReactions | None) -> dict[str, FootEvents]:
-    time = motion.time
-    loaded = reactions.loaded if reactions else np.zeros((len(time), 2), dtype=bool)
-    heel: list[Array | None] = [None, None]
-    toe: list[Array | None] = [None, None]
-    if {f"{end}_{side}" for end in ("heel", "toe") for side in SIDES} <= set(model.landmarks):
-        feet = foot_points(model, motion, model.parameters)
-        pelvis = motion.q[:, motion.coordinates.index("pelvis_tx")]
-        heel = [feet.heel[:, k, 0] - pelvis for k in (0, 1)]
-        toe = [feet.toe[:, k, 0] - pelvis for k in (0, 1)]
-    return {side: foot_events(time, loaded[:, k], heel[k], toe[k]) for k, side in enumerate(SIDES)}
 
 
 def cycle_sentence(drawn: Layout) -> str:
@@ -134,7 +110,7 @@ def cycle_sentence(drawn: Layout) -> str:
     counts = [len(drawn.cycles[side]) for side in SIDES]
     text = (
         "0 to 100 % of the gait cycle, from foot strike to the next foot strike of the same foot: right "
-        f"{right.start:.2f}–{right.stop:.2f} s, left {left.start:.2f}–{left.stop:.2f} s."
+        f"{right.start:.2f}–{right.stop:.2f} s, left {left.start:.2f}–{left.stop:.2f} s{_told_by(right, left)}."
     )
     if max(counts) > 1:
         text += (
@@ -142,3 +118,11 @@ def cycle_sentence(drawn: Layout) -> str:
             " thin."
         )
     return text
+
+
+def _told_by(right: GaitCycle, left: GaitCycle) -> str:
+    """How the strikes of both drawn strides are known."""
+    by = [source_words(cycle.sources) for cycle in (right, left)]
+    if not all(by):
+        return ""
+    return f"; strikes by {by[0]}" if by[0] == by[1] else f"; strikes by {by[0]} (right), {by[1]} (left)"

@@ -112,7 +112,7 @@ def calibrate(
             uncertainty=uncertainty,
             plates=PlateErrors.of(settings.plate_error),
             axes=axis_deviations(settings),
-            subject=nominal.subject,
+            model=nominal,
             held_out=fitted.held_out.get(t.name),
         )
         for t in trials

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -18,6 +18,7 @@ from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnit
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
 from gaitcal.findings import Finding, Severity, note_of
+from gaitcal.gait.events import TrialEvents
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
@@ -104,6 +105,8 @@ class TrialResult:
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
+    events: TrialEvents = field(default=TrialEvents())
+    """When the feet meet and leave the ground, each moment with its source; none in an isolated trial."""
     doubts: tuple[Finding, ...] = ()
     """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
     calibration are told for its trials together."""
@@ -137,7 +140,8 @@ class TrialResult:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against its markers, its motion and its ground reactions."""
-        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads(), *self.doubts)
+        of_events = (replace(f, where=self.name) for f in self.events.findings)
+        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads(), *of_events, *self.doubts)
 
     def _of_loads(self) -> tuple[Finding, ...]:
         if self.loads is None:

@@ -19,9 +19,10 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import TorqueErrors
+from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
@@ -45,7 +46,7 @@ def trial_result(
     uncertainty: Uncertainty,
     plates: PlateErrors,
     axes: Mapping[str, tuple[float, float, float]],
-    subject: Subject,
+    model: SubjectModel,
     held_out: HeldOut | None = None,
 ) -> TrialResult:
     """Assemble the result of a tracked trial.
@@ -59,8 +60,9 @@ def trial_result(
     uncertainty : of the last model.
     plates : how far the ground reactions are to be believed.
     axes : standard deviations of where the segments' axes point, deg (`dynamics/axis_errors.py`).
-    subject : the person, for weight and height.
+    model : of the person, for weight, height, and where heels and toes are.
     """
+    subject = model.subject
     final, _ = stages[max(stages, key=list(Stage).index)]
     calibrated = last = body
     reached = final if trial.joint is None else fitted_with
@@ -90,6 +92,7 @@ def trial_result(
         else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q)),
         held_out=held_out,
         bandwidth=trial.bandwidth,
+        events=_events(trial, model.with_parameters(final), body, reactions),
         doubts=trial_findings(
             trial.body,
             final,
@@ -100,6 +103,11 @@ def trial_result(
             None if loads is None else loads.reactions.valid,
         ),
     )
+
+
+def _events(trial: PreparedTrial, model: SubjectModel, body: Motion, reactions: GroundReactions | None) -> TrialEvents:
+    """Of a gait trial; an isolated one has none."""
+    return TrialEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
 
 
 def _torque_errors(
@@ -161,6 +169,6 @@ def analyse(
         uncertainty=uncertainty,
         plates=PlateErrors.of(settings.plate_error),
         axes=axis_deviations(settings),
-        subject=model.subject,
+        model=model,
     )
     return replace(result, doubts=(*result.doubts, *diagnosis.findings))

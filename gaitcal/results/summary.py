@@ -16,6 +16,8 @@ NO_FLOOR = 1e-6
 """mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
 
 SHARE_DIGITS = 4
+TIME_DIGITS = 4
+"""s: a tenth of a millisecond."""
 
 
 def summary(calibration: Calibration) -> dict[str, Json]:
@@ -77,6 +79,11 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
     }
     if trial.joint_floor is not None:
         out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()}
+    if trial.joint is None:
+        out["events"] = [
+            {"side": e.side, "event": e.moment.value, "time": round(e.time, TIME_DIGITS), "source": e.source.value}
+            for e in trial.events.events
+        ]
     if trial.loads is not None:
         out["valid_frames"] = int(trial.loads.reactions.valid.sum())
         if trial.loads.reactions.valid.any():
