@@ -83,9 +83,10 @@ def movement(
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
     links = _links(recording, marker_set, reference)
-    pelvis, feet = _middle(recording, marker_set, "pelvis"), [
-        _middle(recording, marker_set, f"foot_{side}") for side in SIDES
-    ]
+    pelvis, feet = (
+        _middle(recording, marker_set, "pelvis"),
+        [_middle(recording, marker_set, f"foot_{side}") for side in SIDES],
+    )
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
         return Movement(shows=walk[0], evidence=walk[1], certain=walk[2], turns=links)
@@ -171,10 +172,14 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
     if turns[first] < 2 * MOVES_RAD:
         return Movement(
-            shows=Shows.OTHER, turns=turns, evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M))
+            shows=Shows.OTHER,
+            turns=turns,
+            evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)),
         )
     if crouch > CROUCH_M:
-        return Movement(shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
+        return Movement(
+            shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m"
+        )
     if lead < LEAD or min(steps) > STEPS_RAD:
         return other
     return Movement(
