@@ -83,7 +83,7 @@ def init(
     age: Age = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
 ) -> None:
-    """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, with reasons."""
+    """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why."""
     from gaitcal.commands.init import options_of, run
 
     run(folder, out, talk, options_of(mass, height, sex, age), force=force)

@@ -15,7 +15,7 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
 from gaitcal.intake.draft import NEEDED, Draft, draft_study
-from gaitcal.intake.draft_text import STUDY, draft_text, missing_words
+from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words
 from gaitcal.intake.folder import FileKind, Folder, read_folder
 from gaitcal.intake.person_facts import Options
 
@@ -46,21 +46,22 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
 def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bool) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     target = path / STUDY if out is None else out
+    if target.suffix.lower() != ".toml":
+        raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
     if not force and target.exists():
         raise InputError("is there already; --force replaces it, --out FILE names another", source=target)
     with talk.working() as step:
         step("reading the folder")
         folder = read_folder(path)
-    if (
-        own := [f.name for f in folder.files if f.path.resolve() == target.resolve() and not _is_study(f.path)]
-    ) and out:
-        raise InputError(f"'{own[0]}' is no study file; name another with --out", source=target)
     draft = _asked(folder, options, talk)
     print_seen(talk, draft)
     if draft.fault:
         raise InputError(draft.fault, source=path)
     atomic_text(target, draft_text(draft, real_path(target).parent))
     talk.line(f"study: {target}")
+    if draft.missing:
+        options_now = f"write it there, or run again with --force {missing_options(draft)}"
+        raise InputError(f"is written, but {missing_words(draft)}: {options_now}", source=target)
     _stop_on_problem(draft, target)
     talk.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
@@ -68,7 +69,7 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
 def _stop_on_problem(draft: Draft, source: Path) -> None:
     """InputError for what keeps a drafted study from being run."""
     if draft.missing:
-        raise InputError(missing_words(draft), source=source)
+        raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=source)
     if draft.problem:
         raise InputError(draft.problem.removeprefix(f"{source}: "), source=source)
 
@@ -111,10 +112,6 @@ def _no_options_beside(study: Path, options: Options) -> None:
         raise UsageError(
             "--mass, --height, --sex and --age are for folders without a study; write them there", source=study
         )
-
-
-def _is_study(path: Path) -> bool:
-    return path.suffix.lower() == ".toml"
 
 
 def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:

@@ -21,6 +21,7 @@ from gaitcal.intake.person_facts import Known, Options, person_of, weighed
 from gaitcal.intake.placing import same_recording
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
+from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import Recording
 
 NEEDED = {"mass_kg": "--mass", "height_m": "--height", "sex": "--sex"}
@@ -215,7 +216,7 @@ class _Drafting:
         return moves[i].shows is Shows.STANDS or i == self.session.statics[0]
 
     def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
-        """Recordings that are another one again, and which: one with plates is kept, then one with fewer strange labels."""
+        """Recordings that are another one again, and which; one with plates is kept, then one with few strange labels."""
 
         def worth(i: int) -> tuple[object, ...]:
             recording = self.spelt[i]
@@ -252,7 +253,7 @@ class _Drafting:
                 return [i, *(j for j in statics if j != i)], ""
         return statics, fault
 
-    def _facts(self, order: Sequence[int]) -> list[tuple[str, object]]:
+    def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
         rest = [i for i in self.session.members if i not in order]
         return [(self.files[i].name, self.spelt[i].facts) for i in (*order, *rest)]
 

@@ -26,12 +26,13 @@ WIDEST = 70
 """Characters of a line up to which its comment stands beside it; else above."""
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": '"female" or "male"'}
 """What is to be written where nobody tells; no value that could be taken over without a thought."""
+OPTION_VALUES = {"mass_kg": "KG", "height_m": "M", "sex": "female|male"}
 
 
 def draft_text(draft: Draft, folder: Path | None) -> str:
     """The study as the text of a study file, paths relative to `folder`; absolute with None."""
     lines = [
-        f"# Drafted from the folder '{draft.folder.name}'. Every line says what it was told by; 'likely' is to be looked at.",
+        f"# Drafted from the folder '{draft.folder.name}'. Each line says what told it; look at what is 'likely'.",
         "",
         *_subject(draft),
         *_markers(draft, folder),
@@ -135,10 +136,13 @@ def _path(path: Path, folder: Path | None) -> Path:
 
 
 def missing_words(draft: Draft) -> str:
-    """What nobody tells, and how to say it."""
-    options = " ".join(f"{NEEDED[field]} {'female|male' if field == 'sex' else '...'}" for field in draft.missing)
-    names = ", ".join(f"subject.{field}" for field in draft.missing)
-    return f"no file says {names}; give {options}"
+    """What nobody tells."""
+    return "no file says " + ", ".join(f"subject.{field}" for field in draft.missing)
+
+
+def missing_options(draft: Draft) -> str:
+    """The options that tell it."""
+    return " ".join(f"{NEEDED[field]} {OPTION_VALUES[field]}" for field in draft.missing)
 
 
 def study_of(draft: Draft) -> Study:
@@ -153,7 +157,7 @@ def study_of(draft: Draft) -> Study:
     if draft.fault:
         raise InputError(draft.fault, source=draft.folder.path)
     if draft.missing:
-        raise InputError(missing_words(draft), source=draft.folder.path)
+        raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path)
     file = _study_file(draft_text(draft, None))
     marker_set = load_marker_set(file.markers.set)
     trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)

@@ -88,7 +88,7 @@ def choose_set(recordings: Sequence[tuple[str, ...]], own: Sequence[tuple[str, M
         for (_, s), (rename, _) in zip(sets, spellings, strict=True)
     ]
     best = [max(counts) for counts in zip(*legs, strict=True)]
-    choices = []
+    choices: list[SetChoice] = []
     for (entry, marker_set), (rename, clashes), counts in zip(sets, spellings, legs, strict=True):
         members = tuple(i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i]))
         union = [label for i in members for label in respelt(recordings[i], rename)]
@@ -99,11 +99,11 @@ def choose_set(recordings: Sequence[tuple[str, ...]], own: Sequence[tuple[str, M
         choice = SetChoice(
             marker_set=marker_set, entry=entry, rename=used, coverage=found, members=members, clashes=clashes
         )
-        choices.append((_rank(choice, len(choices), len(own)), choice))
-    return [choice for _, choice in sorted(choices, key=lambda pair: pair[0])]
+        choices.append(choice)
+    return sorted(choices, key=_rank)
 
 
-def _rank(choice: SetChoice, order: int, own: int) -> tuple[object, ...]:
+def _rank(choice: SetChoice) -> tuple[int | str, ...]:
     """Smallest first: more recordings, fewer landmarks missing, more labels explained, fewer of the set unused; a set
     of one's own before a built-in one; of sets with the same labels the one that gives reasons for its weights.
     """

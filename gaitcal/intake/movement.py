@@ -103,7 +103,7 @@ def _links(recording: Recording, marker_set: MarkerSet, reference: Stance | None
 
 def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of them; else NaN."""
-    labels = [m for m in (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))]
+    labels = (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))
     columns = [i for i, label in enumerate(recording.labels) if label in labels]
     seen = np.isfinite(recording.markers[:, columns]).all(axis=2)
     if not columns or not seen.any():

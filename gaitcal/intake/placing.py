@@ -5,7 +5,7 @@ differ in several segments by more. D(a, b) is the median distance of two marker
 
     d_s = max over pairs (a, b) of segment s of |D(a, b) - D'(a, b)|
 
-Within sessions of six laboratories the second largest d_s of pelvis and legs is at most 8 mm, between people from 11 mm.
+Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between people from 11 mm.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _from_middle(recording: Recording, labels: list[str]) -> Array:
 
 
 def _starts(short: Array, long: Array) -> list[int]:
-    """Frames of `long` at which `short` may begin: where the frames nearest to its first, middle and last whole one are."""
+    """Frames of `long` at which `short` may begin, from those nearest to its first, middle and last whole frame."""
     spare = len(long) - len(short)
     whole = np.flatnonzero(np.isfinite(short).all(axis=1))
     if spare == 0:

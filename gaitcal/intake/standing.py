@@ -134,7 +134,7 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
 
 
 def sway(recording: Recording, marker_set: MarkerSet) -> float:
-    """m, RMS distance of the markers from their mean places; the largest of pelvis and feet, each the median of its own."""
+    """m, RMS distance of the markers from their mean places; of pelvis and feet the one that moves most."""
     segments = marker_set.segment_of
     out: dict[str, list[float]] = {}
     for i, label in enumerate(recording.labels):
