@@ -14,8 +14,9 @@ from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
-from gaitcal.intake.draft import NEEDED, Draft, draft_study
+from gaitcal.intake.draft import NEEDED, Draft
 from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words
+from gaitcal.intake.drafting import draft_of, draft_study
 from gaitcal.intake.folder import FileKind, Folder, read_folder
 from gaitcal.intake.person_facts import Options
 
@@ -71,7 +72,7 @@ def _stop_on_problem(draft: Draft, source: Path) -> None:
     if draft.missing:
         raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=source)
     if draft.problem:
-        raise InputError(draft.problem.removeprefix(f"{source}: "), source=source)
+        raise InputError(draft.problem, source=None if str(draft.folder.path) in draft.problem else source)
 
 
 def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
@@ -116,7 +117,7 @@ def _no_options_beside(study: Path, options: Options) -> None:
 
 def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
-    draft = draft_study(folder, options)
+    draft = draft_of(folder, options)
     if draft.fault or not draft.missing or talk.quiet or not (sys.stdin.isatty() and sys.stderr.isatty()):
         return draft
     for field in draft.missing:
@@ -128,7 +129,7 @@ def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
                 talk.err.print(Text(str(fault)))
                 continue
             break
-    return draft_study(folder, options)
+    return draft_study(draft.folder, options)
 
 
 def _answered(options: Options, field: str, answer: str) -> Options:

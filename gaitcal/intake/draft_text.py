@@ -126,7 +126,7 @@ def _one_line(text: str) -> str:
 
 
 def _path(path: Path, folder: Path | None) -> Path:
-    whole = path.resolve()
+    whole = path.parent.resolve() / path.name
     if folder is None:
         return whole
     try:

@@ -6,7 +6,7 @@ Only files directly in the folder: one person a folder. A file that cannot be re
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from xml.etree import ElementTree
@@ -50,6 +50,8 @@ class FolderFile:
     """One file, as it was read."""
 
     path: Path
+    name: str
+    """As seen from the folder."""
     kind: FileKind
     recording: Recording | None = None
     forces: Forces | None = None
@@ -58,11 +60,6 @@ class FolderFile:
     """Of external forces: the table that they name."""
     reason: str = ""
     """Why it is of no use, where it is of none."""
-
-    @property
-    def name(self) -> str:
-        """File name."""
-        return self.path.name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +71,8 @@ class Folder:
     """In the order of their names, letters without case."""
     subfolders: tuple[tuple[str, int], ...]
     """Folders in it that hold recordings, and how many."""
+    deep: bool = False
+    """Whether the files of these are among `files`."""
 
     def of_kind(self, kind: FileKind) -> tuple[FolderFile, ...]:
         """Its files of one kind."""
@@ -85,8 +84,8 @@ class Folder:
         return self.path.resolve().name
 
 
-def read_folder(path: Path) -> Folder:
-    """Read every file that lies in a folder.
+def read_folder(path: Path, *, deep: bool = False) -> Folder:
+    """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold recordings.
 
     Raises
     ------
@@ -97,17 +96,25 @@ def read_folder(path: Path) -> Folder:
         raise InputError("is no folder; a folder with one person's recordings is needed", source=path)
     try:
         entries = sorted(path.iterdir(), key=lambda p: (p.name.lower(), p.name))
-        files = [p for p in entries if p.is_file() and not _HIDDEN.match(p.name)]
     except OSError as error:
         raise InputError(f"cannot be listed: {error.strerror}", source=path) from None
+    files = _files_in(path)
+    below = [(p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)]
+    subfolders = tuple((name, count) for name, count in below if count)
+    if deep:
+        files += [file for name, _ in subfolders for file in _files_in(path / name)]
     if len(files) > MOST_FILES:
         raise InputError(f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}", source=path)
-    below = [(p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)]
-    return Folder(
-        path=path,
-        files=tuple(_read(file) for file in files),
-        subfolders=tuple((name, count) for name, count in below if count),
-    )
+    read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
+    return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    try:
+        files = sorted(folder.iterdir(), key=lambda p: (p.name.lower(), p.name))
+    except OSError:
+        return []
+    return [p for p in files if p.is_file() and not _HIDDEN.match(p.name)]
 
 
 def _recordings_in(folder: Path) -> int:
@@ -119,22 +126,33 @@ def _recordings_in(folder: Path) -> int:
         return 0
 
 
-def _read(path: Path) -> FolderFile:
-    ending = path.suffix.lower()
+def _read(path: Path, name: str) -> FolderFile:
     try:
-        if ending in MARKER_ENDINGS:
-            return _recording(path)
-        if ending in TABLE_ENDINGS:
-            return FolderFile(path=path, kind=FileKind.FORCES, forces=_forces(path))
-        if ending == ".csv":
-            return _csv(path)
-        if ending == ".toml":
-            return _toml(path)
-        if ending == ".xml":
-            return _xml(path)
+        return replace(_understood(path), name=name)
     except InputError as fault:
-        return FolderFile(path=path, kind=FileKind.UNREADABLE, reason=_plain(fault, path))
-    return FolderFile(path=path, kind=FileKind.OTHER, reason=f"a file ending in '{ending}' holds no recording")
+        return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=_plain(fault, path))
+
+
+def _understood(path: Path) -> FolderFile:
+    """A file by its ending and content, named without its folder."""
+    ending = path.suffix.lower()
+    if ending in MARKER_ENDINGS:
+        return _recording(path)
+    if ending in TABLE_ENDINGS:
+        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
+    if ending == ".csv":
+        return _csv(path)
+    if ending == ".toml":
+        return _toml(path)
+    if ending == ".xml":
+        return _xml(path)
+    return FolderFile(
+        path=path, name=path.name, kind=FileKind.OTHER, reason=f"a file ending in '{ending}' holds no recording"
+    )
+
+
+def _other(path: Path, reason: str) -> FolderFile:
+    return FolderFile(path=path, name=path.name, kind=FileKind.OTHER, reason=reason)
 
 
 def _plain(fault: InputError, path: Path) -> str:
@@ -145,7 +163,7 @@ def _plain(fault: InputError, path: Path) -> str:
 def _recording(path: Path) -> FolderFile:
     with np.errstate(all="ignore"):
         recording = read_recording(path)
-    return FolderFile(path=path, kind=FileKind.RECORDING, recording=recording)
+    return FolderFile(path=path, name=path.name, kind=FileKind.RECORDING, recording=recording)
 
 
 def _forces(path: Path) -> Forces:
@@ -159,20 +177,20 @@ def _csv(path: Path) -> FolderFile:
     except InputError:
         text = path.read_bytes()[:4000].decode("utf-8", "replace")
         if any(line.strip().lower() == ",".join(CORNER_HEADER) for line in text.splitlines()):
-            return FolderFile(path=path, kind=FileKind.CORNERS)
+            return FolderFile(path=path, name=path.name, kind=FileKind.CORNERS)
         raise
     if is_force_header(header):
-        return FolderFile(path=path, kind=FileKind.FORCES, forces=_forces(path))
+        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
     return _recording(path)
 
 
 def _toml(path: Path) -> FolderFile:
     content = read_toml(path)
     if "trial" in content or "subject" in content:
-        return FolderFile(path=path, kind=FileKind.STUDY)
+        return FolderFile(path=path, name=path.name, kind=FileKind.STUDY)
     if "landmarks" in content:
-        return FolderFile(path=path, kind=FileKind.MARKER_SET, marker_set=load_marker_set(path))
-    return FolderFile(path=path, kind=FileKind.OTHER, reason="neither a study nor a marker set")
+        return FolderFile(path=path, name=path.name, kind=FileKind.MARKER_SET, marker_set=load_marker_set(path))
+    return _other(path, "neither a study nor a marker set")
 
 
 def _xml(path: Path) -> FolderFile:
@@ -185,8 +203,10 @@ def _xml(path: Path) -> FolderFile:
         raise InputError(f"is no readable XML: {error}", source=path) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
-        return FolderFile(path=path, kind=FileKind.OTHER, reason="an XML that names no table of external forces")
-    return FolderFile(path=path, kind=FileKind.EXTERNAL_LOADS, names=table)
+        return FolderFile(
+            path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
+        )
+    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table)
 
 
 def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
@@ -196,4 +216,4 @@ def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
         files = sorted(p for p in above.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
     except OSError:
         return ()
-    return tuple(found for found in map(_read, files) if found.kind is FileKind.MARKER_SET)
+    return tuple(found for found in (_read(file, file.name) for file in files) if found.kind is FileKind.MARKER_SET)

@@ -85,7 +85,8 @@ def pair_forces(
         used.add(match.table)
     for t, table in enumerate(tables):
         if t not in used:
-            why.setdefault(table.name, "its recording has another table that fits better")
+            rival = "its recording has another table that fits better"
+            why.setdefault(table.name, rival if recordings else "no walk without plates of its own needs it")
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 

@@ -7,7 +7,7 @@ in itself; the largest such group is the session, and the others keep their reas
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gaitcal.intake.placing import placed_otherwise, segment_distances
@@ -19,6 +19,10 @@ STATIC_WORD = re.compile(
     r"(static|stat(?![a-z])|(?<![a-z])cal(ib\w*)?(?![a-z])|stand|(?<![a-z])(st|sc)(?![a-z])|pose|neutral|anatom)", re.I
 )
 """What files of static trials are called; weak evidence."""
+CLEAR_WORD = re.compile(r"(static|(?<![a-z])cal(ib\w*)?(?![a-z])|neutral|anatom)", re.IGNORECASE)
+"""The same, where no other word is meant."""
+SHIFTS_M = 0.1
+"""RMS distance from the mean place up to which a foot or the pelvis is merely restless: a step moves it by more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +55,7 @@ def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
     """
     postures = {i: found for i, r in recordings.items() if (found := standing(r, marker_set)[0]) is not None}
     worn = _worn_standing(recordings, postures)
-    only = [i for i, posture in postures.items() if posture.throughout]
-    if not only:
-        only = [i for i in postures if STATIC_WORD.search(stems[i]) or recordings[i].facts.is_static]
+    only = _standing_only(recordings, stems, postures, worn)
     if not only:
         return None
 
@@ -83,6 +85,23 @@ def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
         worn=worn,
         others=others,
     )
+
+
+def _standing_only(
+    recordings: Mapping[int, Recording],
+    stems: Mapping[int, str],
+    postures: Mapping[int, Standing],
+    worn: Mapping[int, tuple[str, ...]],
+) -> list[int]:
+    """Recordings that only stand; where there are none, those called static or with markers of their own, of which a
+    part stands; then those in which somebody merely shifts.
+    """
+    tiers: tuple[Callable[[int], bool], ...] = (
+        lambda i: postures[i].throughout,
+        lambda i: bool(CLEAR_WORD.search(stems[i]) or recordings[i].facts.is_static or worn[i]),
+        lambda i: postures[i].sway <= SHIFTS_M,
+    )
+    return next((found for tier in tiers if (found := [i for i in postures if tier(i)])), [])
 
 
 def _worn_standing(recordings: Mapping[int, Recording], postures: Mapping[int, Standing]) -> dict[int, tuple[str, ...]]:

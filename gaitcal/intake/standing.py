@@ -24,7 +24,7 @@ from gaitcal.recording.recording import Recording
 STRAIGHT = 0.8
 """Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees
 bent by 40 deg, 0.7 in sitting."""
-LEVEL_M = 0.06
+LEVEL_M = 0.08
 """Difference in height of the two feet's middles: a foot is lifted from there on."""
 STAYS_M = 0.03
 """RMS distance of pelvis and feet from their mean places, in a recording that only stands."""
@@ -39,8 +39,8 @@ class Standing:
 
     speed: float
     """m/s of the still window."""
-    throughout: bool
-    """Whether the whole recording stands, and not a part of it only."""
+    sway: float
+    """m, over the whole recording."""
     start: float
     """s."""
     stop: float
@@ -49,6 +49,11 @@ class Standing:
     """Name -> (3,) m."""
     stance: Stance | None
     """For turns of segments against it; None without ASIS."""
+
+    @property
+    def throughout(self) -> bool:
+        """Whether the whole recording stands, and not a part of it only."""
+        return self.sway <= STAYS_M
 
 
 def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
@@ -66,7 +71,7 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
         return None, why
     return Standing(
         speed=window.speed,
-        throughout=sway(recording, marker_set) <= STAYS_M,
+        sway=sway(recording, marker_set),
         start=window.start,
         stop=window.stop,
         landmarks=landmarks,
