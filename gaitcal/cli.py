@@ -36,7 +36,14 @@ INTERRUPTED = 130
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; written whole or not at all.")]
 Result = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate'.")]
-StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file: subject, marker set, trials.")]
+StudyPath = Annotated[
+    Path,
+    typer.Argument(metavar="STUDY", help="Study file, or a folder of one person's recordings, which drafts its own."),
+]
+Mass = Annotated[float | None, typer.Option(help="Body mass in kg, where the recordings of a folder do not say it.")]
+Height = Annotated[float | None, typer.Option(help="Body height in m, the same.")]
+Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
+Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
@@ -66,11 +73,31 @@ def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
 
 
 @command
-def check(talk: "Talk", study: StudyPath) -> None:
+def init(
+    talk: "Talk",
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")],
+    out: Annotated[Path | None, typer.Option(help="The study file; FOLDER/study.toml unless given.")] = None,
+    mass: Mass = None,
+    height: Height = None,
+    sex: Sex = None,
+    age: Age = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
+) -> None:
+    """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why."""
+    from gaitcal.commands.init import options_of, run
+
+    run(folder, out, talk, options_of(mass, height, sex, age), force=force)
+
+
+@command
+def check(
+    talk: "Talk", study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None
+) -> None:
     """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
     from gaitcal.commands.check import run
+    from gaitcal.commands.init import options_of
 
-    run(study, talk)
+    run(study, talk, options_of(mass, height, sex, age))
 
 
 @command
@@ -78,6 +105,10 @@ def calibrate(
     talk: "Talk",
     study: StudyPath,
     out: Out,
+    mass: Mass = None,
+    height: Height = None,
+    sex: Sex = None,
+    age: Age = None,
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
     hold_out: Annotated[
         bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
@@ -85,8 +116,9 @@ def calibrate(
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
+    from gaitcal.commands.init import options_of
 
-    run(study, out, talk, force=force, hold_out=hold_out)
+    run(study, out, talk, options_of(mass, height, sex, age), force=force, hold_out=hold_out)
 
 
 @command

@@ -7,9 +7,14 @@ from pathlib import Path
 from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
+from gaitcal.commands.init import NOTHING_SAID, files_of, study_or_draft, tell_faulty
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
+from gaitcal.intake.draft import Draft
+from gaitcal.intake.draft_text import STUDY, draft_text, study_of
+from gaitcal.intake.faulty_trials import without_faulty_trials
+from gaitcal.intake.person_facts import Options
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.study.study import Study, input_files
@@ -17,22 +22,36 @@ from gaitcal.study.study_file import load_study_file
 from gaitcal.verdict.verdict import Judgement
 
 
-def run(study: Path, out: Path, talk: Talk, *, force: bool = False, hold_out: bool = False) -> None:
-    """Check and calibrate a study and write its result folder; `force` goes on past errors that the checks find."""
-    kept = require_room(out, ResultKind.CALIBRATION, input_files(load_study_file(study), study))
+def run(
+    path: Path, out: Path, talk: Talk, options: Options = NOTHING_SAID, *, force: bool = False, hold_out: bool = False
+) -> None:
+    """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
+
+    `force` goes on past errors that the checks find, and keeps every trial of a drafted study.
+    """
+    source = study_or_draft(path, options, talk)
+    drafted = source if isinstance(source, Draft) else None
+    inputs = input_files(load_study_file(source), source) if isinstance(source, Path) else files_of(source)
+    kept = require_room(out, ResultKind.CALIBRATION, inputs)
     with talk.working() as step:
         step("reading the recordings")
-        loaded = Study.load(study)
+        loaded = Study.load(source) if isinstance(source, Path) else study_of(source)
         step("checking the recordings")
         findings = check_study(loaded)
+        if drafted is not None and not force:
+            loaded, findings, faulty = without_faulty_trials(loaded, findings)
+            drafted = drafted.without(faulty)
+            tell_faulty(talk, faulty)
         if not force:
-            stop_on_errors(findings, study)
+            stop_on_errors(findings, path)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         step("writing the results")
-        write_results(calibration, out)
+        write_results(calibration, out, drafted=None if drafted is None else draft_text(drafted, out))
     print_calibration(talk, calibration)
     tell_changed(talk, loaded.changed_inputs())
     tell_kept(talk, kept)
+    if drafted is not None:
+        talk.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
     talk.line(f"report: {out / 'report.html'}")
     talk.line(f"view:   {out / 'view.html'}")
     verdict = calibration.verdict

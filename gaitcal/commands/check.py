@@ -9,21 +9,25 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.checks import check_file
+from gaitcal.checks import check_file, check_study
 from gaitcal.commands.console import Talk
+from gaitcal.commands.init import NOTHING_SAID, study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
+from gaitcal.intake.draft_text import study_of
+from gaitcal.intake.person_facts import Options
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
 
 
-def run(study: Path, talk: Talk) -> None:
-    """Print what the checks find in a study; exit code 1 where there is an error."""
+def run(path: Path, talk: Talk, options: Options = NOTHING_SAID) -> None:
+    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
+    source = study_or_draft(path, options, talk)
     with talk.working() as step:
         step("reading and checking the recordings")
-        findings = check_file(study)
+        findings = check_file(source) if isinstance(source, Path) else check_study(study_of(source))
     shown = [f for f in findings if talk.verbose or f.severity is not Severity.INFO]
     if shown:
         if not talk.out.is_terminal:

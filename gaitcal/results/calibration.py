@@ -39,7 +39,13 @@ REFUSED_HEADER = ("verdict: refused; these numbers are not to be used, summary.j
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
-def write_results(calibration: Calibration, folder: Path | str, settings: Mapping[str, Json] | None = None) -> Path:
+def write_results(
+    calibration: Calibration,
+    folder: Path | str,
+    settings: Mapping[str, Json] | None = None,
+    *,
+    drafted: str | None = None,
+) -> Path:
     """Write everything a calibration gives into `folder`, whole or not at all. Returns the folder.
 
     Parameters
@@ -48,6 +54,7 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
     folder : replaced if an earlier calibration is there; what `gaitcal montecarlo`, `dynamics` and `export` put into
         it is kept.
     settings : further entries of `manifest.json`, beside those of the study.
+    drafted : text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
 
     Raises
     ------
@@ -60,6 +67,8 @@ def write_results(calibration: Calibration, folder: Path | str, settings: Mappin
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
         (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
+        if drafted is not None:
+            (out / "study.toml").write_text(drafted, encoding="utf-8")
         _csv(parameter_table(calibration), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")

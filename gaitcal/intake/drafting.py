@@ -1,0 +1,287 @@
+"""From a folder as it was read to the study that follows: marker set, session, roles, forces, person."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from gaitcal.errors import InputError
+from gaitcal.intake.draft import Draft, DraftTrial
+from gaitcal.intake.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
+from gaitcal.intake.force_files import ForceChoice, pair_forces
+from gaitcal.intake.marker_sets import SetChoice, candidates, choose_set, coverage, respelt
+from gaitcal.intake.movement import Movement, Shows, movement
+from gaitcal.intake.people import Session, session_of
+from gaitcal.intake.person_facts import Known, Options, person_of, weighed
+from gaitcal.intake.placing import same_recording
+from gaitcal.intake.seen import Roles, row_of, rows_of
+from gaitcal.intake.standing import standing
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.nominal import nominal_model
+from gaitcal.model.subject_model import Subject
+from gaitcal.recording.metadata import Facts
+from gaitcal.recording.recording import Recording
+
+MOST_BELOW = 60
+"""Recordings in subfolders that are read to see whether they are of one person's session."""
+
+
+def draft_of(folder: Folder, options: Options) -> Draft:
+    """The study of a folder; its subfolders are looked into where it is not whole without them and they are of one
+    person.
+    """
+    draft = draft_study(folder, options)
+    below = sum(count for _, count in folder.subfolders)
+    if folder.deep or not 0 < below <= MOST_BELOW or (draft.moves and not draft.fault):
+        return draft
+    deep = draft_study(read_folder(folder.path, deep=True), options)
+    return draft if deep.fault or deep.strangers or not deep.moves else deep
+
+
+def draft_study(folder: Folder, options: Options) -> Draft:
+    """The study that follows from a folder; where none does, what was seen and `fault`."""
+    files = folder.of_kind(FileKind.RECORDING)
+    recordings = [file.recording for file in files if file.recording is not None]
+    if not recordings:
+        return _refused(folder, _nothing_here(folder), {})
+    own = [(str(f.path), f.marker_set) for f in _own_sets(folder) if f.marker_set is not None]
+    choices = choose_set([r.labels for r in recordings], own)
+    if not choices:
+        return _refused(folder, _no_set(recordings, own), {})
+    for choice in choices:
+        spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
+        session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
+        if session is not None:
+            return _Drafting(folder, files, choice, spelt, session, options).draft()
+    told = {}
+    for i in choices[0].members:
+        why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)[1]
+        told[files[i].name] = f"of marker set {choices[0].entry}; nobody stands in it: {why}"
+    message = "in no recording does the person stand still, upright, on both feet: a static trial is needed"
+    return _refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _spelt(recording: Recording, choice: SetChoice) -> Recording:
+    """A recording with the labels of the set."""
+    return choice.marker_set.renamed(replace(recording, labels=respelt(recording.labels, choice.rename)))
+
+
+def _own_sets(folder: Folder) -> tuple[FolderFile, ...]:
+    return folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
+
+
+def _nothing_here(folder: Folder) -> str:
+    if folder.subfolders:
+        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
+        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
+    if not folder.files:
+        return "is empty; .c3d, .trc or .csv files of one person are needed"
+    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
+
+
+def _no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
+    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
+    nearest, found = max(
+        ((entry, coverage(s, labels)) for entry, s in candidates(own)),
+        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
+    )
+    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
+    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
+    return (
+        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {len(found.known)} of "
+        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
+        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
+    )
+
+
+def _refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
+    """What was seen of a folder from which no study follows."""
+    seen = tuple(row_of(file, reason=told.get(file.name, "")) for file in folder.files)
+    return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
+
+
+@dataclass(frozen=True)
+class _Drafting:
+    """What a draft is made of, once marker set and static trial are found."""
+
+    folder: Folder
+    files: tuple[FolderFile, ...]
+    choice: SetChoice
+    spelt: Mapping[int, Recording]
+    """Recording -> with the labels of the set."""
+    session: Session
+    options: Options
+
+    def draft(self) -> Draft:
+        """Roles, forces and person."""
+        out, moves = dict(self.session.others), self._movements()
+        statics = [i for i in self.session.statics if self._is_static(i, moves)]
+        for i, j in self._copies(statics):
+            out[i] = f"the same recording as {self.files[j].name}"
+        statics = [i for i in statics if i not in out]
+        statics, problem = self._with_model(statics)
+        roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
+        for i, found in moves.items():
+            if i in roles or i in out:
+                continue
+            if found.shows is Shows.WALKS:
+                roles[i] = ("gait", "")
+            elif found.shows is Shows.ONE_JOINT:
+                roles[i] = ("joint", found.joint)
+            else:
+                out[i] = f"{found.shows.value}: {found.evidence}; neither standing, walking, nor one joint alone"
+        forces, unpaired = self._forces(roles)
+        order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
+        names = _trial_names([self.files[i].path.stem for i in order])
+        trials = tuple(
+            self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
+            for i, name in zip(order, names, strict=True)
+        )
+        if all(trial.role == "static" for trial in trials):
+            problem = problem or "no recording shows walking, or one joint that moves alone"
+        person = self._person(statics, order)
+        seen = rows_of(
+            self.folder, self.files, self.choice, Roles(roles, out, moves, forces, unpaired, frozenset(self.spelt))
+        )
+        return Draft(
+            folder=self.folder,
+            choice=self.choice,
+            person=person,
+            trials=trials,
+            seen=seen,
+            strangers=bool(self.session.others),
+            problem=problem,
+        )
+
+    def _movements(self) -> dict[int, Movement]:
+        """Recording of the session -> what it shows."""
+        reference = self.session.posture(self.session.statics[0]).stance
+        return {
+            i: movement(self.spelt[i], self.choice.marker_set, self.session.postures.get(i), reference)
+            for i in self.session.members
+        }
+
+    def _is_static(self, i: int, moves: Mapping[int, Movement]) -> bool:
+        """What only stands; without any such, the one recording that is declared as static, of which a part stands."""
+        return moves[i].shows is Shows.STANDS or i == self.session.statics[0]
+
+    def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
+        """Recordings that are another one again, and which; the one with plates is kept, then the longest."""
+
+        def worth(i: int) -> tuple[object, ...]:
+            recording = self.spelt[i]
+            rank = statics.index(i) if i in statics else 0
+            strange = len(coverage(self.choice.marker_set, recording.labels).left_over)
+            return (not recording.plates, -len(recording.time), strange, rank, i)
+
+        kept: list[int] = []
+        copies = []
+        for i in sorted(self.session.members, key=worth):
+            twin = next((j for j in kept if same_recording(self.spelt[i], self.spelt[j])), None)
+            if twin is None:
+                kept.append(i)
+            else:
+                copies.append((i, twin))
+        return copies
+
+    def _with_model(self, statics: list[int]) -> tuple[list[int], str]:
+        """Static trials, one that gives a model first; and why none does."""
+        person = person_of("", self.options, self._facts(statics), None)
+        mass, height = (
+            float(str(person[f].value)) if f in person else d for f, d in (("mass_kg", 70.0), ("height_m", None))
+        )
+        if height is None:
+            return statics, ""
+        subject = Subject("", mass or 70.0, height, self.options.sex or "female")
+        fault = ""
+        for i in statics:
+            try:
+                nominal_model(self.spelt[i], self.choice.marker_set, subject)
+            except InputError as error:
+                fault = fault or str(error)
+            else:
+                return [i, *(j for j in statics if j != i)], ""
+        return statics, fault
+
+    def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
+        rest = [i for i in self.session.members if i not in order]
+        return [(self.files[i].name, self.spelt[i].facts) for i in (*order, *rest)]
+
+    def _person(self, statics: Sequence[int], order: Sequence[int]) -> dict[str, Known]:
+        plates = None
+        for i in statics:
+            mass = weighed(self.spelt[i], self.choice.marker_set, self.session.posture(i))
+            if mass is not None:
+                plates = (self.files[i].name, mass)
+                break
+        return person_of(
+            self.folder.name, self.options, self._facts([*statics, *(i for i in order if i not in statics)]), plates
+        )
+
+    def _forces(self, roles: Mapping[int, tuple[str, str]]) -> tuple[dict[int, ForceChoice], dict[str, str]]:
+        """Forces of the walks that have no plates of their own."""
+        wanted = {
+            i: (self.files[i].path.stem, self.spelt[i])
+            for i, (role, _) in roles.items()
+            if role == "gait" and not self.spelt[i].plates
+        }
+        return pair_forces(wanted, self.choice.marker_set, self.folder.files)
+
+    def _trial(
+        self,
+        i: int,
+        name: str,
+        role: tuple[str, str],
+        found: Movement | None,
+        forces: ForceChoice | None,
+        statics: Sequence[int],
+    ) -> DraftTrial:
+        reason = "" if found is None else found.evidence
+        certain = found is not None and found.certain
+        if role[0] == "static":
+            posture = self.session.posture(i)
+            certain = posture.throughout
+            if not certain:
+                reason = (
+                    f"the file is called static, and from {posture.start:.2f} to {posture.stop:.2f} s somebody stands"
+                )
+            elif len(statics) > 1:
+                reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
+            if extra := self.session.worn_standing(i):
+                reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
+        elif said := _name_contradicts(self.files[i].path.stem, role):
+            reason, certain = f"{reason}; {said}", False
+        return DraftTrial(
+            name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
+        )
+
+
+_ORDER = {"static": 0, "joint": 1, "gait": 2}
+_JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
+
+
+def _name_contradicts(stem: str, role: tuple[str, str]) -> str:
+    """What a file's name says against its role; empty where it says nothing."""
+    word = _JOINT_WORD.search(stem)
+    if word is None:
+        return ""
+    name = word.group(1).lower()
+    if role[0] == "joint" and role[1].startswith(name):
+        return ""
+    return f"though its name says {name}"
+
+
+def _trial_names(stems: Sequence[str]) -> list[str]:
+    """Names of trials from those of files: safe as file names, and each once whatever the case."""
+    out: list[str] = []
+    for stem in stems:
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "trial"
+        if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)", plain, re.IGNORECASE):
+            plain += "_"
+        name, count = plain, 1
+        while name.lower() in {other.lower() for other in out}:
+            count += 1
+            name = f"{plain}_{count}"
+        out.append(name)
+    return out

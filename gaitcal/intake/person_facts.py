@@ -1,0 +1,161 @@
+"""Who the person is: what the files say, what the plates weigh, what the user says; and what nobody says.
+
+The user's word comes first, then the static trial's file, then the others. Files that contradict each other are told.
+The subject's name is that of the folder: a file's may be the patient's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.intake.standing import Standing
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.recording.metadata import Facts
+from gaitcal.recording.recording import ForcePlate, Recording
+
+MASS_KG = (10.0, 250.0)
+"""Of a person on plates: less is a foot that stands beside them."""
+CONTRADICTS = 0.02
+"""Relative difference of two files' figures from which it is told."""
+WEIGHS_OTHERWISE = 0.05
+STEADY = 0.03
+"""Standard deviation of the force under a standing person as a share of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """One field of the person."""
+
+    value: object
+    reason: str
+    certain: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the user says of the person; None: nothing."""
+
+    mass: float | None = None
+    """kg."""
+    height: float | None = None
+    """m."""
+    sex: str | None = None
+    age: float | None = None
+    """Years."""
+    name: str | None = None
+
+
+def person_of(
+    folder: str, options: Options, files: Sequence[tuple[str, Facts]], plates: tuple[str, float] | None
+) -> dict[str, Known]:
+    """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
+
+    Parameters
+    ----------
+    files : name and facts of every file of the person, the static trial's first.
+    plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
+    """
+    out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
+    if (mass := _number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
+        if plates is not None and abs(plates[1] / float(str(mass.value)) - 1) > WEIGHS_OTHERWISE:
+            words = f"{mass.reason}; but the plates weigh {plates[1]:.1f} kg in {plates[0]}"
+            mass = Known(value=mass.value, reason=words, certain=False)
+        out["mass_kg"] = mass
+    elif plates is not None:
+        reason = f"weighed by the plates under {plates[0]}, where no file says it"
+        out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
+    if (height := _number(options.height, files, lambda f: f.height, "m", 4)) is not None:
+        out["height_m"] = height
+    if options.sex:
+        out["sex"] = Known(value=options.sex, reason="option")
+    if options.age is not None:
+        out["age_years"] = Known(value=options.age, reason="option")
+    for field, get in (("knee_width_mm", lambda f: f.knee_width), ("ankle_width_mm", lambda f: f.ankle_width)):
+        if (width := _sided(files, get)) is not None:
+            out[field] = width
+    if (diameter := _number(None, files, lambda f: f.marker_diameter, "m", 6)) is not None:
+        out["marker_diameter_mm"] = Known(
+            value=round(1e3 * float(str(diameter.value)), 2), reason=diameter.reason, certain=diameter.certain
+        )
+    return out
+
+
+def _number(
+    said: float | None, files: Sequence[tuple[str, Facts]], get: Callable[[Facts], float | None], unit: str, digits: int
+) -> Known | None:
+    """A number from the user or from the first file that tells it, and the files that tell another."""
+    told = [(name, value) for name, facts in files if (value := get(facts)) is not None]
+    if said is not None:
+        others = [f"{name} {value:.4g} {unit}" for name, value in told if abs(value / said - 1) > CONTRADICTS]
+        return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
+    if not told:
+        return None
+    first, value = told[0]
+    others = [f"{name} {v:.4g} {unit}" for name, v in told[1:] if abs(v / value - 1) > CONTRADICTS]
+    if others:
+        return Known(value=round(value, digits), reason=f"{first} says so, but {', '.join(others[:3])}", certain=False)
+    more = f", and {len(told) - 1} more" if len(told) > 1 else ""
+    return Known(value=round(value, digits), reason=f"{first} says so{more}")
+
+
+def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]) -> Known | None:
+    """Widths in mm from the first file that tells them."""
+    for name, facts in files:
+        if widths := get(facts):
+            value = {side: round(1e3 * widths[side], 1) for side in SIDES if side in widths}
+            return Known(value=value, reason=f"{name} says so")
+    return None
+
+
+def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> float | None:
+    """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be said."""
+    total, still = 0.0, 0.0
+    loaded: list[Array] = []
+    for plate in recording.plates:
+        force = _while(plate, posture)
+        if force is None or not len(force):
+            return None
+        mean = float(np.mean(force))
+        if mean > 0.1 * GRAVITY * MASS_KG[0]:
+            if plate.corners is None:
+                return None
+            loaded.append(plate.corners[:, [0, 2]])
+            still = max(still, float(np.std(force)))
+            total += mean
+    mass = total / GRAVITY
+    if not loaded or not MASS_KG[0] <= mass <= MASS_KG[1] or still > STEADY * total:
+        return None
+    inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
+    feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
+    markers = recording.markers[inside][:, feet]
+    places = np.array(
+        [
+            path[np.isfinite(path).all(axis=1)].mean(axis=0)
+            for path in markers.transpose(1, 0, 2)
+            if np.isfinite(path).all(axis=1).any()
+        ]
+    )
+    if len(places) < 4 or not all(any(_inside(p[[0, 2]], corners) for corners in loaded) for p in places):
+        return None
+    return mass
+
+
+def _while(plate: ForcePlate, posture: Standing) -> Array | None:
+    """(n,) N, vertical forces while the person stands."""
+    within = (plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(plate.force[:, 1])
+    out: Array = plate.force[within, 1]
+    return out
+
+
+def _inside(point: Array, corners: Array) -> bool:
+    """Whether a point (2,) lies in the quadrangle of corners (4, 2)."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    away = point - corners
+    sides = edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0]
+    return bool((sides >= 0).all() or (sides <= 0).all())
