@@ -42,9 +42,11 @@ _SIDED = (
     "elbow_lat",
     "elbow_med",
     "wrist",
+    "hjc",
 )
 LANDMARKS: tuple[str, ...] = ("sacrum", *(f"{name}_{side}" for side in SIDES for name in _SIDED))
-"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre."""
+"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `hjc`
+that of a hip, for `hip_centre = "given"`."""
 
 _INSTEAD = {
     "asis": "a marker on the anterior superior iliac spine",

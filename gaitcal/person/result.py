@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -212,6 +212,8 @@ class Calibration:
     """What was found, before and after the fit."""
     verdict: Verdict
     """How far it can be believed, with reasons: what of `findings` is no note, one a cause."""
+    static_angles: Mapping[str, float] = field(default_factory=dict)
+    """Coordinate -> m, rad: with which `model` meets the static posture."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
