@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.knee_and_ankle import JointWidths
@@ -21,7 +22,7 @@ from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, across, lower_body
+from gaitcal.model.segment_frames import Frame, LowerBody, across, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import still_window

@@ -15,10 +15,11 @@ from gaitcal.arrays import Array
 from gaitcal.body.plan import body_axes
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED
-from gaitcal.model.segment_frames import HipCentre, lower_body
+from gaitcal.model.segment_frames import lower_body
 
 BENT_DEG = 30.0
 """Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20 more is a posture."""

@@ -34,8 +34,8 @@ from gaitcal.checks import (
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, StudyTrial, read_trial
@@ -170,7 +170,7 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence
     """What the checks look at, trial by trial, with the nominal model if there is one."""
     stance = None
     if model is not None:
-        rule = HipCentre(study.settings.hip_centre)
+        rule = HipCentre(study.settings.hip_rule)
         stance = Stance.of_recording(study.static.recording, study.marker_set, model, rule)
     return tuple(replace(_evidence(study, trial, model), stance=stance) for trial in study.trials)
 

@@ -19,10 +19,12 @@ _SIDED = (
     "elbow_lat",
     "elbow_med",
     "wrist",
+    "hjc",
 )
 LANDMARKS: tuple[str, ...] = ("sacrum", *(f"{name}_{side}" for side in SIDES for name in _SIDED))
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
-a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it."""
+a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
+centre of a hip, for `hip_centre = "given"`."""
 
 _INSTEAD = {
     "asis": "a marker on the anterior superior iliac spine",

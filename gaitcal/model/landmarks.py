@@ -7,8 +7,8 @@ missing or never seen, sides or medial and lateral exchanged, lengths that belon
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class StaticPosture:
     """Landmark of the set -> its markers that were not seen."""
     notes: tuple[str, ...] = ()
     """Landmarks that no marker shows, and how they were guessed."""
+    hips: Mapping[str, Array] = field(default_factory=dict)
+    """Side -> (3,) m: hip centres that the file itself has, measured or computed by another program."""
+    hip_labels: Mapping[str, str] = field(default_factory=dict)
+    """Side -> what they are called."""
 
     def has(self, *names: str) -> bool:
         """Whether all these landmarks are there."""
@@ -62,9 +66,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     markers: dict[str, Array] = {}
     for label in marker_set.labels:
         if label in column:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which is told below
-                mean = np.nanmean(recording.markers[window, column[label]], axis=0)
+            mean = _mean(recording.markers[window, column[label]])
             if np.isfinite(mean).all():
                 markers[label] = mean
     landmarks: dict[str, Array] = {}
@@ -84,7 +86,10 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
                 field=f"marker set '{marker_set.name}', landmark {name}",
             )
     guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
-    return StaticPosture(recording.source, markers, landmarks | guesses, absent, _foot_notes(guesses, landmarks))
+    hips, hip_labels = _hips(recording, landmarks, window)
+    return StaticPosture(
+        recording.source, markers, landmarks | guesses, absent, _foot_notes(guesses, landmarks), hips, hip_labels
+    )
 
 
 def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
@@ -114,6 +119,42 @@ def _foot_notes(guesses: Mapping[str, Array], p: Mapping[str, Array]) -> tuple[s
             f"line of {line}: the foot's own direction, and with it the zero of its ankle's angles, is a guess"
         )
     return tuple(notes)
+
+
+def _mean(track: Array) -> Array:
+    """(3,) m, of (nf, 3) where it was seen; NaN where it never was."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which the caller tells
+        return np.asarray(np.nanmean(track, axis=0), dtype=np.float64)
+
+
+def _hips(
+    recording: Recording, landmarks: Mapping[str, Array], window: slice
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Side -> hip centre (3,) m and what it is called: a landmark of the set, else a point with a usual label."""
+    tracks = {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
+    if recording.computed is not None:
+        tracks = {n: recording.computed.points[:, i] for i, n in enumerate(recording.computed.labels)} | tracks
+    places, names = {}, {}
+    for side, label in labelled_hips(tracks).items():
+        mean = _mean(tracks[label][window])
+        if np.isfinite(mean).all():
+            places[side], names[side] = mean, label
+    for side in SIDES:
+        if f"hjc_{side}" in landmarks:
+            places[side], names[side] = landmarks[f"hjc_{side}"], f"landmark hjc_{side}"
+    return places, names
+
+
+def labelled_hips(labels: Iterable[str]) -> dict[str, str]:
+    """Side -> the label that names its hip centre, of those that laboratories and OpenSim give it."""
+    out: dict[str, str] = {}
+    for label in labels:
+        plain = "".join(c for c in label if c.isalnum()).lower()
+        for side in SIDES:
+            if plain in {word.replace("s", side, 1) for word in ("shjc", "hjcs", "shj", "shipjc")}:
+                out.setdefault(side, label)
+    return out
 
 
 def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:

@@ -13,7 +13,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
+from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.knee_and_ankle import JointWidths
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
@@ -21,13 +23,13 @@ from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
+from gaitcal.model.segment_frames import Frame, lower_body
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import Recording, still_window
 
-__all__ = ["HipCentre", "nominal_model", "published_model"]
+__all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 
 
 FULL_SUPPORT = 3
@@ -61,7 +63,8 @@ def nominal_model(
     marker_set: MarkerSet,
     subject: Subject,
     *,
-    hip_centre: HipCentre = HipCentre.BELL,
+    hip_centre: HipCentre = HipCentre.HARRINGTON,
+    ankle_zero: AnkleZero = AnkleZero.AUTO,
     weights: Mapping[str, float] | None = None,
     window: slice | None = None,
 ) -> SubjectModel:
@@ -72,7 +75,8 @@ def nominal_model(
     static : the static trial; y up, m, any heading.
     marker_set : what its markers mean.
     subject : whose mass, height and sex give joint widths and inertia.
-    hip_centre : regression for the hip centres.
+    hip_centre : regression for the hip centres, or those of the file.
+    ankle_zero : what ankle angles are counted from.
     weights : marker -> weight, instead of the set's own.
     window : frames to use; the stillest half second if not given.
 
@@ -92,7 +96,8 @@ def nominal_model(
     legs = lower_body(posture, subject.height, hip_centre, widths=JointWidths.of(subject))
     body = upper_body(posture, marker_set, legs, subject)
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
-    joint, zero = nominal_joint_parameters(frames, centres, body.arms)
+    standing = standing_ankles(posture, legs, static.facts.static_plantarflexion, ankle_zero)
+    joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres, body.trunk_direction))
     parameters = Parameters(joint, inertial, zero)
     carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
@@ -114,6 +119,7 @@ def nominal_model(
             *marker_set.notes,
             *posture.notes,
             *legs.notes,
+            *standing.notes,
             *body.notes,
             *notes,
             f"inertia: de Leva 1996, {subject.sex}",

@@ -9,13 +9,14 @@ the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t) Rx(
 
     M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
 
-The zero angles are alpha - delta and beta, delta the dorsiflexion seen in the static posture (foot x above the plane
-across the shank): zero ankle angle is the foot at right angles to the shank. The subtalar point of the foot closes
-the chain. So the static foot pose is met exactly, whatever the person's feet are.
+The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture (`ankle_zero.py`): zero ankle
+angle is the foot at right angles to the shank. The subtalar point of the foot closes the chain. So the static foot
+pose is met exactly, whatever the person's feet are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,7 @@ class ArmJoints:
 
 
 def nominal_joint_parameters(
-    frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints
+    frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints, dorsiflexion: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """Joint parameters (98,) and zero angles (4,), m and rad.
 
@@ -64,6 +65,7 @@ def nominal_joint_parameters(
     frames : all segments but the tali.
     centres : `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
     arms : turn of the shoulders, axes of the elbows.
+    dorsiflexion : side -> rad, ankle angle of the static posture.
     """
     joint, zero = np.zeros(len(JP_INDEX)), np.zeros(len(ZERO_ANGLES))
     for i, p in enumerate(JOINT_PARAMETERS):
@@ -79,12 +81,13 @@ def nominal_joint_parameters(
         hinge(f"knee_{side}.shank", f"shank_{side}", frames[f"thigh_{side}"].rotation[:, 2])
         joint[JP_INDEX[f"shoulder_{side}.upperarm.trans"]] = arms.shoulder_turn[side]
         hinge(f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side])
-        _ankle(joint, zero, side, frames[f"shank_{side}"], frames[f"foot_{side}"], centres[f"ajc_{side}"])
+        shank, foot = frames[f"shank_{side}"], frames[f"foot_{side}"]
+        _ankle(joint, zero, side, shank, foot, centres[f"ajc_{side}"], dorsiflexion[side])
     joint[np.abs(joint) < _ROUNDING] = 0.0
     return joint, zero
 
 
-def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, centre: Array) -> None:
+def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, centre: Array, dorsiflexion: float) -> None:
     """Fill in both joints of one ankle, whose talocrural `centre` is (3,) m in the laboratory."""
     s = sign(side)
     a = axis_rotation(0, s * TALOCRURAL_FRONT)
@@ -93,7 +96,6 @@ def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, cent
     m = a.T @ static @ b
     talus_trans = -float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0)))
     alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
-    dorsiflexion = np.arcsin(np.clip(static[1, 0], -1.0, 1.0))
     talus = shank.rotation @ a @ axis_rotation(2, float(alpha))
     subtalar = foot.local(centre - SUBTALAR_BELOW * talus[:, 1])
     values = {

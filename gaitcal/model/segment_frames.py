@@ -9,32 +9,23 @@ Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| an
 
 Knee and ankle without a medial marker: `model/knee_and_ankle.py`.
 
-Hip and lumbar joint centres lie at fractions of the distance between the two ASIS. Hip, behind, below and beside their
-middle: 19.3, 30.4, 35.9 % (Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them) or
-22, 34, 32 % (OrthoTrak, deduced from the differences that the latter print in Table II).
+Hip centres are those of `hip_centre.py`; the lumbar one is the nominal subject's, scaled by the distance between the
+two ASIS.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.model.hip_centre import HipCentre, given_hips, hip_centre, offer_note, regression_note
 from gaitcal.model.knee_and_ankle import TIBIAL_TORSION, JointWidths, centre_notes, joint_centre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 
-
-class HipCentre(Enum):
-    """Regression for the nominal hip centre."""
-
-    BELL = "bell"
-    ORTHOTRAK = "orthotrak"
-
-
-_FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
 _NOMINAL_ASIS = 0.245
 """m, of the nominal subject."""
 _NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
@@ -101,12 +92,10 @@ def lower_body(
     asis = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
     frames = {"pelvis": pelvis}
     centres = {"lumbar": pelvis.point(lumbar_joint(asis))}
-    notes = [
-        f"hip centres by the {rule.value.capitalize()} regression from {1e3 * asis:.0f} mm between the ASIS",
-        "lumbar joint as in the nominal subject, scaled by the distance between the ASIS",
-    ]
+    hips, notes = _hips(posture, pelvis, rule)
+    notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
-        hip = pelvis.point(hip_centre(rule, asis, side))
+        hip = hips[side]
         knee, towards_z = joint_centre(posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths)
         thigh = frame_yz(hip, unit(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
@@ -121,10 +110,20 @@ def lower_body(
     return LowerBody(frames, centres, (*notes, *centre_notes(posture, widths)))
 
 
-def hip_centre(rule: HipCentre, asis_distance: float, side: str) -> Array:
-    """(3,) m, hip centre in the pelvis frame (origin midway between the ASIS)."""
-    ant, sup, lat = _FRACTIONS[rule]
-    return asis_distance * np.array([ant, sup, lat if side == "r" else -lat])
+def _hips(posture: StaticPosture, pelvis: Frame, rule: HipCentre) -> tuple[Mapping[str, Array], list[str]]:
+    """Side -> hip centre (3,) m in the laboratory, and where it is from."""
+    p = posture.landmarks
+    width = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
+    depth = float(np.linalg.norm(pelvis.origin - p["sacrum"]))
+
+    def by(regression: HipCentre) -> dict[str, Array]:
+        return {side: pelvis.point(hip_centre(regression, width, depth, side)) for side in SIDES}
+
+    if rule is HipCentre.GIVEN:
+        names = ", ".join(posture.hip_labels.values())
+        return given_hips(posture, by(HipCentre.HARRINGTON), width), [f"hip centres are points of the file: {names}"]
+    hips = by(rule)
+    return hips, [regression_note(rule, width, depth), *offer_note(posture, hips)]
 
 
 def lumbar_joint(asis_distance: float) -> Array:

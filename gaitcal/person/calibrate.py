@@ -33,6 +33,7 @@ from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
+from gaitcal.person.static_angles import counted_from_static, shifted, static_angles
 from gaitcal.person.trial_result import axis_deviations, trial_result
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -70,6 +71,9 @@ def calibrate(
     nominal = nominal_of(study)
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
+    static = study.static.recording
+    if joint is not None:
+        parameters, _ = counted_from_static(nominal, parameters, static)
     progress("tracking with the nominal model")
     before = {t.name: tracked_motion(t.fitted if t.joint else t.body, nominal.parameters) for t in trials}
     stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
@@ -94,9 +98,11 @@ def calibrate(
     if joint is not None and inertial is not None and settings.joint_step:
         combined = _combined_fit(trials, nominal, parameters, joint, motions, believed, settings, progress)
     if combined is not None:
-        parameters = combined.parameters
+        parameters, moved = counted_from_static(nominal, combined.parameters, static)
         motions = {
-            t.name: motion_of(t.body, parameters, nodes, converged=combined.converged)
+            t.name: motion_of(
+                t.body, parameters, shifted(nodes, t.body.chain.coordinates, moved), converged=combined.converged
+            )
             for t, nodes in zip(trials, combined.nodes, strict=True)
         }
         stages[Stage.COMBINED] = parameters, motions
@@ -144,6 +150,7 @@ def calibrate(
         study=study,
         nominal=nominal,
         model=replace(nominal, parameters=parameters, notes=notes),
+        static_angles=static_angles(nominal, parameters, static),
         trials=results,
         phases=phases,
         joint=joint,

@@ -216,6 +216,8 @@ class Calibration:
     """What was found, before and after the fit."""
     verdict: Verdict
     """How far it can be believed, with reasons: what of `findings` is no note, one a cause."""
+    static_angles: Mapping[str, float] = field(default_factory=dict)
+    """Coordinate -> m, rad: with which `model` meets the static posture."""
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -87,8 +87,23 @@ class CalibrationSettings(Table):
         default=30.0, gt=0, le=90, description="how far a joint axis may turn from its nominal direction, deg"
     )
     legs: Literal["both", "left", "right"] = Field(default="both", description="the legs whose joints are calibrated")
-    hip_centre: Literal["bell", "orthotrak"] = Field(
-        default="bell", description="regression for the nominal hip centre: Bell 1990 or OrthoTrak"
+    hip_centre: Literal["auto", "bell", "orthotrak", "harrington", "given"] = Field(
+        default=AUTOMATIC,
+        description="the nominal hip centre: regressions of Bell 1990, OrthoTrak or Harrington 2007, or points of the "
+        "static trial (landmarks hjc_r, hjc_l, or RHJC, R_HJC and the like, measured or computed); auto: Harrington, "
+        "which of them misses images least; Bell in the published protocol",
+    )
+    ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
+        default=AUTOMATIC,
+        description="what stands at right angles to the shank where the ankle angle is zero: the sole, which lies on "
+        "the floor in the static trial; the line from heel to toe marker; or the foot as the file's static "
+        "plantarflexion angles have it; auto: the sole, by the file or the markers where a foot does not stand flat; "
+        "markers in the published protocol",
+    )
+    angles: Literal["anatomical", "relative"] = Field(
+        default="anatomical",
+        description="joint angles of motion/TRIAL.csv from the anatomical zero, or from the posture of the static "
+        "trial; the fit, torques, pages and the .mot for model.osim always have the anatomical one",
     )
     ip: Literal["consistent", "published", "none"] = Field(
         default="consistent",
@@ -173,6 +188,19 @@ class CalibrationSettings(Table):
             return Protocol(self.protocol)
         plain = (self.mode, self.prior, self.gait_parameters) == ("sequential", "weak", "published")
         return Protocol.EVIDENCE if plain else Protocol.PUBLISHED
+
+    @property
+    def hip_rule(self) -> str:
+        """Value of `HipCentre`: `hip_centre`, decided."""
+        if self.hip_centre != AUTOMATIC:
+            return self.hip_centre
+        return "bell" if self.decided_by is Protocol.PUBLISHED else "harrington"
+
+    @property
+    def ankle_rule(self) -> str:
+        """Value of `AnkleZero`: `ankle_zero`, decided but for what the static trial decides."""
+        published = self.ankle_zero == AUTOMATIC and self.decided_by is Protocol.PUBLISHED
+        return "markers" if published else self.ankle_zero
 
     @field_validator("joint_step")
     @classmethod

@@ -12,7 +12,7 @@ import numpy as np
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal import HipCentre, nominal_model
+from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
@@ -302,5 +302,10 @@ def nominal_of(study: Study) -> SubjectModel:
     """The nominal model of a study: its static trial, marker set and anthropometry."""
     static, _ = without_strays(study.static.recording, study.marker_set.segment_of)
     return nominal_model(
-        static, study.marker_set, study.subject, hip_centre=HipCentre(study.settings.hip_centre), weights=study.weights
+        static,
+        study.marker_set,
+        study.subject,
+        hip_centre=HipCentre(study.settings.hip_rule),
+        ankle_zero=AnkleZero(study.settings.ankle_rule),
+        weights=study.weights,
     )

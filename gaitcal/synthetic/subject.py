@@ -17,6 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import is_physical, symmetric_set
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
@@ -40,6 +41,8 @@ PLATE_X, PLATE_Z = (-0.7, 1.9), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
+PUBLISHED_HIPS = HipCentre.BELL
+"""The regression that the published subject's hip centres are from."""
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, gain_percent=0.0, clock_ms=0.0)
 """Synthetic ground reactions are those that the motion asks for."""
 
@@ -167,6 +170,11 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         markers=Markers(set="published"),
         trial=trials,
         calibration=CalibrationSettings(
-            nodes=NODES, force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"
+            nodes=NODES,
+            force_filter_hz="none",
+            plate_error=EXACT_PLATES,
+            segment_axes="exact",
+            hip_centre=PUBLISHED_HIPS.value,
+            ankle_zero="markers",
         ),
     )

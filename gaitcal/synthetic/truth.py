@@ -13,6 +13,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.kinematics import forward, segment_poses
@@ -20,7 +21,7 @@ from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import JOINTS, SIDES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
+from gaitcal.model.segment_frames import Frame, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording

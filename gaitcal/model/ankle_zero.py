@@ -1,0 +1,149 @@
+"""What ankle angles are counted from: the dorsiflexion that the static posture has.
+
+Zero ankle angle is the foot at right angles to the shank. With y the shank's axis, h and t the heel and the toe marker
+and c the ankle's centre, the static dorsiflexion is asin(u . y), u the direction of the foot:
+
+    sole       u = unit of the horizontal part of t - h: the sole of a foot that stands flat is the floor
+    markers    u = unit(t - h): heel and toe marker are equally far from the sole
+    file       u = unit(t - c), turned up by the file's static plantarflexion angle
+
+The last is what Vicon's Plug-in Gait writes as `StaticPlantFlex`: the angle between the line from ankle centre to toe
+marker and the foot's long axis, which it took as parallel to the floor or along the line from heel to toe marker, as
+the laboratory told it. A heel marker may sit 15 mm lower than the toe marker, which in a child's foot is 5 degrees.
+Only the zero of the angle is decided here: the foot's frame, its markers and all torques stay.
+
+A foot is taken as flat unless its heel marker is high: against the other foot's by more than UNEVEN of its length (both
+are marked alike; of ten people the most was 0.03), or by more than HIGH over its toe marker (at most 0.10 there). Of
+two uneven feet the one with the lower heel stands flat, and tells how the other's markers lie to its sole. That both
+heels are off the floor by less cannot be told; the notes give the slope of either foot's markers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.landmarks import StaticPosture
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.segment_frames import SIDE_WORDS, LowerBody, unit
+
+UNEVEN, HIGH = 0.10, 0.22
+"""Shares of the distance from heel to toe marker: 6 and 13 degrees of its slope."""
+OTHER = {"r": "l", "l": "r"}
+
+
+class AnkleZero(Enum):
+    """What stands at right angles to the shank where the ankle angle is zero."""
+
+    AUTO = "auto"
+    """The sole; by the file or the markers where a foot does not stand flat."""
+    SOLE = "sole"
+    MARKERS = "markers"
+    FILE = "file"
+
+
+@dataclass(frozen=True)
+class StandingAnkles:
+    """The ankles of the static posture."""
+
+    dorsiflexion: Mapping[str, float]
+    """Side -> rad."""
+    notes: tuple[str, ...]
+
+
+def standing_ankles(
+    posture: StaticPosture, legs: LowerBody, plantarflexion: Mapping[str, float], rule: AnkleZero
+) -> StandingAnkles:
+    """The dorsiflexion of the static posture, and what the notes say of it.
+
+    Parameters
+    ----------
+    plantarflexion : side -> rad, static plantarflexion angles of the file; empty where it has none.
+
+    Raises
+    ------
+    InputError
+        The file's angles are asked for, and it has none.
+    """
+    feet = {side: _Foot.of(posture, legs, side, plantarflexion.get(side)) for side in SIDES}
+    angles, words = {}, {}
+    for side, foot in feet.items():
+        other = feet[OTHER[side]]
+        if rule is AnkleZero.AUTO:
+            angles[side], words[side] = _automatic(foot, other)
+        elif rule is AnkleZero.FILE:
+            if foot.by_file is None:
+                raise InputError(
+                    f"the static trial has no static plantarflexion angle, {SIDE_WORDS[side]}; allowed: a C3D file "
+                    "whose PROCESSING group has LStaticPlantFlex and RStaticPlantFlex, or 'sole', 'markers', 'auto'",
+                    source=posture.source,
+                    field="calibration.ankle_zero = 'file'",
+                )
+            angles[side], words[side] = foot.by_file, "the file's static plantarflexion angle says so"
+        elif rule is AnkleZero.SOLE:
+            angles[side], words[side] = foot.by_sole, "the sole is taken as level"
+        else:
+            angles[side], words[side] = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
+    return StandingAnkles(angles, _notes(angles, words, feet))
+
+
+@dataclass(frozen=True)
+class _Foot:
+    """One foot of the static posture; angles are its dorsiflexion, rad, by each rule."""
+
+    by_sole: float
+    by_markers: float
+    by_file: float | None
+    slope: float
+    """rad, of the line from heel to toe marker; positive: the toe marker is higher."""
+
+    @classmethod
+    def of(cls, posture: StaticPosture, legs: LowerBody, side: str, plantarflexion: float | None) -> _Foot:
+        heel, toe = posture.landmarks[f"heel_{side}"], posture.landmarks[f"toe_{side}"]
+        shank = legs.frames[f"shank_{side}"].rotation[:, 1]
+        line = unit(toe - heel)
+        level = unit(line * np.array([1.0, 0.0, 1.0]))
+        by_file = None
+        if plantarflexion is not None:
+            foot = legs.frames[f"foot_{side}"].rotation
+            turned = foot @ axis_rotation(2, plantarflexion) @ foot.T @ unit(toe - legs.centres[f"ajc_{side}"])
+            by_file = _dorsiflexion(turned, shank)
+        return cls(
+            by_sole=_dorsiflexion(level, shank),
+            by_markers=_dorsiflexion(line, shank),
+            by_file=by_file,
+            slope=float(np.arcsin(line[1])),
+        )
+
+
+def _dorsiflexion(direction: Array, shank: Array) -> float:
+    return float(np.arcsin(np.clip(direction @ shank, -1.0, 1.0)))
+
+
+def _automatic(foot: _Foot, other: _Foot) -> tuple[float, str]:
+    """Dorsiflexion of a foot, and why."""
+    uneven = np.sin(other.slope) - np.sin(foot.slope) > UNEVEN
+    if not uneven and np.sin(foot.slope) >= -HIGH:
+        return foot.by_sole, "it stands flat on the floor"
+    if foot.by_file is not None:
+        return foot.by_file, "its heel is off the floor; the file's static plantarflexion angle says how far"
+    if uneven and np.sin(other.slope) >= -HIGH:
+        return (
+            foot.by_markers - other.slope,
+            "its heel is off the floor; its markers are taken to lie as the other foot's",
+        )
+    return foot.by_markers, "its heel marker is high: the line from heel to toe marker is taken as the sole's"
+
+
+def _notes(angles: Mapping[str, float], words: Mapping[str, str], feet: Mapping[str, _Foot]) -> tuple[str, ...]:
+    def of(side: str) -> str:
+        slope = np.rad2deg(feet[side].slope)
+        return f"{np.rad2deg(angles[side]):.1f} deg ({words[side]}; heel to toe marker slopes {slope:+.1f} deg)"
+
+    return ("dorsiflexion in the static trial: " + ", ".join(f"{SIDE_WORDS[side]} {of(side)}" for side in SIDES),)

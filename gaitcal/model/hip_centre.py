@@ -1,0 +1,116 @@
+"""Where the nominal hip centres lie: by a regression from the pelvis's landmarks, or as the file has them.
+
+In the pelvis frame (origin midway between the ASIS, x forward, y up, z to the right), right side; PW is the distance
+between the two ASIS, PD that from their middle to the middle of the two PSIS (or the one sacral marker between them):
+
+    Bell        x = -0.193 PW            y = -0.304 PW             z = 0.359 PW
+    OrthoTrak   x = -0.22 PW             y = -0.34 PW              z = 0.32 PW
+    Harrington  x = -0.24 PD - 9.9 mm    y = -0.30 PW - 10.9 mm    z = 0.33 PW + 7.3 mm
+
+Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them; OrthoTrak as deduced from the
+differences that the latter print in Table II; Harrington, Zavatsky, Lawson, Yuan and Theologis, J Biomech 40:595-602,
+2007, from magnetic resonance images of 8 adults, 14 children and 10 children with cerebral palsy.
+
+Harrington's is the one to start with: of the regressions held against images it is nearest (12 mm in 67 adults by
+computed tomography, Mantovani, Ng and Lamontagne, Gait Posture 44:48-54, 2016; nearest of all in adults and in
+children with cerebral palsy by ultrasound, Sangeux, Peters and Baker, Gait Posture 34:324-328, 2011 and 40:20-25, 2014,
+and Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286, 2012), and children are among its own people. PW and PD
+are distances of marker centres. Their radius and the skin beneath are not taken off: with a radius of 7 mm hips would
+lie 4 mm further back, and hips that move in isolated trials do not say so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError
+from gaitcal.model.landmarks import StaticPosture
+from gaitcal.model.linkage import SIDES
+
+
+class HipCentre(Enum):
+    """Where the nominal hip centre comes from."""
+
+    BELL = "bell"
+    ORTHOTRAK = "orthotrak"
+    HARRINGTON = "harrington"
+    GIVEN = "given"
+    """Points of the static trial that are hip centres."""
+
+
+_FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
+_HARRINGTON = ((-0.24, -0.0099), (-0.30, -0.0109), (0.33, 0.0073))
+"""Factor and constant (m) of x (by PD), y and z (by PW)."""
+_PRINTED = {HipCentre.BELL: "Bell 1990", HipCentre.ORTHOTRAK: "OrthoTrak", HipCentre.HARRINGTON: "Harrington 2007"}
+FARTHEST_GIVEN = 0.40
+"""Share of the distance between the ASIS by which a given hip centre may lie off Harrington's. The regression misses
+hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies 75 % away."""
+
+
+def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str) -> Array:
+    """(3,) m, hip centre in the pelvis frame by a regression.
+
+    Parameters
+    ----------
+    asis_distance : PW, m.
+    pelvic_depth : PD, m.
+    """
+    if rule is HipCentre.HARRINGTON:
+        sizes = (pelvic_depth, asis_distance, asis_distance)
+        ant, sup, lat = (factor * size + more for (factor, more), size in zip(_HARRINGTON, sizes, strict=True))
+    else:
+        ant, sup, lat = asis_distance * np.array(_FRACTIONS[rule])
+    return np.array([ant, sup, lat if side == "r" else -lat])
+
+
+def regression_note(rule: HipCentre, asis_distance: float, pelvic_depth: float) -> str:
+    """What the notes say of nominal hip centres by a regression."""
+    depth = f" and {1e3 * pelvic_depth:.0f} mm from their middle to the sacral markers"
+    return (
+        f"hip centres by the {_PRINTED[rule]} regression from {1e3 * asis_distance:.0f} mm between the ASIS"
+        f"{depth if rule is HipCentre.HARRINGTON else ''}"
+    )
+
+
+def given_hips(posture: StaticPosture, regression: Mapping[str, Array], asis_distance: float) -> Mapping[str, Array]:
+    """Side -> (3,) m in the laboratory: the hip centres that the static trial itself has.
+
+    `regression`: the same by Harrington's equations, from which they may not lie too far.
+
+    Raises
+    ------
+    InputError
+        There are none; or one lies where no hip can be, as when the sides are exchanged.
+    """
+    missing = [f"hjc_{side}" for side in SIDES if side not in posture.hips]
+    if missing:
+        raise InputError(
+            f"the static trial has no hip centre {' and '.join(missing)}; allowed: markers or computed "
+            "points called RHJC, LHJC (R_HJC, RHJ, ...), landmarks hjc_r and hjc_l of the marker set, or another "
+            "hip_centre",
+            source=posture.source,
+            field="calibration.hip_centre = 'given'",
+        )
+    for side in SIDES:
+        gap = float(np.linalg.norm(posture.hips[side] - regression[side]))
+        if gap > FARTHEST_GIVEN * asis_distance:
+            raise InputError(
+                f"found it {1e3 * gap:.0f} mm from where the pelvis's markers tell; allowed: at most "
+                f"{1e3 * FARTHEST_GIVEN * asis_distance:.0f} mm; are the sides exchanged?",
+                source=posture.source,
+                field=f"hip centre {posture.hip_labels[side]}",
+            )
+    return posture.hips
+
+
+def offer_note(posture: StaticPosture, used: Mapping[str, Array]) -> list[str]:
+    """That the static trial has hip centres which are not used, and how far they are from those that are."""
+    if not all(side in posture.hips for side in SIDES):
+        return []
+    gaps = ", ".join(f"{1e3 * np.linalg.norm(posture.hips[s] - used[s]):.0f} mm ({s})" for s in SIDES)
+    labels = ", ".join(posture.hip_labels[s] for s in SIDES)
+    return [f"the static trial has hip centres {labels}, {gaps} from these; hip_centre = 'given' takes them instead"]

@@ -1,0 +1,63 @@
+"""The coordinates that a model shows for the static posture, and ankle angles that stay counted from it.
+
+Ankle angles are counted from the static posture (`model/ankle_zero.py`). A fit turns the two axes of an ankle, and with
+other axes the same posture has other coordinates: a walk would come out bent by as much, whose feet nobody moved. So
+after every fit of joint parameters the zero angles z of the two joints are moved by
+
+    dz = q(static, fitted model) - q(static, nominal model)
+
+in the direction of their coordinate, and every motion's coordinate by -dz: positions, torques and markers are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Joint, Source
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.person.prepare import standing_problem
+from gaitcal.recording.recording import Recording
+
+
+def static_angles(model: SubjectModel, parameters: Parameters, static: Recording) -> dict[str, float]:
+    """Coordinate -> its value (m, rad) with which the model meets the still window of the static trial."""
+    motion = tracked_motion(standing_problem(model, static), parameters)
+    return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
+
+
+def counted_from_static(
+    model: SubjectModel, parameters: Parameters, static: Recording
+) -> tuple[Parameters, Mapping[str, float]]:
+    """Fitted parameters whose ankles have the nominal model's angles in the static posture.
+
+    Returns
+    -------
+    The parameters with other zero angles; and coordinate -> dz, rad, by which motions of the parameters as they were
+    given read too much.
+    """
+    before, after = (static_angles(model, p, static) for p in (model.nominal, parameters))
+    zero, moved = parameters.zero_angles.copy(), {}
+    for joint in JOINTS:
+        for name, coordinate, sign in _zeroed(joint):
+            moved[coordinate] = after[coordinate] - before[coordinate]
+            zero[ZERO_ANGLES.index(name)] += sign * moved[coordinate]
+    return replace(parameters, zero_angles=zero), moved
+
+
+def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
+    """The nodes (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, so they move as the angle."""
+    out: Array = nodes - np.array([moved.get(name, 0.0) for name in coordinates])
+    return out
+
+
+def _zeroed(joint: Joint) -> list[tuple[str, str, float]]:
+    """Zero angle, coordinate about the same axis and the sign of one against the other, of a joint that has one."""
+    zeros = [e for e in joint.elements if e.source is Source.ZERO_ANGLE]
+    turns = [e for e in joint.elements if e.source is Source.COORDINATE]
+    return [(z.name, q.name, z.sign * q.sign) for z in zeros for q in turns if z.axis == q.axis]
