@@ -17,12 +17,14 @@ def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.markers:
         return
     markers = trial.rebuilding.markers
-    doubted = [m for m in markers if m.landmarks and m.uncertainty > LANDMARK_M]
+    doubted = [m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.stranger)]
     for marker in doubted:
         yield trial.warning(
             "lost markers",
             marker.words,
-            "look whether the angles of that segment are plausible; a static trial that shows it is better",
+            f'rename = {{ "{marker.stranger}" = "{marker.label}" }} under [markers], if it is the same'
+            if marker.stranger
+            else "look whether the angles of that segment are plausible; a static trial that shows it is better",
             cause=f"the static trial lost '{marker.label}', which makes {listed(list(marker.landmarks))}",
             weight=marker.uncertainty / LANDMARK_M,
         )

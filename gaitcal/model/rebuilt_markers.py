@@ -44,6 +44,8 @@ LOOSE_M = 0.020
 """A marker more uncertain than this is not rebuilt: regressions for joint centres err by as much at worst."""
 SKIN_M = 0.003
 """How far a marker shifts with its skin from one trial to the next while nobody touches it, at least, m."""
+NEAR_M = 0.01
+"""A marker without a meaning so near to a rebuilt one, or within its uncertainty, may be the same."""
 BESIDE = {"shank": ("knee", "thigh"), "foot": ("ankle", "shank")}
 """Segment -> the joint above it, and the segment there that carries it."""
 
@@ -66,6 +68,8 @@ class RebuiltMarker:
     """Of that trial, which were used."""
     uncertainty: float
     """m, RMS: scatter and differing shape together."""
+    stranger: str = ""
+    """A marker of the static trial that the set does not know, where the rebuilt one is: it may be the same."""
 
     @property
     def words(self) -> str:
@@ -74,6 +78,7 @@ class RebuiltMarker:
         return (
             f"'{self.label}' rebuilt from {self.frames} frames of '{self.trial}' by {by}, "
             f"to {1e3 * self.uncertainty:.1f} mm"
+            + (f" ('{self.stranger}' of the static trial lies there: is it the same?)" if self.stranger else "")
         )
 
 
@@ -130,7 +135,7 @@ def rebuild_lost(
             by = ", ".join(best.companions)
             left[label] = f"its place beside {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
         else:
-            found.append(best)
+            found.append(replace(best, stranger=_stranger(best, marker_set, standing)))
             # what the pelvis has got back may carry a hip centre; no companion is ever a rebuilt marker but there
             if best.segment == "pelvis":
                 standing[label] = best.place
@@ -138,6 +143,14 @@ def rebuild_lost(
         static = _filled(static, marker, window, standing, marker_set)
     told = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
     return Rebuilding(static=static.with_notes(*told), markers=tuple(found), left=left)
+
+
+def _stranger(marker: RebuiltMarker, marker_set: MarkerSet, standing: Mapping[str, Array]) -> str:
+    """The label unknown to the set that lies nearest to a rebuilt marker in the static trial; empty where none is near."""
+    known = set(marker_set.labels)
+    away = {m: float(np.linalg.norm(at - marker.place)) for m, at in standing.items() if m not in known}
+    nearest = min(away, key=away.__getitem__, default="")
+    return nearest if nearest and away[nearest] <= max(marker.uncertainty, NEAR_M) else ""
 
 
 def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:

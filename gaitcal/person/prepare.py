@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -146,7 +147,9 @@ def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
     """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
     still = still_window(static, model.markers.labels).frames
     # in one order of memory, so that a file and its conversion give the same bits
-    mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that this trial lost stays lost
+        mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
     return trial_problem("static", model, window, NodeRule())
