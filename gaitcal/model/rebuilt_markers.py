@@ -146,7 +146,7 @@ def rebuild_lost(
 
 
 def _stranger(marker: RebuiltMarker, marker_set: MarkerSet, standing: Mapping[str, Array]) -> str:
-    """The label unknown to the set that lies nearest to a rebuilt marker in the static trial; empty where none is near."""
+    """The label unknown to the set that lies nearest to a rebuilt marker in the static trial; empty: none is near."""
     known = set(marker_set.labels)
     away = {m: float(np.linalg.norm(at - marker.place)) for m, at in standing.items() if m not in known}
     nearest = min(away, key=away.__getitem__, default="")
