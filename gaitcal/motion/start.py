@@ -23,6 +23,8 @@ from gaitcal.motion.spline import SplineBasis
 
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""
+STRAIGHT = 0.02
+"""Weight of the straight joint against the one marker of a segment: it tells what that marker cannot, and hardly more."""
 ROOT_COORDINATES = 6
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
@@ -65,6 +67,10 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
             else:
                 centre, local_centre = so_far.centre(own), _local_centre(constants, s)
                 spread, known = moments.about(s, centre, local_centre)
+                if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
+                    scale = np.sqrt((spread**2).sum(axis=(1, 2)))
+                    straight = before @ _straight(constants, own) @ constants.segment_rotation[s]
+                    spread, known = spread + STRAIGHT * scale[:, None, None] * straight, scale > 0
             if known.any():
                 target = before.transpose(0, 2, 1) @ spread @ constants.segment_rotation[s].T
                 angles = _turns(chain, constants, own, target)
@@ -92,6 +98,14 @@ def _carried_root(
             rotation = fit.rotation @ turned.T
             return RigidFit(rotation, fit.origin - rotation @ shift, fit.determined), _path(chain, s)
     return None, []
+
+
+def _straight(constants: ChainConstants, own: list[int]) -> Array:
+    """(3, 3) turn of a joint whose coordinates are zero."""
+    out = np.eye(3)
+    for k in own:
+        out = out @ constants.offset_rotation[k]
+    return out
 
 
 def _local_centre(constants: ChainConstants, segment: int) -> Array:
