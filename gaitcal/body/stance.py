@@ -7,8 +7,8 @@ have the same turn. Hip, knee and ankle centres are those of `model/segment_fram
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -79,6 +79,14 @@ class Stance:
             landmarks=landmarks,
             size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
+
+    def without(self, labels: Collection[str]) -> Stance:
+        """The same posture without markers that are no evidence of where they sit, as they were not seen in it."""
+        points = {
+            segment: {label: at for label, at in placed.items() if label not in labels}
+            for segment, placed in self.points.items()
+        }
+        return replace(self, points=points) if labels else self
 
     @classmethod
     def of_model(cls, model: SubjectModel) -> Stance:

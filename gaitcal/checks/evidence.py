@@ -14,6 +14,7 @@ from gaitcal.body.stance import Stance
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.strays import Stray, without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
@@ -40,6 +41,8 @@ class TrialEvidence:
     """The static posture of pelvis and legs; None where there is no model."""
     strays: tuple[Stray, ...] = ()
     """Markers that the recording lacks where they were metres away from the body."""
+    rebuilding: Rebuilding | None = None
+    """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
 
     @classmethod
     def of(
@@ -145,11 +148,15 @@ class TrialEvidence:
 
     @cached_property
     def expected(self) -> tuple[str, ...]:
-        """Markers with weight that this trial should have: those that are tracked, and in the static trial all."""
+        """Markers with weight that this trial should have: those that are tracked, and in the static trial all.
+
+        What it lost is told by itself (`checks/lost_markers.py`).
+        """
         groups = list(self.marker_set.tracking.items())
         if self.is_static:
             groups += list(self.marker_set.static_only.items())
         lost = {stray.label for stray in self.strays if stray.frames == stray.of}
+        lost |= set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
         return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost)
 
     @cached_property

@@ -10,7 +10,9 @@ from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.model.linkage import LEG_SEGMENTS
+from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of
+from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
 from gaitcal.recording import marker_gaps
 from gaitcal.recording.intervals import duration, runs, spans
 
@@ -59,19 +61,44 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def too_few(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the first segment of the part that is fitted has three markers."""
+    """Whether the first segment of the part that is fitted has three markers: the pelvis, or what carries it."""
     if trial.is_static or trial.model is None:
         return
-    labels, _ = trial.templates.get("pelvis", ((), np.empty((0, 3))))
-    seen = [m for m in labels if trial.weight(m) > 0 and trial.ever_seen(m)]
-    if len(seen) >= 3:
+    shown = _pulling(trial, "pelvis")
+    carrier = carrier_of(trial.trial.joint)
+    if carrier in ("", "pelvis"):
+        if len(shown) < FEWEST_MARKERS:
+            yield _too_few(trial, "the pelvis", shown)
         return
-    have = ", ".join(seen) or "none"
-    yield trial.error(
+    carrying = _pulling(trial, carrier)
+    if len(carrying) < FEWEST_MARKERS:
+        yield _too_few(trial, f"{carrier}, which carries {trial.trial.joint},", carrying)
+    elif _share_of_three(trial, shown) < CARRIES_ITSELF:
+        yield trial.info(
+            "labels",
+            f"the pelvis does not show three markers in half of the frames: {carrier} carries the body, the joints "
+            "between them are held straight",
+        )
+
+
+def _too_few(trial: TrialEvidence, of: str, shown: list[str]) -> Finding:
+    return trial.error(
         "labels",
-        f"found {len(seen)} markers of the pelvis with weight ({have}); allowed: at least 3",
-        "label them in this trial, or name others of the pelvis in the marker set",
+        f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); allowed: at least "
+        f"{FEWEST_MARKERS}",
+        "label them in this trial, or name others of that segment in the marker set",
     )
+
+
+def _pulling(trial: TrialEvidence, segment: str) -> list[str]:
+    """Markers of a segment of the model that this trial shows and that have weight."""
+    labels, _ = trial.templates.get(segment, ((), np.empty((0, 3))))
+    return [m for m in labels if trial.weight(m) > 0 and trial.ever_seen(m)]
+
+
+def _share_of_three(trial: TrialEvidence, labels: list[str]) -> float:
+    """Share of the frames in which three of these markers are seen."""
+    return shown_share(trial.seen[:, [trial.place[m] for m in labels]].T.astype(float))
 
 
 def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
@@ -170,6 +197,8 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
     """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
     pelvis, time = trial.pelvis, trial.recording.time
     if pelvis is None or pelvis.determined.all():
+        return
+    if carrier_of(trial.trial.joint) not in ("", "pelvis") and pelvis.determined.mean() < CARRIES_ITSELF:
         return
     lost = ~pelvis.determined
     lasting = [run for run in runs(lost) if duration(time, run) > LONG_S]

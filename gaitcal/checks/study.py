@@ -20,6 +20,7 @@ from gaitcal.checks import (
     knee_lines,
     left_place,
     lengths,
+    lost_markers,
     marker_places,
     markers,
     moving_joint,
@@ -38,6 +39,7 @@ from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, StudyTrial, read_trial
 from gaitcal.study.study_file import StudyFile, load_study_file
 
@@ -52,6 +54,8 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (lengths.size, lengths.scale)
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.strays,
     markers.missing,
+    lost_markers.rebuilt,
+    lost_markers.not_rebuilt,
     markers.too_few,
     markers.never_seen,
     markers.unknown,
@@ -168,11 +172,13 @@ def check_further(
 
 def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence, ...]:
     """What the checks look at, trial by trial, with the nominal model if there is one."""
-    stance = None
+    stance, completed = None, completed_static(study)
     if model is not None:
         rule = HipCentre(study.settings.hip_rule)
-        stance = Stance.of_recording(study.static.recording, study.marker_set, model, rule)
-    return tuple(replace(_evidence(study, trial, model), stance=stance) for trial in study.trials)
+        whole = Stance.of_recording(completed.static, study.marker_set, model, rule)
+        stance = whole.without(completed.labels)
+    trials = [replace(_evidence(study, trial, model), stance=stance) for trial in study.trials]
+    return tuple(replace(t, rebuilding=completed) if t.name == study.static.name else t for t in trials)
 
 
 def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:

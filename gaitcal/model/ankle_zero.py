@@ -29,9 +29,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import SIDE_WORDS, LowerBody, unit
+from gaitcal.model.segment_frames import LowerBody, unit
 
 UNEVEN, HIGH = 0.10, 0.22
 """Shares of the distance from heel to toe marker: 6 and 13 degrees of its slope."""

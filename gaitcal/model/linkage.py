@@ -201,6 +201,11 @@ def moved_joints(isolated: str) -> tuple[Joint, ...]:
     return tuple(joint for joint in JOINTS if joint.name in names)
 
 
+def carrier_of(isolated: str | None) -> str:
+    """The segment that carries the body in an isolated trial that does not show the pelvis; empty for gait."""
+    return joint_segments(isolated)[0] if isolated else ""
+
+
 def joint_segments(isolated: str) -> tuple[str, ...]:
     """The segments that these joints connect, proximal first."""
     joints = moved_joints(isolated)

@@ -129,9 +129,11 @@ class FrameEquations:
 class VariablePairs:
     """Which pairs of variables (coordinates, then free joint parameters) of a chain move a common marker."""
 
-    def __init__(self, chain: Chain, seen: BoolArray) -> None:
+    def __init__(self, chain: Chain, seen: BoolArray, held: tuple[str, ...] = ()) -> None:
+        """`seen`: (segments,) whether one shows a marker; `held`: coordinates that keep their values."""
         # support (variables, segments): 1 where a variable moves a segment that shows a marker
         support = chain.support * seen
+        support[[chain.coordinates.index(name) for name in held]] = 0
         active = np.asarray(support.any(axis=1))
         nq = len(chain.coordinates)
         within = ((support[:, None, :] <= support[None, :, :]).all(axis=2)) & active[:, None] & active[None, :]
@@ -184,6 +186,7 @@ def frame_equations(
     poses = forward(chain, constants, q)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
+    columns[~pairs.active] = 0.0
     # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it moves)
     arms, cost = _segment_arms(data, segments)
     forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]

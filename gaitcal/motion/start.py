@@ -10,16 +10,21 @@ the turns then bring its markers nearest to where they were seen. Frames that de
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments
 from gaitcal.motion.spline import SplineBasis
 
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""
+STRAIGHT = 0.02
+"""Weight of the straight joint against the one marker of a segment: it tells what that marker cannot, and hardly more."""
 ROOT_COORDINATES = 6
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
@@ -42,12 +47,15 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
     moments = SegmentMoments(data)
     fits = moments.fits()
     root = fits.get(0)
-    if root is not None and root.determined.any():
+    done = set(range(ROOT_COORDINATES))
+    if root is None or not root.determined.any():
+        root, path = _carried_root(chain, constants, fits)
+        done.update(path)
+    if root is not None:
         q[:, :ROOT_COORDINATES] = _root_coordinates(root)
     so_far = _SoFar(chain, constants, q)
     wrapped: list[int] = []
     """Coordinates known in every frame, whose whole turns are taken out in the end, all at once."""
-    done = set(range(ROOT_COORDINATES))
     for s in range(1, len(chain.segments)):
         path = _path(chain, s)
         own = [k for k in path if k not in done]
@@ -59,6 +67,10 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
             else:
                 centre, local_centre = so_far.centre(own), _local_centre(constants, s)
                 spread, known = moments.about(s, centre, local_centre)
+                if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
+                    scale = np.sqrt((spread**2).sum(axis=(1, 2)))
+                    straight = before @ _straight(constants, own) @ constants.segment_rotation[s]
+                    spread, known = spread + STRAIGHT * scale[:, None, None] * straight, scale > 0
             if known.any():
                 target = before.transpose(0, 2, 1) @ spread @ constants.segment_rotation[s].T
                 angles = _turns(chain, constants, own, target)
@@ -71,6 +83,29 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
             done.update(own)
     q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
+
+
+def _carried_root(
+    chain: Chain, constants: ChainConstants, fits: Mapping[int, RigidFit]
+) -> tuple[RigidFit | None, list[int]]:
+    """The root as the first segment with a rigid fit carries it, and the coordinates between them, which are zero."""
+    for s, fit in sorted(fits.items()):
+        if fit.determined.any():
+            axes, origins = segment_poses(
+                chain, constants, forward(chain, constants, np.zeros((1, len(chain.coordinates))))
+            )
+            turned, shift = axes[s, :, :, 0].T, origins[s, :, 0]
+            rotation = fit.rotation @ turned.T
+            return RigidFit(rotation, fit.origin - rotation @ shift, fit.determined), _path(chain, s)
+    return None, []
+
+
+def _straight(constants: ChainConstants, own: list[int]) -> Array:
+    """(3, 3) turn of a joint whose coordinates are zero."""
+    out = np.eye(3)
+    for k in own:
+        out = out @ constants.offset_rotation[k]
+    return out
 
 
 def _local_centre(constants: ChainConstants, segment: int) -> Array:

@@ -15,12 +15,13 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import InputError
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
 from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
@@ -45,6 +46,9 @@ class TrialProblem:
     """Unknown displacements of the markers; None: none."""
     smoothing: Smoothing | None = None
     """What limits the bandwidth besides the nodes; its cost is part of the trial's."""
+    held: tuple[str, ...] = ()
+    """Coordinates that stay zero though markers move with them: those between a root that is not seen and the segment
+    that carries it."""
 
     @cached_property
     def penalty(self) -> Smoothing | None:
@@ -55,7 +59,7 @@ class TrialProblem:
     def _pairs(self) -> VariablePairs:
         seen = np.zeros(len(self.chain.segments), dtype=bool)
         seen[self.data.segment[np.asarray(self.data.weight.any(axis=1))]] = True
-        return VariablePairs(self.chain, seen)
+        return VariablePairs(self.chain, seen, self.held)
 
     @cached_property
     def _assembler(self) -> Assembler:
@@ -215,6 +219,8 @@ about 0.48 / h (see `cutoff`).
 FRAMES_PER_SPAN = 3.0
 """Least number of frames for one span; slow cameras get longer spans."""
 FEWEST_FRAMES = 12
+CARRIES_ITSELF = 0.5
+"""Share of the frames from which a root is tracked by its own markers."""
 
 
 @dataclass(frozen=True)
@@ -250,11 +256,14 @@ def trial_problem(
     *,
     root: str = "pelvis",
     segments: tuple[str, ...] = SEGMENTS,
+    carrier: str = "",
 ) -> TrialProblem:
     """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
 
-    Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Raises `InputError`
-    where the part's root has no three markers, or the recording is too short for a spline.
+    Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Where the root shows
+    three markers in less than half of the frames and a `carrier` is named, that segment carries the body: the joints
+    between the two are held at zero, and only markers on the carrier and beyond it pull. Raises `InputError` where
+    the root has no three markers and nothing carries it, or the recording is too short for a spline.
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
@@ -276,7 +285,12 @@ def trial_problem(
     seen = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(seen, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index[order] == 0) & (weight > 0).any(axis=1)
-    if on_root.sum() < 3:
+    held: tuple[str, ...] = ()
+    if carrier and carrier != root and shown_share(weight[index[order] == 0]) < CARRIES_ITSELF:
+        root, held = carrier, _between(chain, carrier)
+        weight[~_moved_with(chain, carrier)[index[order]]] = 0.0
+        on_root = (index[order] == chain.segments.index(carrier)) & (weight > 0).any(axis=1)
+    if on_root.sum() < FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         raise InputError(
             f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight",
@@ -286,4 +300,22 @@ def trial_problem(
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = PlacedMarkers(index[order], model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
-    return TrialProblem(name=name, chain=chain, basis=basis, data=data, labels=labels)
+    return TrialProblem(name=name, chain=chain, basis=basis, data=data, labels=labels, held=held)
+
+
+def shown_share(weight: Array) -> float:
+    """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and pull."""
+    return float(np.mean((weight > 0).sum(axis=0) >= FEWEST_MARKERS))
+
+
+def _between(chain: Chain, segment: str) -> tuple[str, ...]:
+    """Coordinates of the joints between the root and a segment."""
+    moving = chain.support[: len(chain.coordinates), chain.segments.index(segment)] > 0
+    return tuple(name for name, moves in zip(chain.coordinates, moving, strict=True) if moves)[len(ROOT_SUFFIXES) :]
+
+
+def _moved_with(chain: Chain, segment: str) -> BoolArray:
+    """(ns,) a segment and those beyond it, seen from the root: what moves all that moves the segment moves."""
+    support = chain.support[: len(chain.coordinates)] > 0
+    own = support[:, [chain.segments.index(segment)]]
+    return np.asarray((support >= own).all(axis=0))

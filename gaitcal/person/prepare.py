@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +14,7 @@ from gaitcal.calibration.joint_prior import ORIENTATION, POSITION
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.linkage import carrier_of, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import SubjectModel
@@ -104,11 +105,15 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     on_body, _ = without_strays(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
     recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
-    body = trial_problem(trial.name, model, recording, rule)
-    fitted = body
+    fitted = body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint))
     if trial.joint is not None:
         root, *_ = segments = joint_segments(trial.joint)
         fitted = trial_problem(trial.name, model, recording, rule, root=root, segments=segments)
+    if body.held:
+        told = (
+            f"The pelvis is not seen: {carrier_of(trial.joint)} carries the body, {', '.join(body.held)} held at zero."
+        )
+        recording = recording.with_notes(told)
     bandwidth = bandwidth_of(fitted, trial, recording, model, settings)
     body = _smoothed(body, model, bandwidth, bandwidth.motion_hz)
     return PreparedTrial(trial=trial, recording=recording, model=model, rule=rule, bandwidth=bandwidth, body=body)
@@ -146,7 +151,9 @@ def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
     """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
     still = still_window(static, model.markers.labels).frames
     # in one order of memory, so that a file and its conversion give the same bits
-    mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that this trial lost stays lost
+        mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
     return trial_problem("static", model, window, NodeRule())

@@ -13,12 +13,12 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
-from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import read_recording
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from gaitcal.study.subject import subject_of
 
@@ -300,12 +300,15 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
 
 def nominal_of(study: Study) -> SubjectModel:
     """The nominal model of a study: its static trial, marker set and anthropometry."""
-    static, _ = without_strays(study.static.recording, study.marker_set.segment_of)
-    return nominal_model(
-        static,
-        study.marker_set,
-        study.subject,
-        hip_centre=HipCentre(study.settings.hip_rule),
-        ankle_zero=AnkleZero(study.settings.ankle_rule),
-        weights=study.weights,
-    )
+    completed = completed_static(study)
+    try:
+        return nominal_model(
+            completed.static,
+            study.marker_set,
+            study.subject,
+            hip_centre=HipCentre(study.settings.hip_rule),
+            ankle_zero=AnkleZero(study.settings.ankle_rule),
+            weights=study.weights,
+        )
+    except InputError as fault:
+        raise InputError(f"{fault}{completed.why_not(str(fault))}") from fault

@@ -72,7 +72,20 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
     ),
     "pelvis not labelled": ("walk", relabelled("V.Sacral", "x"), "labels", ERROR, ("found 2 markers of the pelvis",)),
     "never seen": ("walk", gone(slice(None)), "labels", ERROR, ("R.Thigh.Front", "0 of 208 frames")),
-    "landmark not labelled": ("static", relabelled("R.Heel", "Heel"), "static trial", ERROR, ("heel_r", "R.Heel")),
+    "landmark not labelled": (
+        "static",
+        relabelled("V.Sacral", "Sacrum"),
+        "static trial",
+        ERROR,
+        ("sacrum", "V.Sacral", "no other trial gives it back"),
+    ),
+    "landmark rebuilt": (
+        "static",
+        relabelled("R.Heel", "Heel"),
+        "lost markers",
+        WARNING,
+        ("heel_r", '"Heel" = "R.Heel"'),
+    ),
     "one trajectory, two labels": (
         "walk",
         put_into("R.Thigh.Rear", "R.Thigh.Front"),
