@@ -43,8 +43,11 @@ _SIDED = (
     "elbow_med",
     "wrist",
 )
-LANDMARKS: tuple[str, ...] = ("sacrum", *(f"{name}_{side}" for side in SIDES for name in _SIDED))
-"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre."""
+_OF_TRUNK = ("c7", "t10", "jugular_notch", "xiphoid")
+LANDMARKS: tuple[str, ...] = ("sacrum", *_OF_TRUNK, *(f"{name}_{side}" for side in SIDES for name in _SIDED))
+"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre. Those of the
+trunk's midline tell where it faces where acromia are missing, `c7` and `jugular_notch` also where the shoulders are;
+`t10` may be any spinous process from T6 to T12."""
 
 _INSTEAD = {
     "asis": "a marker on the anterior superior iliac spine",
