@@ -11,6 +11,7 @@ from gaitcal.figures.calibration import GaitView
 from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
+from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
 
@@ -35,7 +36,7 @@ class Answer:
 
 def answers(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Answer, ...]:
     """Does it fit, did it matter, do motion and forces agree, what was fitted; those that this result can answer."""
-    possible = (_fit(calibration), _change(calibration, gait), _residual(gait), _parameters(calibration))
+    possible = (_fit(calibration), _change(calibration, gait), _residual(calibration, gait), _parameters(calibration))
     return tuple(answer for answer in possible if answer is not None)
 
 
@@ -108,7 +109,7 @@ def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | No
     )
 
 
-def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
+def _residual(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | None:
     views = [(view, view.limits) for view in gait if view.limits]
     if not views:
         return None
@@ -129,6 +130,11 @@ def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
         meaning = (
             f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
             f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
+        )
+    if is_trunk_unmeasured(calibration.nominal):
+        meaning += (
+            f" No marker shows {unmeasured_words(calibration.nominal)}: how it moves is the first cause, no parameter "
+            "was fitted against it, and the moments of the legs do not depend on it."
         )
     return Answer(
         question="Do motion and ground forces agree?",

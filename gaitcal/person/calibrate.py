@@ -16,7 +16,7 @@ from gaitcal.calibration.combined import CombinedFit, CombinedSettings, Combined
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
 from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal
+from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
@@ -28,13 +28,14 @@ from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.trial_result import axis_deviations, trial_result
-from gaitcal.person.warnings import calibration_findings
+from gaitcal.person.warnings import calibration_findings, unmeasured_mass
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, nominal_of
@@ -91,7 +92,7 @@ def calibrate(
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
     combined = None
-    if joint is not None and inertial is not None and settings.joint_step:
+    if joint is not None and inertial is not None and settings.joint_step and not is_trunk_unmeasured(nominal):
         combined = _combined_fit(trials, nominal, parameters, joint, motions, believed, settings, progress)
     if combined is not None:
         parameters = combined.parameters
@@ -127,6 +128,7 @@ def calibrate(
         *fitted.findings,
         *(joint.findings if joint else ()),
         *calibration_findings(settings, results, parameters, phases),
+        *unmeasured_mass(nominal, results),
     )
     of_trials = (finding for t in results for finding in t.findings)
     walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
@@ -179,6 +181,8 @@ def _inertial_fit(
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
     equations = equations_of(loaded, parameters, subject, scale, width)
+    if is_trunk_unmeasured(nominal):
+        return unmeasured_stay(equations, parameters.inertial, which, unmeasured_words(nominal))
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
