@@ -59,11 +59,17 @@ def stay_nominal(seed: Array, which: InertialSet, settings: ConsistentSettings |
     )
 
 
-def unmeasured_stay(equations: RootEquations, seed: Array, which: InertialSet, unmeasured: str) -> InertialFit:
+def unmeasured_stay(
+    equations: RootEquations,
+    seed: Array,
+    which: InertialSet,
+    unmeasured: str,
+    settings: ConsistentSettings | None = None,
+) -> InertialFit:
     """The seed as it is, as the residual tells first how mass moves that no marker shows (`unmeasured`, in words)."""
     force, moment = equations.rms(seed)
     return replace(
-        stay_nominal(seed, which),
+        stay_nominal(seed, which, settings),
         rms_force=force,
         rms_moment=moment,
         message=f"inertial parameters stay nominal: no marker shows {unmeasured}; the pelvis residual ({force:.1f} N, "

@@ -13,7 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
-from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
+from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
@@ -115,7 +115,7 @@ def nominal_model(
             *legs.notes,
             *body.notes,
             *notes,
-            f"inertia: de Leva 1996, {subject.sex}",
+            f"inertia: {table_words(subject)}",
         ),
     )
 

@@ -148,7 +148,7 @@ def _shoulders(
 
 
 def neck_above_shoulders(subject: Subject) -> float:
-    """Distance (m) along the trunk from the middle of the shoulder centres up to that of cervicale and suprasternale."""
+    """Height (m) of the middle of cervicale and suprasternale above that of the shoulder centres, along the trunk."""
     whole = [default_length(name, subject) for name in ("Trunk", "Trunk2")]
     return float(np.mean(whole)) - default_length("Trunk3", subject)
 

@@ -35,7 +35,7 @@ def unmeasured_share(model: SubjectModel) -> float:
 
 
 def unmeasured_words(model: SubjectModel) -> str:
-    """The same in words: "head and trunk, upper arms, forearms and hands: 49 % of the body's mass"; "" where none is."""
+    """The same in words ("head and trunk, upper arms: 44 % of the body's mass"); nothing where none is."""
     segments = unmeasured_segments(model)
     parts = dict.fromkeys(_WORDS.get(s, _WORDS.get(s[:-2], s)) for s in segments)
     return f"{', '.join(parts)}: {100 * unmeasured_share(model):.0f} % of the body's mass" if segments else ""

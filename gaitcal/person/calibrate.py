@@ -14,7 +14,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
-from gaitcal.calibration.inertial_chart import LogChart
+from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
 from gaitcal.calibration.influence import Influence, nominal_influence
@@ -25,9 +25,10 @@ from gaitcal.checks import check_study
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.findings import Finding, Severity, note_of
+from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.force_faults import diagnose_forces
@@ -102,7 +103,9 @@ def calibrate(
         }
         stages[Stage.COMBINED] = parameters, motions
     progress("standard errors and inverse dynamics")
-    uncertainty = Uncertainty(influence, _inertial_spread(inertial, parameters, settings))
+    uncertainty = Uncertainty(
+        influence, _inertial_spread(inertial, parameters, settings, spread_of_people(nominal.subject))
+    )
     results = tuple(
         trial_result(
             t,
@@ -180,9 +183,10 @@ def _inertial_fit(
     ]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
+    people = spread_of_people(subject)
     equations = equations_of(loaded, parameters, subject, scale, width)
     if is_trunk_unmeasured(nominal):
-        return unmeasured_stay(equations, parameters.inertial, which, unmeasured_words(nominal))
+        return unmeasured_stay(equations, parameters.inertial, which, unmeasured_words(nominal), people)
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
@@ -199,8 +203,13 @@ def _inertial_fit(
         PlateNoise(PlateErrors.of(settings.plate_error)),
         spread_of_the_rest(parameters.inertial, which),
     )
-    fit = fit_by_evidence(equations, parameters.inertial, which, noise)
+    fit = fit_by_evidence(equations, parameters.inertial, which, noise, people)
     return replace(fit, seconds=time.perf_counter() - began)
+
+
+def spread_of_people(subject: Subject) -> ConsistentSettings:
+    """How far people scatter about the table of the nominal masses: further where it may be the wrong one."""
+    return ConsistentSettings(more_of=child_spread(subject))
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
@@ -227,18 +236,18 @@ def _combined_fit(
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
-    chosen = CombinedSettings(load_share=settings.joint_step_load_share)
+    chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(nominal.subject))
     return combined_fit(steps, parameters, determined, _inertial_set(settings), nominal.subject, chosen)
 
 
 def _inertial_spread(
-    inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings
+    inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings, people: ConsistentSettings
 ) -> Array | None:
     """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None: unknown."""
     if inertial is None:
         if impossible_bodies(parameters.inertial):
             return None
-        inertial = stay_nominal(parameters.inertial, _inertial_set(settings))
+        inertial = stay_nominal(parameters.inertial, _inertial_set(settings), people)
     if not inertial.statistical:
         return None
     return np.hstack([inertial_square_root(inertial), spread_of_the_rest(parameters.inertial, _inertial_set(settings))])
