@@ -93,7 +93,7 @@ def _why_unseen(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
     if len(seen) < TRUNK_SUPPORT:
         found = f"{len(seen)} markers with weight" if len(seen) != 1 else "one marker with weight"
         return f"it has {found} in the static trial and needs {TRUNK_SUPPORT}"
-    off = _spread_off_line(np.array([posture.markers[m] for m in seen]))
+    off = spread_off_line(np.array([posture.markers[m] for m in seen]))
     if off < OFF_LINE:
         return (
             f"its markers {', '.join(seen)} lie on one line, within {1e3 * off:.0f} mm RMS of it (allowed: at least "
@@ -102,7 +102,7 @@ def _why_unseen(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
     return None
 
 
-def _spread_off_line(points: Array) -> float:
+def spread_off_line(points: Array) -> float:
     """RMS distance (m) of points (n, 3) from the straight line nearest to them."""
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
@@ -158,7 +158,7 @@ def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
     of_pelvis = _horizontal(pelvis.rotation[:, 2])
     there = [name for name in MIDLINE if posture.has(name)]
     points = np.array([posture.landmarks[name] for name in there])
-    if len(there) < TRUNK_SUPPORT or _spread_off_line(points) < OFF_LINE:
+    if len(there) < TRUNK_SUPPORT or spread_off_line(points) < OFF_LINE:
         return of_pelvis, "pelvis's sagittal plane"
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     normal = normal if normal @ of_pelvis > 0 else -normal

@@ -11,9 +11,9 @@ from gaitcal.figures.calibration import GaitView
 from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
-from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
+from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_words
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
 """Marker error over what each joint by itself reaches."""
@@ -131,10 +131,11 @@ def _residual(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | 
             f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
             f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
         )
-    if is_trunk_unmeasured(calibration.nominal):
+    errors = view.trial.body.errors
+    if is_trunk_unmeasured(errors):
         meaning += (
-            f" No marker shows {unmeasured_words(calibration.nominal)}: how it moves is the first cause, no parameter "
-            "was fitted against it, and the moments of the legs do not depend on it."
+            f" No marker shows {unmeasured_words(errors, calibration.nominal.nominal)}: how it moves is the first "
+            "cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
         )
     return Answer(
         question="Do motion and ground forces agree?",

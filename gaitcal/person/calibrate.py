@@ -29,14 +29,14 @@ from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.trial_result import axis_deviations, trial_result
-from gaitcal.person.warnings import calibration_findings, unmeasured_mass
+from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
+from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, nominal_of
@@ -88,13 +88,14 @@ def calibrate(
     diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions)
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in diagnosis.faulty}
     influence = nominal_influence() if joint is None else joint.influence
-    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, believed, settings, progress)
+    shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
+    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, shown or believed, settings, progress)
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
     combined = None
-    if joint is not None and inertial is not None and settings.joint_step and not is_trunk_unmeasured(nominal):
-        combined = _combined_fit(trials, nominal, parameters, joint, motions, believed, settings, progress)
+    if joint is not None and inertial is not None and settings.joint_step and shown:
+        combined = _combined_fit(trials, nominal, parameters, joint, motions, shown, settings, progress)
     if combined is not None:
         parameters = combined.parameters
         motions = {
@@ -125,13 +126,13 @@ def calibrate(
     left_out = [t.name for t in trials if t.name in diagnosis.faulty]
     if left_out and settings.ip != "none":
         kept += (f"inertial parameters: forces at fault say nothing of masses; left out: {', '.join(left_out)}",)
-    phases = _phases(joint, inertial, combined, tuple(believed))
+    phases = _phases(joint, inertial, combined, tuple(shown or believed))
     later = (
         *diagnosis.findings,
         *fitted.findings,
         *(joint.findings if joint else ()),
         *calibration_findings(settings, results, parameters, phases),
-        *unmeasured_mass(nominal, results),
+        *unmeasured_mass(results, nominal.parameters),
     )
     of_trials = (finding for t in results for finding in t.findings)
     walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
@@ -185,8 +186,10 @@ def _inertial_fit(
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
     people = spread_of_people(subject)
     equations = equations_of(loaded, parameters, subject, scale, width)
-    if is_trunk_unmeasured(nominal):
-        return unmeasured_stay(equations, parameters.inertial, which, unmeasured_words(nominal), people)
+    unseen = [motions[name].errors for name in on_plates if is_trunk_unmeasured(motions[name].errors)]
+    if unseen:  # then none of these trials shows it: those that do would stand alone here
+        words = unmeasured_words(unseen[0], parameters)
+        return unmeasured_stay(equations, parameters.inertial, which, words, people)
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(

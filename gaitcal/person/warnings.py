@@ -9,8 +9,6 @@ from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.person.result import TrialResult
 from gaitcal.study.settings import CalibrationSettings
 
@@ -23,26 +21,6 @@ def calibration_findings(
 ) -> tuple[Finding, ...]:
     """What the figures of a calibration that ended with `parameters` put in doubt."""
     return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases))
-
-
-def unmeasured_mass(model: SubjectModel, results: Sequence[TrialResult]) -> Iterator[Finding]:
-    """Mass that follows no marker, and the pelvis residual that it makes: no doubt of leg torques."""
-    if not is_trunk_unmeasured(model):
-        return
-    residuals = [t.loads.residuals[-1] for t in results if t.loads is not None and t.loads.residuals]
-    if not residuals:
-        return
-    force, moment = (max(getattr(r, name) for r in residuals) for name in ("rms_force", "rms_moment"))
-    yield Finding(
-        severity=Severity.INFO,
-        topic="pelvis residual",
-        where=STUDY,
-        cause=f"no marker shows {unmeasured_words(model)}",
-        found=f"how it moves is the first cause of the pelvis residual (up to {force:.0f} N and {moment:.0f} N·m RMS), "
-        "and inertial parameters are not fitted against that; torques of the legs are summed from the feet upwards and "
-        "do not depend on it",
-        cure="three markers on the thorax that do not lie on one line (C7, T10, jugular notch, xiphoid) in all trials",
-    )
 
 
 def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters) -> Iterator[Finding]:
