@@ -59,6 +59,24 @@ def stay_nominal(seed: Array, which: InertialSet, settings: ConsistentSettings |
     )
 
 
+def unmeasured_stay(
+    equations: RootEquations,
+    seed: Array,
+    which: InertialSet,
+    unmeasured: str,
+    settings: ConsistentSettings | None = None,
+) -> InertialFit:
+    """The seed as it is, as the residual tells first how mass moves that no marker shows (`unmeasured`, in words)."""
+    force, moment = equations.rms(seed)
+    return replace(
+        stay_nominal(seed, which, settings),
+        rms_force=force,
+        rms_moment=moment,
+        message=f"inertial parameters stay nominal: no marker shows {unmeasured}; the pelvis residual ({force:.1f} N, "
+        f"{moment:.1f} N·m RMS) tells how that moves, not what it weighs",
+    )
+
+
 def spread_of_the_rest(inertial: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 

@@ -1,7 +1,8 @@
 """Nominal inertial parameters from de Leva 1996 (`models/de_leva_1996.json`), with this person's mass and lengths.
 
 Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their sum (99.99 % for
-women), so that the total is the person's mass. Lengths: thigh, shank, upper arm and forearm as measured between the
+women), so that the total is the person's mass. Those of a child whose age is known are changed as Jensen's change with
+age (`growth.py`). Lengths: thigh, shank, upper arm and forearm as measured between the
 person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by height, because no marker set
 measures them well (vertex, suprasternale, third metacarpal, toe in a shoe). Axes: sagittal = x, longitudinal = y,
 transverse = z; in the foot longitudinal = x, transverse = y, sagittal = z.
@@ -22,6 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
+from gaitcal.model.growth import GROWING, UNKNOWN_AGE, growth, is_known_child, looks_like_child, youngest_and_adult_age
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
@@ -74,9 +76,67 @@ _WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk") + 2 * (
 )
 
 
+_PARTS = {
+    "pelvis": ("LowerTrunk",),
+    "head_trunk": ("MiddleTrunk", "UpperTrunk", "Head2"),
+    "thigh": ("Thigh",),
+    "shank": ("Shank2",),
+    "foot": ("Foot",),
+    "upper_arm": ("UpperArm",),
+    "forearm_hand": ("Forearm", "Hand"),
+}
+"""Segments of the model, without their side, and those of de Leva's in them."""
+
+
 def _row(name: str, sex: str) -> dict[str, float]:
     row: dict[str, float] = _table()["table"][name][sex]  # type: ignore[index]
     return row
+
+
+def mass_shares(sex: str, age: float | None) -> dict[str, float]:
+    """Share of body mass of each of de Leva's segments that make up the body, those of limbs for one side; their sum
+    over the whole body is 1. `age` in years; None for an adult.
+    """
+    percent = {name: _row(name, sex)["mass_pct"] for name in _WHOLE}
+    total = sum(percent[name] for name in _WHOLE)
+    shares = {name: value / total for name, value in percent.items()}
+    if age is not None:
+        shares |= {name: shares[name] * factor for name, factor in growth(age).items()}
+        rest = 1.0 - sum(shares[name] for name in _WHOLE if name in GROWING)
+        torso = sum(shares[name] for name in _WHOLE if name not in GROWING)
+        shares |= {name: shares[name] * rest / torso for name in shares if name not in GROWING}
+    return shares
+
+
+def table_words(subject: Subject) -> str:
+    """The table that the nominal masses are from, and what speaks against it."""
+    words = f"de Leva 1996, {subject.sex}"
+    youngest, _ = youngest_and_adult_age()
+    if is_known_child(subject) and subject.age is not None:
+        words += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
+        if subject.age < youngest:
+            words += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
+    elif looks_like_child(subject):
+        more = child_spread(subject)
+        words += (
+            f"; a table of adults, though {subject.height:.2f} m looks like a child: its masses count as less certain, "
+            f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for head and trunk, as "
+            f"those of children of {UNKNOWN_AGE:g} differ (Jensen 1989); age_years tells which table to use"
+        )
+    return words
+
+
+def child_spread(subject: Subject) -> dict[str, float]:
+    """How far (standard deviation of the logarithm) the table of adults may be from the masses of a child whose age is
+    not known: what Jensen's shares change from `UNKNOWN_AGE` to adults. By segment without its side; empty for others.
+    """
+    if not looks_like_child(subject):
+        return {}
+    adult, child = (mass_shares(subject.sex, age) for age in (None, UNKNOWN_AGE))
+    return {
+        segment: float(abs(np.log(sum(child[n] for n in names) / sum(adult[n] for n in names))))
+        for segment, names in _PARTS.items()
+    }
 
 
 def default_length(name: str, subject: Subject) -> float:
@@ -94,11 +154,10 @@ def default_limbs(subject: Subject) -> dict[str, float]:
 def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
     """A segment of de Leva's with this person's share of mass, and of the length (m) given or his."""
     row = _row(name, subject.sex)
-    total = sum(_row(n, subject.sex)["mass_pct"] for n in _WHOLE)
     length = default_length(name, subject) if length is None else length
     gyration = {axis: length * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
     centre = length * row["cm_pct_from_first_endpoint"] / 100
-    return _Part(subject.mass * row["mass_pct"] / total, length, centre, gyration)
+    return _Part(subject.mass * mass_shares(subject.sex, subject.age)[name], length, centre, gyration)
 
 
 def _moments(part: _Part, axes: Mapping[str, int] = _DIAGONAL) -> Array:

@@ -21,10 +21,12 @@ _SIDED = (
     "wrist",
     "hjc",
 )
-LANDMARKS: tuple[str, ...] = ("sacrum", *(f"{name}_{side}" for side in SIDES for name in _SIDED))
+_OF_TRUNK = ("c7", "t10", "jugular_notch", "xiphoid")
+LANDMARKS: tuple[str, ...] = ("sacrum", *_OF_TRUNK, *(f"{name}_{side}" for side in SIDES for name in _SIDED))
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
 a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
-centre of a hip, for `hip_centre = "given"`."""
+centre of a hip, for `hip_centre = "given"`. Those of the trunk's midline tell where it faces where acromia are missing,
+`c7` and `jugular_notch` also where the shoulders are; `t10` may be any spinous process from T6 to T12."""
 
 _INSTEAD = {
     "asis": "a marker on the anterior superior iliac spine",

@@ -14,7 +14,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
+from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.knee_and_ankle import JointWidths
@@ -50,6 +50,10 @@ _SEGMENT_OF = {
     "ajc": "shank",
     "heel": "foot",
     "toe": "foot",
+    "c7": "head_trunk",
+    "t10": "head_trunk",
+    "jugular": "head_trunk",
+    "xiphoid": "head_trunk",
     "acromion": "head_trunk",
     "sjc": "head_trunk",
     "elbow": "upper_arm",
@@ -122,7 +126,7 @@ def nominal_model(
             *standing.notes,
             *body.notes,
             *notes,
-            f"inertia: de Leva 1996, {subject.sex}",
+            f"inertia: {table_words(subject)}",
         ),
     )
 

@@ -27,9 +27,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.model.carried_points import carried, left_share, lever, off_line, rigid_motions
+from gaitcal.model.hip_centre import HipCentre, hip_centre
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import HipCentre, hip_centre
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording, seen_mask
 
@@ -268,7 +268,8 @@ def _joint_above(
     y = np.cross(z, middle - sacrum)
     y = y / np.linalg.norm(y)
     axes = np.column_stack([np.cross(y, z), y, z])
-    return "hip centre", middle + axes @ hip_centre(HipCentre.BELL, width, side), "pelvis"
+    depth = float(np.linalg.norm(middle - sacrum))
+    return "hip centre", middle + axes @ hip_centre(HipCentre.BELL, width, depth, side), "pelvis"
 
 
 def _filled(

@@ -6,7 +6,7 @@ subject stood, so that the pelvis's own inclination does not bend the trunk forw
 
 Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
 
-    trunk       origin lumbar joint; y = unit(mid-shoulder - lumbar); z the line of the acromia across y
+    trunk       as in `trunk.py`: y from the lumbar joint to the middle of the shoulders, z to the right
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
@@ -32,25 +32,19 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.anthropometry import default_limbs
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.knee_and_ankle import NOMINAL_HEIGHT, ROUNDS, SETTLED, SIDE_WORDS, half_width
+from gaitcal.model.knee_and_ankle import ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import JOINT_OF_CHILD, SIDES, Source
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
+from gaitcal.model.trunk import trunk_of
 
-TRUNK_SUPPORT = 3
-"""Markers with weight that a trunk needs, as its three turns are free."""
-SHOULDER_BELOW_ACROMION = 0.17
-"""Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
-SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165
-"""m from the lumbar joint in the nominal subject."""
 RAISED = np.deg2rad(45.0)
 """How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""
 BENT = 1.5
 """Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
-_UP = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,18 +71,11 @@ class UpperBody:
 
 def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, subject: Subject) -> UpperBody:
     """Trunk and arms, measured as far as there are markers."""
-    lumbar, pelvis = legs.centres["lumbar"], legs.frames["pelvis"]
     frozen: list[str] = []
-    no_trunk = _why_no_trunk(posture, marker_set)
-    if no_trunk is None:
-        trunk, centres = _trunk(posture, lumbar)
-        direction = np.array([0.0, 1.0, 0.0])
-        notes = ["shoulder centres 17 % of the distance between the acromia below them (Rab 2002)"]
-    else:
-        trunk, centres = _upright_trunk(pelvis, lumbar, subject.height)
-        direction = trunk.rotation.T @ _UP
+    body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
+    trunk, centres, notes, no_trunk = body.frame, dict(body.shoulders), [*body.notes], body.unseen
+    if no_trunk is not None:
         frozen.append("head_trunk")
-        notes = [f"head and trunk upright and fixed to the pelvis, as {no_trunk}"]
     frames = {"head_trunk": trunk}
     turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
     limbs = default_limbs(subject)
@@ -120,41 +107,12 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     return UpperBody(
         frames=frames,
         centres=centres,
-        trunk_direction=direction,
+        trunk_direction=body.direction,
         arms=ArmJoints(turn, axis),
         raised=tuple(raised),
         frozen_segments=tuple(frozen),
         notes=tuple(notes),
     )
-
-
-def _trunk(posture: StaticPosture, lumbar: Array) -> tuple[Frame, dict[str, Array]]:
-    """Frame of head and trunk, and the shoulder centres `sjc_r`, `sjc_l`, from the acromia."""
-    right, left = posture.landmarks["acromion_r"], posture.landmarks["acromion_l"]
-    y = unit(0.5 * (right + left) - lumbar)
-    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * y
-    return frame_yz(lumbar, y, right - left), {"sjc_r": right + down, "sjc_l": left + down}
-
-
-def _upright_trunk(pelvis: Frame, lumbar: Array, height: float) -> tuple[Frame, dict[str, Array]]:
-    """The same where no marker shows the trunk: parallel to the pelvis, the nominal subject's shoulders above it."""
-    scale = height / NOMINAL_HEIGHT
-    outwards = unit(pelvis.rotation[:, 2] - (pelvis.rotation[:, 2] @ _UP) * _UP)
-    above = lumbar + scale * SHOULDER_UP * _UP
-    shoulders = {f"sjc_{side}": above + sign(side) * scale * SHOULDER_OUT * outwards for side in SIDES}
-    return Frame(pelvis.rotation, lumbar), shoulders
-
-
-def _why_no_trunk(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
-    """Why the trunk cannot be measured; None where it can."""
-    for name in ("acromion_r", "acromion_l"):
-        if not posture.has(name):
-            return posture.why_not(name)
-    pulling = [m for m in marker_set.tracking.get("head_trunk", ()) if marker_set.weight(m) > 0]
-    seen = [m for m in pulling if m in posture.markers]
-    if len(seen) < TRUNK_SUPPORT:
-        return f"it has {len(seen)} markers with weight and needs {TRUNK_SUPPORT}"
-    return None
 
 
 def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str, landmark: str) -> str | None:

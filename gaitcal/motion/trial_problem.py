@@ -25,7 +25,8 @@ from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
-from gaitcal.recording.recording import Recording
+from gaitcal.motion.trunk_support import telling
+from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.runtime import keep_freed_memory
 
 FRAMES_AT_ONCE = 512
@@ -260,10 +261,11 @@ def trial_problem(
 ) -> TrialProblem:
     """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
 
-    Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Where the root shows
-    three markers in less than half of the frames and a `carrier` is named, that segment carries the body: the joints
-    between the two are held at zero, and only markers on the carrier and beyond it pull. Raises `InputError` where
-    the root has no three markers and nothing carries it, or the recording is too short for a spline.
+    Markers that the recording lacks are left out, and those of trunk and arms where too few show the trunk
+    (`trunk_support.py`); NaN positions get weight zero in their frames. Where the root shows three markers in less than
+    half of the frames and a `carrier` is named, that segment carries the body: the joints between the two are held at
+    zero, and only markers on the carrier and beyond it pull. Raises `InputError` where the root has no three markers
+    and nothing carries it, or the recording is too short for a spline.
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
@@ -277,6 +279,12 @@ def trial_problem(
         if segment in segments and label in at
     ]
     chain = chain_of(root, segments)
+    pulls = seen_mask(recording.markers)[:, [at[model.markers.labels[i]] for i in chosen]].T
+    pulls &= (model.markers.weight[chosen] > 0)[:, None]
+    shown = telling(
+        chain.segments, tuple(model.markers.segments[i] for i in chosen), model.markers.local[chosen], pulls
+    )
+    chosen = [i for i, kept in zip(chosen, shown, strict=True) if kept]
     index = np.array([chain.segments.index(model.markers.segments[i]) for i in chosen], dtype=np.intp)
     order = np.argsort(index, kind="stable")
     chosen = [chosen[k] for k in order]

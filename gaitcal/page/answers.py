@@ -13,6 +13,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
+from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_words
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
 """Marker error over what each joint by itself reaches."""
@@ -35,7 +36,7 @@ class Answer:
 
 def answers(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Answer, ...]:
     """Does it fit, did it matter, do motion and forces agree, what was fitted; those that this result can answer."""
-    possible = (_fit(calibration), _change(calibration, gait), _residual(gait), _parameters(calibration))
+    possible = (_fit(calibration), _change(calibration, gait), _residual(calibration, gait), _parameters(calibration))
     return tuple(answer for answer in possible if answer is not None)
 
 
@@ -108,7 +109,7 @@ def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | No
     )
 
 
-def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
+def _residual(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | None:
     views = [(view, view.limits) for view in gait if view.limits]
     if not views:
         return None
@@ -129,6 +130,12 @@ def _residual(gait: tuple[GaitView, ...]) -> Answer | None:
         meaning = (
             f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
             f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
+        )
+    errors = view.trial.body.errors
+    if is_trunk_unmeasured(errors):
+        meaning += (
+            f" No marker shows {unmeasured_words(errors, calibration.nominal.nominal)}: how it moves is the first "
+            "cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
         )
     return Answer(
         question="Do motion and ground forces agree?",

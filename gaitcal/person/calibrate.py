@@ -14,9 +14,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
-from gaitcal.calibration.inertial_chart import LogChart
+from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal
+from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
@@ -25,9 +25,10 @@ from gaitcal.checks import check_study
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.findings import Finding, Severity, note_of
+from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
@@ -35,6 +36,7 @@ from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.static_angles import counted_from_static, shifted, static_angles
 from gaitcal.person.trial_result import axis_deviations, trial_result
+from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -90,13 +92,14 @@ def calibrate(
     diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions)
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in diagnosis.faulty}
     influence = nominal_influence() if joint is None else joint.influence
-    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, believed, settings, progress)
+    shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
+    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, shown or believed, settings, progress)
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
     combined = None
-    if joint is not None and inertial is not None and settings.joint_step:
-        combined = _combined_fit(trials, nominal, parameters, joint, motions, believed, settings, progress)
+    if joint is not None and inertial is not None and settings.joint_step and shown:
+        combined = _combined_fit(trials, nominal, parameters, joint, motions, shown, settings, progress)
     if combined is not None:
         parameters, moved = counted_from_static(nominal, combined.parameters, static)
         motions = {
@@ -107,7 +110,9 @@ def calibrate(
         }
         stages[Stage.COMBINED] = parameters, motions
     progress("standard errors and inverse dynamics")
-    uncertainty = Uncertainty(influence, _inertial_spread(inertial, parameters, settings))
+    uncertainty = Uncertainty(
+        influence, _inertial_spread(inertial, parameters, settings, spread_of_people(nominal.subject))
+    )
     results = tuple(
         trial_result(
             t,
@@ -127,12 +132,13 @@ def calibrate(
     left_out = [t.name for t in trials if t.name in diagnosis.faulty]
     if left_out and settings.ip != "none":
         kept += (f"inertial parameters: forces at fault say nothing of masses; left out: {', '.join(left_out)}",)
-    phases = _phases(joint, inertial, combined, tuple(believed))
+    phases = _phases(joint, inertial, combined, tuple(shown or believed))
     later = (
         *diagnosis.findings,
         *fitted.findings,
         *(joint.findings if joint else ()),
         *calibration_findings(settings, results, parameters, phases),
+        *unmeasured_mass(results, nominal.parameters),
     )
     of_trials = (finding for t in results for finding in t.findings)
     walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
@@ -185,7 +191,12 @@ def _inertial_fit(
     ]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
+    people = spread_of_people(subject)
     equations = equations_of(loaded, parameters, subject, scale, width)
+    unseen = [motions[name].errors for name in on_plates if is_trunk_unmeasured(motions[name].errors)]
+    if unseen:  # then none of these trials shows it: those that do would stand alone here
+        words = unmeasured_words(unseen[0], parameters)
+        return unmeasured_stay(equations, parameters.inertial, which, words, people)
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
@@ -202,8 +213,13 @@ def _inertial_fit(
         PlateNoise(PlateErrors.of(settings.plate_error)),
         spread_of_the_rest(parameters.inertial, which),
     )
-    fit = fit_by_evidence(equations, parameters.inertial, which, noise)
+    fit = fit_by_evidence(equations, parameters.inertial, which, noise, people)
     return replace(fit, seconds=time.perf_counter() - began)
+
+
+def spread_of_people(subject: Subject) -> ConsistentSettings:
+    """How far people scatter about the table of the nominal masses: further where it may be the wrong one."""
+    return ConsistentSettings(more_of=child_spread(subject))
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
@@ -230,18 +246,18 @@ def _combined_fit(
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
-    chosen = CombinedSettings(load_share=settings.joint_step_load_share)
+    chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(nominal.subject))
     return combined_fit(steps, parameters, determined, _inertial_set(settings), nominal.subject, chosen)
 
 
 def _inertial_spread(
-    inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings
+    inertial: InertialFit | None, parameters: Parameters, settings: CalibrationSettings, people: ConsistentSettings
 ) -> Array | None:
     """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None: unknown."""
     if inertial is None:
         if impossible_bodies(parameters.inertial):
             return None
-        inertial = stay_nominal(parameters.inertial, _inertial_set(settings))
+        inertial = stay_nominal(parameters.inertial, _inertial_set(settings), people)
     if not inertial.statistical:
         return None
     return np.hstack([inertial_square_root(inertial), spread_of_the_rest(parameters.inertial, _inertial_set(settings))])

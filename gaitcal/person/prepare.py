@@ -18,6 +18,7 @@ from gaitcal.model.linkage import carrier_of, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.trunk import TRUNK_SUPPORT
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.rigid import rigid_fit
@@ -105,7 +106,13 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     on_body, _ = without_strays(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
     recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
-    fitted = body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint))
+    body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint))
+    if loose := [label for label in model.markers.labels if label in recording.labels and label not in body.labels]:
+        recording = recording.with_notes(
+            f"head, trunk and arms keep their static posture on the pelvis, and {', '.join(loose)} are not followed: "
+            f"{TRUNK_SUPPORT} markers of the trunk that do not lie on one line must be seen in half of the frames"
+        )
+    fitted = body
     if trial.joint is not None:
         root, *_ = segments = joint_segments(trial.joint)
         fitted = trial_problem(trial.name, model, recording, rule, root=root, segments=segments)
