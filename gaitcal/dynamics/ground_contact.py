@@ -66,6 +66,11 @@ class GroundReactions:
         """(nf,) of the left leg."""
         return np.asarray(self.valid_legs[:, 1])
 
+    @property
+    def has_torques(self) -> bool:
+        """Whether a leg is valid in some frame in which a plate carries it."""
+        return bool((self.valid_legs & self.loaded).any())
+
     def valid_for(self, name: str) -> BoolArray:
         """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as the whole body."""
         side = leg_of(name)
