@@ -291,7 +291,12 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     usable = np.full(FRAMES, valid)
     usable[150:170] = False
     reactions = GroundReactions(
-        wrench=wrench, valid=usable, loaded=loaded, resting=loaded, notes=("plate 1: right foot",)
+        wrench=wrench,
+        valid=usable,
+        valid_legs=np.stack([usable] * 2, axis=1),
+        loaded=loaded,
+        resting=loaded,
+        notes=("plate 1: right foot",),
     )
 
     def moments(scale: float) -> Moments:

@@ -15,7 +15,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import Feet, feet_of, overhang, steps
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.dynamics.ground_contact import UNDER_FOOT, near
+from gaitcal.dynamics.foot_contact import near
+from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding
 from gaitcal.model.build import GRAVITY
 from gaitcal.recording import resample_wrench, still_window

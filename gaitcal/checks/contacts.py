@@ -9,8 +9,11 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.dynamics.ground_contact import RESTING, SHORTEST, UNDER_FOOT, distance_to_line, ground_velocity
-from gaitcal.dynamics.plate_outline import OVERHANG_M, foot_tip, outline_known, outside
+from gaitcal.dynamics.foot_contact import RESTING, FootPoints, ground_velocity
+from gaitcal.dynamics.partly_carried import MOST_BESIDE
+from gaitcal.dynamics.plate_outline import foot_tip, outline_known
+from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
+from gaitcal.dynamics.sole import FOOT_BREADTH, sole_of
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording import resample_wrench
@@ -73,9 +76,18 @@ class Feet:
         """(nf,) the foot is down: its heel or its toe moves with the ground."""
         return self.slow(self.heel_velocity[:, foot]) | self.slow(self.toe_velocity[:, foot])
 
-    def tip(self, foot: int, height: float) -> Array:
-        """(nf, 3) m, the tip of the foot of a person of this height (m)."""
-        return foot_tip(self.heel[:, foot], self.toe[:, foot], height)
+    def points(self, height: float) -> FootPoints:
+        """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not seen."""
+        speeds = (np.linalg.norm(v - self.ground, axis=2) for v in (self.heel_velocity, self.toe_velocity))
+        heel_speed, toe_speed = speeds
+        return FootPoints(
+            heel=self.heel,
+            toe=self.toe,
+            tip=foot_tip(self.heel, self.toe, height),
+            heel_speed=heel_speed,
+            toe_speed=toe_speed,
+            width=FOOT_BREADTH * height,
+        )
 
     def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
         """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where it is not seen."""
@@ -189,24 +201,18 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
     if step.plate.corners is None:
         return
     surface = [plate for plate in trial.recording.plates if plate is step.plate or outline_known(plate, BODY_N)]
-    partly = []
-    ends = (
-        ("heel", feet.heel[:, step.foot], feet.heel_velocity[:, step.foot]),
-        ("toes", feet.tip(step.foot, trial.subject.height), feet.toe_velocity[:, step.foot]),
-    )
-    for name, path, velocity in ends:
-        still = feet.slow(velocity)[step.frames] & feet.seen[step.frames, step.foot]
-        if still.sum() < 3:
-            continue
-        out = float(np.median(outside(surface, path[step.frames][still])))
-        if out > OVERHANG_M:
-            partly.append(f"{name} {1e3 * out:.0f} mm")
-    if partly:
+    sole = sole_of(feet.points(trial.subject.height), step.foot, step.frames)
+    still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
+    if still.sum() < 3:
+        return
+    share = float(np.median(sole.share_of(sole.beside(surface) & sole.resting)[still]))
+    if share > MOST_BESIDE:
         yield trial.warning(
             "plate to foot",
             f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "
-            f"partly beside it ({', '.join(partly)} outside)",
-            "the plate misses a part of the force, and no torque counts meanwhile: record the step again if needed",
+            f"partly beside it ({100 * share:.0f} % of the sole)",
+            "the plate misses a part of the force, and no torque of this leg counts meanwhile: record it again",
+            leg=SIDES[step.foot],
         )
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.checks.contacts import Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
-from gaitcal.dynamics.ground_contact import UNDER_FOOT
 from gaitcal.dynamics.plate_outline import OUTSIDE_SHARE, share_outside
+from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.axes import PROGRESSION_M, net_progression

@@ -111,8 +111,10 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
                     f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
                 )
     for trial in trials:
-        if trial.loads is not None and trial.loads.reactions.valid.any():
-            talk.line(_residuals(trial.name, trial.loads))
+        if trial.loads is not None:
+            talk.line(_valid(trial.name, trial.loads))
+            if trial.loads.reactions.valid.any():
+                talk.line(_residuals(trial.name, trial.loads))
 
 
 def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
@@ -121,6 +123,12 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
     shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
     ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
     return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
+
+
+def _valid(name: str, loads: LoadedTrial) -> str:
+    reactions = loads.reactions
+    right, left, both = (int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid))
+    return f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} of the whole body"
 
 
 def _residuals(name: str, loads: LoadedTrial) -> str:

@@ -53,8 +53,9 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         for path in trials:
             step(f"{path.name}: reading and checking")
             read.append(_read(path, options, saved))
-        findings = [*saved.doubts, *(finding for trial in read for finding in _check(trial, saved))]
-        stop_on_errors(findings)
+        checked = [finding for trial in read for finding in _check(trial, saved)]
+        stop_on_errors([*(f for f in saved.doubts if not f.leg), *checked])  # a leg that is refused leaves the other
+        findings = [*saved.doubts, *checked]
         done = []
         for trial in read:
             step(f"{trial.name}: tracking and inverse dynamics")
@@ -62,12 +63,14 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
-        done = [trial.refused() if trial.name in verdict.refused else trial for trial in done]
+        done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
         stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict)
     print_trials(talk, done)
     print_verdict(talk, verdict)
     print_remarks(talk, stale, [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
+    if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
+        raise InputError(f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}")
     if verdict.refused and not late:
         raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].cause}")
     if late:

@@ -1,57 +1,35 @@
-"""Which foot a force plate carries, and in which frames every foot on the ground is on a plate.
+"""What the ground does to each foot, and in which frames that is known for each leg.
 
-A plate's loaded stretches are given to the foot under whose sole the centre of pressure lies, stretch by stretch,
-unless the study says which foot it is; a foot on two plates gets the sum of both. Whether a foot is down at all is told
-by its motion alone: its heel or its toe rests. Where a foot is down and no plate carries it, or where it rests partly
-beside its plate, the ground reaction is not known and the frame is not valid. The size of the forces plays no part in
-this: residuals stay a check.
+A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the air. Where a foot is
+down and no plate carries it, where it rests partly beside its plates, or where a plate carries both feet, the torques
+of that leg are not valid; those of the other leg may be. Pelvis, trunk and the fit of masses need both feet at once.
+Whether a foot is down at all is told by its motion, or by events (`foot_contact.py`). The size of the forces plays no
+part in this: residuals stay a check.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.plate_outline import OVERHANG_M, outline_known, outside
+from gaitcal.dynamics.foot_contact import FootPoints, on_the_floor
+from gaitcal.dynamics.partly_carried import beside_plates, shared_plates
+from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.linkage import SIDES
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.filters import filterable
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
-from gaitcal.recording.intervals import runs
+from gaitcal.recording.force_plate import LOADED_N
+from gaitcal.recording.metadata import FootEvent
 from gaitcal.recording.recording import ForcePlate
 
-SIDE_WORDS = ("right", "left")
-RESTING = 0.4
-"""m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
-EDGE = 0.08
-"""s by which resting and true contact may differ at the beginning and end of a contact; on plates they differ by up to
-0.04 s (`subject01`, `pig_c3d`)."""
-UNDER_FOOT = 0.15
-"""m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
+LEG_COORDINATES = ("hip_", "knee_", "ankle_", "subtalar_")
+"""How the names of what belongs to a leg begin."""
 SPLINE_ENDS = 2
 """Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
-SHORTEST = 0.05
-"""s: a shorter loading is a knock, not a step."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FootPoints:
-    """Heel and toe of both feet, from the tracked model: order right, left."""
-
-    heel: Array
-    """(nf, 2, 3) m."""
-    toe: Array
-    """(nf, 2, 3) m."""
-    tip: Array
-    """(nf, 2, 3) m, the foremost point of the sole."""
-    heel_speed: Array
-    """(nf, 2) m/s, against the ground."""
-    toe_speed: Array
-    """(nf, 2) m/s, against the ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +39,9 @@ class GroundReactions:
     wrench: Array
     """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
     valid: BoolArray
-    """(nf,) every foot on the ground is wholly on a plate."""
+    """(nf,) whole body: both legs are valid, and a plate carries the body."""
+    valid_legs: BoolArray
+    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, or in the air."""
     loaded: BoolArray
     """(nf, 2) a plate carries the foot."""
     resting: BoolArray
@@ -76,18 +56,35 @@ class GroundReactions:
         """What speaks against these ground reactions, in words."""
         return tuple(f.evidence for f in self.findings if f.severity is not Severity.INFO)
 
+    @property
+    def valid_r(self) -> BoolArray:
+        """(nf,) of the right leg."""
+        return np.asarray(self.valid_legs[:, 0])
 
-def ground_velocity(points: Array, velocity: Array) -> Array:
-    """(3,) m/s, how the ground moves under feet with points and velocities (nf, n, 3): the median of the lowest one's.
+    @property
+    def valid_l(self) -> BoolArray:
+        """(nf,) of the left leg."""
+        return np.asarray(self.valid_legs[:, 1])
 
-    Zero on a floor, the belt's velocity on a treadmill; zero, too, where it is less than a resting foot's.
-    """
-    whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
-    if not whole.any():
-        return np.zeros(3)
-    lowest = points[whole, :, 1].argmin(axis=1)
-    out: Array = np.median(velocity[whole, lowest], axis=0)
-    return out if np.linalg.norm(out) > RESTING else np.zeros(3)
+    @property
+    def has_torques(self) -> bool:
+        """Whether a leg is valid in some frame in which a plate carries it."""
+        return bool((self.valid_legs & self.loaded).any())
+
+    def valid_for(self, name: str) -> BoolArray:
+        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as the whole body."""
+        side = leg_of(name)
+        return self.valid_legs[:, SIDES.index(side)] if side else self.valid
+
+    def without(self, legs: Sequence[str]) -> GroundReactions:
+        """The same with no valid frame of some legs (`r`, `l`), and so none of the whole body."""
+        kept = np.array([side not in legs for side in SIDES])
+        return replace(self, valid=self.valid & kept.all(), valid_legs=self.valid_legs & kept)
+
+
+def leg_of(name: str) -> str:
+    """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
+    return name[-1] if name.startswith(LEG_COORDINATES) and name[-2:-1] == "_" and name[-1] in SIDES else ""
 
 
 def ground_reactions_on_feet(
@@ -98,6 +95,7 @@ def ground_reactions_on_feet(
     cutoff: float | None,
     ends: float = 0.0,
     assigned: Mapping[str, str] | None = None,
+    events: Sequence[FootEvent] = (),
 ) -> GroundReactions:
     """Assign plates to feet, filter their wrenches and bring them to the marker frames.
 
@@ -107,102 +105,45 @@ def ground_reactions_on_feet(
     cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
     ends : s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
     assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
+    events : of the file, for feet beside all plates; used where they agree with the plates.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes: list[str] = []
     findings: list[Finding] = []
-    covered = np.ones(len(time), dtype=bool)
-    steps: list[_Step] = []
+    known = np.full(len(time), bool(plates))
+    steps: list[Step] = []
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
         smooth = resample_wrench(_filtered(plate, cutoff), time)
-        covered &= np.isfinite(smooth).all(axis=1)
-        smooth = np.nan_to_num(smooth)
-        pressed = raw[:, 1] > LOADED_N
+        known &= np.isfinite(smooth).all(axis=1)
         side = (assigned or {}).get(plate.name)
         if side == "none":
             continue
-        for stretch in (run for run in runs(pressed) if time[run.stop - 1] - time[run.start] >= SHORTEST):
-            span = f"plate {plate.name}, {time[stretch.start]:.2f}-{time[stretch.stop - 1]:.2f} s"
-            foot = {"r": 0, "l": 1}.get(side) if side else _foot_under(raw, stretch, feet)
-            if foot is None:
-                findings.append(_under_neither(plate, span))
-                continue
-            wide = _widen(stretch, pressed, time, cutoff)
-            wrench[wide, foot] += smooth[wide]
-            loaded[stretch, foot] = True
-            steps.append(_Step(foot, stretch, plate, span))
+        found, unfit = steps_on(plate, raw, time, feet, side)
+        findings += unfit
+        for step in found:
+            wide = _widen(step.frames, raw[:, 1] > LOADED_N, time, cutoff)
+            wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
+            loaded[step.frames, step.foot] = True
             how = "as the study says" if side else "by its centre of pressure"
-            notes.append(f"{span}: {SIDE_WORDS[foot]} foot, {how}")
-    resting = np.minimum(feet.heel_speed, feet.toe_speed) < RESTING
-    unmeasured = near(resting & ~near(loaded, time), time)
-    valid = covered & ~unmeasured.any(axis=1) & loaded.any(axis=1) if plates else np.zeros(len(time), dtype=bool)
-    valid &= (time >= time[0] + ends) & (time <= time[-1] - ends)
-    partly, beside = _beside_plates(steps, time, feet)
+            notes.append(f"{step.words}: {SIDE_WORDS[step.foot]} foot, {how}")
+        steps += found
+    resting = feet.resting
+    floor = on_the_floor(resting, loaded, time, events)
+    used = [plate for plate in plates if (assigned or {}).get(plate.name) != "none"]
+    partly, beside = beside_plates(steps, used, time, feet, loaded)
+    shared, both = shared_plates(steps, time, feet, floor)
+    inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
+    legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
         wrench=wrench,
-        valid=valid & ~partly,
+        valid=legs.all(axis=1) & loaded.any(axis=1),
+        valid_legs=legs,
         loaded=loaded,
         resting=resting,
         notes=tuple(notes),
-        findings=(*findings, *beside),
+        findings=(*findings, *beside, *both),
     )
-
-
-@dataclass(frozen=True)
-class _Step:
-    """One loading of one plate."""
-
-    foot: int
-    """0 right, 1 left."""
-    frames: slice
-    plate: ForcePlate
-    words: str
-    """Plate and time, for messages."""
-
-    def meets(self, other: _Step) -> bool:
-        """Whether both carry one foot in some of the same frames."""
-        overlap = self.frames.start < other.frames.stop and other.frames.start < self.frames.stop
-        return self.foot == other.foot and bool(overlap)
-
-
-def _under_neither(plate: ForcePlate, span: str) -> Finding:
-    return Finding(
-        severity=Severity.WARNING,
-        topic="plate to foot",
-        where="",
-        cause=f"the load on plate {plate.name} is under neither foot",
-        found=f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out",
-        cure="check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
-    )
-
-
-def _beside_plates(steps: Sequence[_Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[Finding]]:
-    """Frames in which an end of a loaded foot rests beside the plates that carry it, and what to say of them."""
-    partly, findings = np.zeros(len(time), dtype=bool), []
-    for step in steps:
-        frames, foot = step.frames, step.foot
-        carriers = [other.plate for other in steps if other.meets(step)]
-        if not all(outline_known(plate, LOADED_N) for plate in carriers):
-            if step.plate.corners is not None:
-                found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
-                findings.append(_note(f"the corners of plate {step.plate.name} do not hold its forces", found))
-            continue
-        for name, path, speed in (("heel", feet.heel, feet.heel_speed), ("toes", feet.tip, feet.toe_speed)):
-            away = outside(carriers, path[frames, foot])
-            beside = (speed[frames, foot] < RESTING) & (away > OVERHANG_M)
-            if beside.any():
-                partly[frames] |= beside
-                first, last = time[frames][beside][[0, -1]]
-                found = f"{step.words}: the {name} of the {SIDE_WORDS[foot]} foot rest up to "
-                found += f"{1e3 * away[beside].max():.0f} mm beside the plate; not valid, {first:.2f}-{last:.2f} s"
-                findings.append(_note(f"a foot rests partly beside plate {step.plate.name}", found))
-    return partly, findings
-
-
-def _note(cause: str, found: str) -> Finding:
-    """A fact that frames that are not valid, or an outline that is not used, already answer."""
-    return Finding(severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="")
 
 
 def _filtered(plate: ForcePlate, cutoff: float | None) -> ForcePlate:
@@ -222,33 +163,3 @@ def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None
     start = int(np.searchsorted(time, time[stretch.start] - tail))
     stop = int(np.searchsorted(time, time[stretch.stop - 1] + tail)) + 1
     return slice(max(start, low), min(stop, high))
-
-
-def _foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
-    """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load."""
-    load, centre = wrench[stretch, 1], centre_on_ground(wrench[stretch])[:, [0, 2]]
-    heel, toe = feet.heel[stretch][:, :, [0, 2]], feet.toe[stretch][:, :, [0, 2]]
-    distances = [np.average(distance_to_line(centre, heel[:, k], toe[:, k]), weights=load) for k in range(len(FEET))]
-    best = int(np.argmin(distances))
-    return best if distances[best] < UNDER_FOOT else None
-
-
-def distance_to_line(point: Array, a: Array, b: Array) -> Array:
-    """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
-    along = b - a
-    t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
-    out: Array = np.linalg.norm(a + t[:, None] * along - point, axis=1)
-    return out
-
-
-def near(marked: BoolArray, time: Array) -> BoolArray:
-    """(nf,) or (nf, feet) frames within `EDGE` of a marked one, at `time` (nf,) s."""
-    if marked.ndim > 1:
-        return np.stack([near(column, time) for column in marked.T], axis=1)
-    times = time[marked]
-    if not len(times):
-        return marked.copy()
-    after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
-    gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
-    out: BoolArray = marked | (gap <= EDGE)
-    return out

@@ -1,7 +1,7 @@
 """Ground reactions of a trial: filtered as the settings say, assigned to the feet of the tracked motion.
 
-Where a leg segment shows no marker its motion is a guess of the splines: no torque follows from it, and these frames
-are not valid.
+Where a leg segment shows no marker its motion is a guess of the splines: no torque of that leg follows from it, and
+these frames are not valid for it, nor for the whole body.
 """
 
 from __future__ import annotations
@@ -13,21 +13,17 @@ from typing import Literal
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_contact import (
-    SPLINE_ENDS,
-    FootPoints,
-    GroundReactions,
-    ground_reactions_on_feet,
-    ground_velocity,
-)
+from gaitcal.dynamics.foot_contact import FootPoints, ground_velocity
+from gaitcal.dynamics.ground_contact import SPLINE_ENDS, GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.plate_outline import foot_tip
+from gaitcal.dynamics.sole import FOOT_BREADTH
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS
+from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
@@ -62,7 +58,8 @@ def ground_reactions(
 ) -> GroundReactions:
     """Ground reactions on the feet of a tracked motion, from the force plates of its recording.
 
-    `gaitcal.inverse_dynamics(model, motion, reactions.wrench)` takes them; its torques count where `reactions.valid`.
+    `gaitcal.inverse_dynamics(model, motion, reactions.wrench)` takes them; its torques count where
+    `reactions.valid_for(name)`: those of a leg by its own foot, others where `reactions.valid`.
 
     Parameters
     ----------
@@ -103,17 +100,21 @@ def reactions_of_motion(
     ends = SPLINE_ENDS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
     if motion.smoothed_hz is not None:
         ends = max(ends, SMOOTHED_ENDS / motion.smoothed_hz)
-    measured = ground_reactions_on_feet(recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=plates)
+    measured = ground_reactions_on_feet(
+        recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=plates, events=recording.events
+    )
     unseen = unseen_frames(motion)
-    valid = measured.valid.copy()
-    for lost in unseen.values():
+    valid, legs = measured.valid.copy(), measured.valid_legs.copy()
+    for segment, lost in unseen.items():
         valid &= ~lost
+        legs[:, SIDES.index(segment[-1])] &= ~lost
     filtered = _filter_words(recording, hz)
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
     contradictions = _contradictions(measured.wrench, valid, parameters, motion)
     return replace(
         measured,
         valid=valid,
+        valid_legs=legs,
         notes=(*measured.notes, ends_left_out, filtered),
         findings=(*measured.findings, *unseen_findings(unseen, motion), *contradictions),
     )
@@ -179,6 +180,7 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
         tip=foot_tip(points["heel"], points["toe"], model.subject.height),
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
+        width=FOOT_BREADTH * model.subject.height,
     )
 
 

@@ -14,8 +14,6 @@ from gaitcal.arrays import Array
 from gaitcal.recording.force_plate import OUTSIDE_M
 from gaitcal.recording.recording import ForcePlate
 
-OVERHANG_M = 0.02
-"""How far an end of a resting foot may lie outside the plate."""
 FOOT_LENGTH = 0.152
 """Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""
 OUTSIDE_SHARE = 0.1

@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 
 
 class Source(Enum):
@@ -56,6 +57,15 @@ class TorqueErrors:
     def every(self) -> Array:
         """(nf, 29) all of them."""
         return np.hstack([self.tau, self.knee_adduction])
+
+    def only(self, coordinates: BoolArray) -> TorqueErrors:
+        """The same with NaN for all but some coordinates (27,), right and left knee's reaction with its knee angle."""
+        knees = coordinates[[COORDINATE_INDEX[f"knee_angle_{side}"] for side in SIDES]]
+        kept = np.concatenate([coordinates, knees])
+        by_source = {source: np.where(kept, variance, np.nan) for source, variance in self.by_source.items()}
+        return TorqueErrors(
+            np.where(coordinates, self.tau, np.nan), np.where(knees, self.knee_adduction, np.nan), by_source
+        )
 
     def shares(self, column: int, valid: BoolArray) -> dict[Source, float]:
         """Source -> its part of the variance of one of the 29 torques over valid frames, largest first.

@@ -35,10 +35,9 @@ class GaitView:
     stages: tuple[ResidualMagnitudes, ...] = ()
     limits: ResidualLimits | None = None
 
-    @property
-    def valid_frames(self) -> int:
-        """Frames in which every foot on the ground is on a plate."""
-        return int(self.layout.valid.sum())
+    def valid_frames(self, side: str = "") -> int:
+        """Frames in which the torques of a leg (`r`, `l`) are valid, or those of the whole body (nothing)."""
+        return int(self.layout.valid_for(side).sum())
 
 
 @dataclass(frozen=True)
@@ -82,20 +81,20 @@ def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitV
         angles=angle_chart(calibration, trial, drawn, name),
         forces=forces_chart(calibration, trial, loads, name) if loads else None,
     )
-    if loads is None or not loads.reactions.valid.any():
+    if loads is None or not loads.reactions.has_torques:
         return view
     numbers = moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors)
-    steps = loads.residuals
-    limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
-    return replace(
+    view = replace(
         view,
         moments=moment_chart(calibration, trial, loads, drawn, name),
-        residuals=residuals_chart(trial, loads, steps, limits, name),
         change=moment_change_chart(trial, numbers, name),
         numbers=numbers,
-        stages=steps,
-        limits=limits,
     )
+    if not loads.reactions.valid.any():
+        return view
+    steps = loads.residuals
+    limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
+    return replace(view, residuals=residuals_chart(trial, loads, steps, limits, name), stages=steps, limits=limits)
 
 
 DPI = 300

@@ -91,7 +91,7 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
 
     def trace(name: str) -> Trace:
         value, nominal = (
-            np.where(loads.reactions.valid, moment_of(forces, name) / mass, np.nan)
+            np.where(loads.reactions.valid_for(name), moment_of(forces, name) / mass, np.nan)
             for forces in (loads.final, loads.nominal)
         )
         errors = None if loads.errors is None else moment_of(loads.errors, name) / mass
@@ -103,7 +103,7 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
         title="Joint moments",
         caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
         "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
-        "interrupted in frames that are not valid.",
+        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one.",
         panels=_panels(names, trace, layout, "N·m/kg", LEAST_MOMENT, moment=True),
         keys=_keys("trunk", bands=loads.errors is not None),
         subject=trial.name,

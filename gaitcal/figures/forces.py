@@ -30,7 +30,8 @@ from gaitcal.recording.intervals import runs
 
 AXES = (("Vertical", "up", 1), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
 INVALID = "#f7e3c4"
-INVALID_KEY = Key(label="moments not valid", colour=INVALID, kind="area")
+INVALID_KEY = Key(label="whole body not valid", colour=INVALID, kind="area")
+LEG_KEY = Key(label="moments of a leg not valid: right above, left below", colour=INVALID, kind="area")
 LEAST = 5.0
 """Smallest range of a vertical axis, % of body weight."""
 
@@ -45,17 +46,18 @@ def forces_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
         caption="Force of the ground on each foot, in percent of body weight. In calm walking each step has two "
         "vertical peaks of about 110 %.",
         panels=panels,
-        keys=(*SIDE_KEYS, INVALID_KEY),
+        keys=(*SIDE_KEYS, LEG_KEY),
         subject=trial.name,
     )
 
 
-def shade_invalid(axes: Axes, time: Array, valid: BoolArray) -> None:
-    """Tint the stretches in which torques are not known."""
+def shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
+    """Tint the stretches in which torques are not known, over a part of the height of the axes."""
     for run in runs(~valid):
         axes.axvspan(
             float(time[max(run.start - 1, 0)]),
             float(time[min(run.stop, len(time) - 1)]),
+            *part,
             color=INVALID,
             linewidth=0,
             zorder=0,
@@ -65,7 +67,8 @@ def shade_invalid(axes: Axes, time: Array, valid: BoolArray) -> None:
 def _panel(title: str, word: str, time: Array, force: Array, reactions: GroundReactions) -> Panel:
     def draw(axes: Axes) -> None:
         dress(axes, xlabel="time (s)", ylabel=f"% body weight ({word} +)", title=title)
-        shade_invalid(axes, time, reactions.valid)
+        for leg, part in ((reactions.valid_r, (0.5, 1.0)), (reactions.valid_l, (0.0, 0.5))):
+            shade_invalid(axes, time, leg, part)
         axes.axhline(0.0, color=FAINT, linewidth=0.5)
         for k, side in enumerate(("r", "l")):
             x, y = thinned(time, np.where(reactions.wrench[:, k, 1] == 0.0, np.nan, force[:, k]))

@@ -49,7 +49,16 @@ _TRIAL_FILES = (
 _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.CALIBRATION: (
         *_TRIAL_FILES,
-        *("parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "report.html", "view.html"),
+        *(
+            "parameters.csv",
+            "cycles.csv",
+            "model.toml",
+            "model.osim",
+            "model.urdf",
+            "model.xml",
+            "report.html",
+            "view.html",
+        ),
         *("splines.npz", "scene.npz", "uncertainty.npz", "figures/*.png", "figures/*.svg"),
     ),
     ResultKind.DYNAMICS: _TRIAL_FILES,

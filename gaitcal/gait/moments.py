@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.gait.strides import Layout
@@ -80,19 +81,19 @@ class MomentNumbers:
 def moment_numbers(
     model: SubjectModel, layout: Layout, final: Moments, nominal: Moments, errors: TorqueErrors | None = None
 ) -> tuple[MomentNumbers, ...]:
-    """Of all joint moments, right and left side by side; empty where no frame is valid.
+    """Of all joint moments with valid frames, right and left side by side; a leg's frames are valid by its own foot.
 
     `final` and `nominal`: with the calibrated and with the nominal model; `errors`: of `final`.
     """
-    valid = layout.valid
-    if not valid.any():
-        return ()
     subject = model.subject
     to_bwh = 100.0 * subject.mass / subject.bwh
     names = moment_names(model)
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
     numbers = []
     for name in sorted(names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")):
+        valid = layout.valid_for(leg_of(name))
+        if not valid.any():
+            continue
         moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
         error = moment_of(errors, name) / subject.mass if errors else None
         frames = np.flatnonzero(valid & layout.drawn(split_side(name)[1]))

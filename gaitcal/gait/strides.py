@@ -27,7 +27,9 @@ class Layout:
     time: Array
     """(nf,) s."""
     valid: BoolArray
-    """(nf,) torques may be used."""
+    """(nf,) torques of the whole body may be used."""
+    valid_legs: BoolArray
+    """(nf, 2) torques of the right and the left leg may be used."""
     down: Mapping[str, tuple[tuple[float, float], ...]]
     """Side -> stretches (s) in which that foot is on the ground."""
     cycles: Mapping[str, tuple[GaitCycle, ...]]
@@ -49,8 +51,18 @@ class Layout:
         return (0.0, 100.0) if self.by_cycle else (float(self.time[0]), float(self.time[-1]))
 
     def main(self, side: str) -> GaitCycle:
-        """The stride that is drawn in full: the one with the largest share of valid frames."""
-        return best_cycle(self.cycles[side or "r"], self.time, self.valid)
+        """The stride that is drawn in full: the one with the largest share of frames valid for that leg."""
+        return best_cycle(self.cycles[side or "r"], self.time, self.valid_for(side or "r"))
+
+    def valid_for(self, side: str) -> BoolArray:
+        """(nf,) torques of a leg (`r`, `l`), or of the whole body (nothing), may be used."""
+        return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
+
+    def complete(self, side: str) -> int:
+        """How many strides of a leg have no frame without valid torques."""
+        valid = self.valid_for(side)
+        inside = (valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ()))
+        return sum(bool(frames.size and frames.all()) for frames in inside)
 
     def drawn(self, side: str) -> BoolArray:
         """(nf,) frames of the main stride, or all."""
@@ -93,10 +105,16 @@ def layout(motion: Motion, reactions: GroundReactions | None, events: TrialEvent
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
+    legs = reactions.valid_legs if reactions else np.ones((len(time), 2), dtype=bool)
     of_feet = {side: events.of(side) for side in SIDES}
     cycles = {side: gait_cycles(found) for side, found in of_feet.items()}
     down = {side: stances(found, time) for side, found in of_feet.items()}
-    return Layout(time, valid, down, cycles if all(cycles.values()) else {})
+    return Layout(time, valid, legs, down, cycles if all(cycles.values()) else {})
+
+
+def strides_of(events: TrialEvents) -> dict[str, tuple[GaitCycle, ...]]:
+    """Side -> all complete cycles of that foot, whether the other foot has any or not."""
+    return {side: gait_cycles(events.of(side)) for side in SIDES}
 
 
 def cycle_sentence(drawn: Layout) -> str:
@@ -114,8 +132,8 @@ def cycle_sentence(drawn: Layout) -> str:
     )
     if max(counts) > 1:
         text += (
-            f" Of {counts[0]} right and {counts[1]} left cycles the one with most valid frames is drawn in full, others"
-            " thin."
+            f" Of {counts[0]} right and {counts[1]} left cycles the one with most valid frames of its leg is drawn in"
+            " full, others thin."
         )
     return text
 

@@ -97,7 +97,7 @@ def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | No
     )
     loads = view.trial.loads
     if loads is not None and loads.errors is not None:
-        error = moment_of(loads.errors, most.name)[loads.reactions.valid]
+        error = moment_of(loads.errors, most.name)[loads.reactions.valid_for(most.name)]
         typical = 100.0 * float(np.median(error[np.isfinite(error)])) / calibration.model.subject.bwh
         text += f" The standard error of this moment is {typical:.2f} % of body weight × height (median)."
     return Answer(

@@ -80,10 +80,10 @@ def error_sources(trial: TrialResult, mass: float) -> ErrorSources | None:
     """The error bars of a trial's leg torques; None where it is not known what makes them. `mass`: of the body, kg."""
     if trial.loads is None or trial.loads.errors is None:
         return None
-    errors, valid = trial.loads.errors, trial.loads.reactions.valid
+    errors, reactions = trial.loads.errors, trial.loads.reactions
 
     def bar(name: str) -> ErrorBar | None:
-        column = FORCES.index(name)
+        column, valid = FORCES.index(name), reactions.valid_for(name)
         shares = errors.shares(column, valid)
         if not shares:
             return None

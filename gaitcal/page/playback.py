@@ -90,7 +90,7 @@ def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
         "forces": _floats(trial.forces[kept]),
         "centres": _floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "valid": _base64(trial.valid[kept].astype("<u1")),
+        "validLegs": _base64(trial.valid_legs[kept].astype("<u1")),
         "plates": _floats(trial.plates),
     }
 

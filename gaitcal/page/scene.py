@@ -61,6 +61,8 @@ class TrialScene:
     """(nf, 2, 3) m; NaN where there is no force."""
     valid: BoolArray
     """(nf,) every foot on the ground is on a plate; all False without force plates."""
+    valid_legs: BoolArray
+    """(nf, 2) the same of the right and of the left foot alone; a foot in the air is valid."""
     plates: Single
     """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
 
@@ -154,11 +156,11 @@ def trial_scene(
     frames = len(motion.time[kept])
     if reactions is None:
         forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
-        valid = np.zeros(frames, dtype=np.bool_)
+        valid, legs = np.zeros(frames, dtype=np.bool_), np.zeros((frames, 2), dtype=np.bool_)
     else:
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
         forces, centres = _arrows(reactions.wrench[kept], level)
-        valid = reactions.valid[kept]
+        valid, legs = reactions.valid[kept], reactions.valid_legs[kept]
     return TrialScene(
         name=name,
         role=role,
@@ -172,6 +174,7 @@ def trial_scene(
         forces=forces,
         pressure_centres=centres,
         valid=valid,
+        valid_legs=legs,
         plates=plates,
     )
 

@@ -35,7 +35,8 @@ _DAMAGE = (
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
 
 _TRIAL_ARRAYS = (
-    "time", "origins", "turns", "tracked", "measured", "forces", "pressure_centres", "valid", "plates",
+    "time", "origins", "turns", "tracked", "measured", "forces", "pressure_centres", "valid", "valid_legs",
+    "plates",
 )  # fmt: skip
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
@@ -101,7 +102,8 @@ def _scene(arrays: Any) -> Scene:
             role=str(role),
             recorded=int(recorded),
             stride=int(stride),
-            **{field: arrays[f"trial{i}/{field}"] for field in _TRIAL_ARRAYS},
+            **{field: arrays[f"trial{i}/{field}"] for field in _TRIAL_ARRAYS if field != "valid_legs"},
+            valid_legs=_valid_legs(arrays, i),
         )
         for i, (name, role, recorded, stride) in enumerate(text["trials"])
     )
@@ -128,6 +130,13 @@ def _scene(arrays: Any) -> Scene:
     return scene
 
 
+def _valid_legs(arrays: Any, trial: int) -> NDArray[np.bool_]:
+    """(nf, 2); earlier files hold one column for both legs."""
+    name = f"trial{trial}/valid_legs"
+    legs: NDArray[np.bool_] = arrays[name] if name in arrays else np.stack([arrays[f"trial{trial}/valid"]] * 2, axis=1)
+    return legs
+
+
 def _check(scene: Scene) -> None:
     """ValueError where sizes do not fit together."""
     segments, markers = len(scene.segments), len(scene.labels)
@@ -149,6 +158,7 @@ def _check(scene: Scene) -> None:
             "forces": (n, 2, 3),
             "pressure_centres": (n, 2, 3),
             "valid": (n,),
+            "valid_legs": (n, 2),
             "plates": (len(t.plates), 4, 3),
         }
         fits = fits and n > 0 and all(getattr(t, name).shape == shape for name, shape in shapes.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -12,7 +12,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.torque_sources import TorqueErrors
@@ -20,6 +20,7 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.gait.events import TrialEvents
 from gaitcal.model.inertial_parameters import IP_NAMES
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -111,8 +112,13 @@ class TrialResult:
     """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
     calibration are told for its trials together."""
 
-    is_refused: bool = False
-    """The verdict refuses it: its numbers are there to be looked at, and count for nothing."""
+    refused_legs: tuple[str, ...] = ()
+    """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count for nothing."""
+
+    @property
+    def is_refused(self) -> bool:
+        """The verdict refuses the whole of it."""
+        return set(self.refused_legs) == set(SIDES)
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -147,26 +153,34 @@ class TrialResult:
         if self.loads is None:
             return ()
         found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
-        if not self.loads.reactions.valid.any():
+        if not self.loads.reactions.has_torques:
             found.append(
                 Finding(
                     severity=Severity.WARNING,
                     topic="plates",
                     where=self.name,
                     cause="no torque is valid",
-                    found="no frame has every foot on the ground on a force plate",
-                    cure="use a trial in which both feet step on plates, or leave the forces out",
+                    found="no frame has a foot on the ground wholly on force plates of its own",
+                    cure="use a trial in which feet step on plates, or leave the forces out",
                 )
             )
         return tuple(found)
 
-    def refused(self) -> TrialResult:
-        """The same with no torque valid and no error bar: what is wrong with it is told elsewhere."""
-        loads = self.loads
+    def refused(self, legs: Sequence[str] = SIDES) -> TrialResult:
+        """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk and arms.
+
+        What is wrong with them is told elsewhere.
+        """
+        if not legs:
+            return self
+        loads, errors = self.loads, self.coordinate_errors
+        whole = set(legs) == set(SIDES)
+        kept = np.array([leg_of(name) in {*SIDES} - {*legs} for name in COORDINATES])
         if loads is not None:
-            none = np.zeros_like(loads.reactions.valid)
-            loads = replace(loads, reactions=replace(loads.reactions, valid=none), errors=None)
-        return replace(self, loads=loads, coordinate_errors=None, is_refused=True)
+            of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
+            loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
+        errors = None if whole or errors is None else np.where(kept, errors, np.nan)
+        return replace(self, loads=loads, coordinate_errors=errors, refused_legs=tuple(legs))
 
 
 @dataclass(frozen=True)
@@ -251,9 +265,9 @@ class Calibration:
 
 
 def withdrawn(calibration: Calibration) -> Calibration:
-    """The same without valid torques and error bars of what its verdict refuses: some trials, or the whole."""
-    verdict, refused = calibration.verdict, set(calibration.verdict.refused)
-    trials = tuple(t.refused() if t.name in refused else t for t in calibration.trials)
+    """The same without valid torques and error bars of what its verdict refuses: legs, trials, or the whole."""
+    verdict = calibration.verdict
+    trials = tuple(t.refused(verdict.refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
     if verdict.judgement is Judgement.REFUSED:
         uncertainty = Uncertainty(None, None)

@@ -24,7 +24,8 @@ MOMENT_HEADER = (
     "frame: about the axis of each coordinate; pelvis translations along the laboratory axes x forward, y up, z right",
     "knee_adduction: internal reaction moment of the thigh on the shank about the x axis of the knee frame",
     "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight times height",
-    "valid: 1 where every foot on the ground is on a force plate; other frames are not to be used",
+    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use torques of that leg there",
+    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk and arms there",
 )
 """Comment lines above the header of every moments file."""
 
@@ -91,9 +92,10 @@ def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFram
 
 
 def moment_table(loads: LoadedTrial) -> pd.DataFrame:
-    """time, valid, then per generalised force its value, standard error and percent of body weight times height."""
-    final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
-    columns: dict[str, object] = {"time": final.time, "valid": loads.reactions.valid.astype(int)}
+    """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
+    final, unknown, reactions = loads.final, np.full(len(loads.final.time), np.nan), loads.reactions
+    columns: dict[str, object] = {"time": final.time, "valid": reactions.valid.astype(int)}
+    columns |= {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
     for name in (*FILE_COORDINATES, *REACTIONS):
         value = moment_of(final, name)
         columns[name] = value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.arrays import BoolArray
+from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.findings import Finding
 from gaitcal.model.parameters import Parameters
@@ -21,7 +22,7 @@ def trial_findings(
     nominal: Motion,
     weight: float,
     moments: Moments | None,
-    valid: BoolArray | None,
+    reactions: GroundReactions | None,
 ) -> tuple[Finding, ...]:
     """Findings on one trial whose whole body was tracked with the final `parameters`.
 
@@ -30,10 +31,11 @@ def trial_findings(
     problem, motion : the whole body.
     nominal : the motion with the nominal model, of the whole body or a part.
     weight : of the body, N.
-    moments, valid : final generalised forces, and (nf,) where they mean something; None without force plates.
+    moments, reactions : final generalised forces, and where they mean something; None without force plates.
     """
+    valid, legs = (None, None) if reactions is None else (reactions.valid, reactions.valid_legs)
     markers = marker_findings(tracked_markers(problem, parameters, motion))
-    return (*markers, *impossible(motion, weight, moments, valid), *large_changes(nominal, motion, valid))
+    return (*markers, *impossible(motion, weight, moments, valid, legs), *large_changes(nominal, motion, valid))
 
 
 def tracked_markers(problem: TrialProblem, parameters: Parameters, motion: Motion) -> TrackedMarkers:

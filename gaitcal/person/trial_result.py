@@ -100,7 +100,7 @@ def trial_result(
             stages[Stage.NOMINAL][1],
             subject.weight,
             None if loads is None else loads.final,
-            None if loads is None else loads.reactions.valid,
+            None if loads is None else loads.reactions,
         ),
     )
 

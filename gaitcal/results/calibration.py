@@ -30,6 +30,7 @@ from gaitcal.person.tables import (
     parameter_table,
 )
 from gaitcal.recording import write_trc
+from gaitcal.results.cycles import CYCLE_HEADER, cycle_table
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.summary import summary
@@ -75,6 +76,7 @@ def write_results(
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out)
+        _csv(cycle_table(calibration.model, calibration.trials), out / "cycles.csv", CYCLE_HEADER)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)

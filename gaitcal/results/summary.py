@@ -85,10 +85,13 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             for e in trial.events.events
         ]
     if trial.loads is not None:
-        out["valid_frames"] = int(trial.loads.reactions.valid.sum())
-        if trial.loads.reactions.valid.any():
-            out["torque_change_bwh"] = _torque_change(trial.loads)
+        reactions = trial.loads.reactions
+        out["valid_frames"] = int(reactions.valid.sum())
+        out["valid_frames_r"], out["valid_frames_l"] = int(reactions.valid_r.sum()), int(reactions.valid_l.sum())
+        if reactions.valid.any():
             out["pelvis_residual"] = _pelvis_residual(trial.loads)
+        if reactions.has_torques:
+            out["torque_change_bwh"] = _torque_change(trial.loads)
             if sources := _error_sources(trial.loads):
                 out["torque_error_sources"] = sources
     return out
@@ -113,9 +116,10 @@ def _torque_change(loads: LoadedTrial) -> dict[str, Json]:
     """RMS over valid frames of final minus nominal torque, percent of body weight times height."""
     out: dict[str, Json] = {}
     for name in (*COORDINATES, *REACTIONS):
-        if not name.startswith("pelvis"):
+        valid = loads.reactions.valid_for(name)
+        if not name.startswith("pelvis") and valid.any():
             change = 100.0 * (moment_of(loads.final, name) - moment_of(loads.nominal, name)) / loads.final.bwh
-            out[name] = float(np.sqrt((change[loads.reactions.valid] ** 2).mean()))
+            out[name] = float(np.sqrt((change[valid] ** 2).mean()))
     return out
 
 
@@ -123,7 +127,7 @@ def _error_sources(loads: LoadedTrial) -> dict[str, Json]:
     """Part of the variance of each torque that each source of error makes, over valid frames; they sum to 1."""
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
-        shares = loads.errors.shares(column, loads.reactions.valid) if loads.errors else {}
+        shares = loads.errors.shares(column, loads.reactions.valid_for(name)) if loads.errors else {}
         if shares and not name.startswith("pelvis"):
             out[name] = {source.key: round(share, SHARE_DIGITS) for source, share in shares.items()}
     return out

@@ -65,7 +65,7 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
     shared = [r for r in reasons if touches_model(str(r.get("topic"))) or not _names(r) or _names(r) - walks]
     if not shared:
         return ()
-    first = min(shared, key=lambda r: r.get("severity") != Severity.ERROR.value)
+    first = min(shared, key=lambda r: (r.get("severity") != Severity.ERROR.value, bool(r.get("leg"))))
     refused = first.get("severity") == Severity.ERROR.value
     word = Judgement.REFUSED.value if refused else Judgement.DOUBTFUL.value
     return (
@@ -76,6 +76,7 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
             cause=f"the calibration of this person is {word}",
             found=f"{first.get('cause')}: {first.get('evidence')}",
             cure=str(first.get("action") or "look at its report"),
+            leg=str(first.get("leg") or ""),
         ),
     )
 

@@ -72,7 +72,11 @@ class _Broken:
 
 
 def impossible(
-    motion: Motion, weight: float, moments: Moments | None = None, valid: BoolArray | None = None
+    motion: Motion,
+    weight: float,
+    moments: Moments | None = None,
+    valid: BoolArray | None = None,
+    legs: BoolArray | None = None,
 ) -> tuple[Finding, ...]:
     """What in a trial no body can do, one finding a leg, and one of the pelvis residual.
 
@@ -82,12 +86,14 @@ def impossible(
     weight : of the body, N.
     moments : final generalised forces, where there are force plates.
     valid : (nf,) frames in which they mean something.
+    legs : (nf, 2) frames in which those of the right and the left leg do; None: `valid`.
     """
     found = []
-    for side, word in SIDES.items():
+    for k, (side, word) in enumerate(SIDES.items()):
         broken = [*_angles(motion, side), *_markers(motion.errors, side)]
-        if moments is not None and valid is not None and valid.any():
-            broken += _torques(moments, valid, side)
+        of_leg = valid if legs is None else np.asarray(legs[:, k])
+        if moments is not None and of_leg is not None and of_leg.any():
+            broken += _torques(moments, of_leg, side)
         if broken:
             found.append(_finding(motion, f"the {word} leg moves or is loaded as no leg can be", side, broken))
     if moments is not None and valid is not None and valid.any():

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.dynamics.ground_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import duration, runs

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.dynamics.ground_contact import FootPoints
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.recording.force_plate import centre_on_ground
 from gaitcal.recording.intervals import duration, runs

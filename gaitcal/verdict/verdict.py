@@ -3,7 +3,8 @@
 Findings of one cause become one reason, and the worst is told first. An error refuses, a warning makes doubtful, a note
 does neither. What is wrong with the static trial, an isolated trial or the study itself concerns every walk, since all
 stand on its model. What is wrong with one walk concerns that one; where it is about markers, which took part in finding
-the joints, the others are in doubt. A walk with a leg that is refused is refused: its torques are told as a whole.
+the joints, the others are in doubt. What is wrong with one leg concerns that leg alone: where it is refused, so are its
+torques, and those of pelvis and trunk, which need both; the walk is doubtful then, and refused where both legs are.
 """
 
 from __future__ import annotations
@@ -88,15 +89,26 @@ class Verdict:
         """Names of the walks that are refused."""
         return tuple(name for name, trial in self.trials.items() if trial.judgement is Judgement.REFUSED)
 
+    def refused_legs(self, walk: str) -> tuple[str, ...]:
+        """The legs (`r`, `l`) of a walk that are refused; none of a trial that is not judged by itself."""
+        trial = self.trials.get(walk)
+        legs = {} if trial is None else trial.legs
+        return tuple(side for side in SIDES if legs.get(side) is Judgement.REFUSED)
+
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
         text = _SENTENCES[self.judgement]
-        if self.judgement is not Judgement.REFUSED and self.refused:
-            text += f" Refused: {', '.join(self.refused)}."
+        parts = [*self.refused]
+        for walk in self.trials:
+            if walk not in self.refused:
+                parts += [f"the {_LEG_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)]
+        if self.judgement is not Judgement.REFUSED and parts:
+            text += f" Refused: {', '.join(parts)}."
         return text + (" It was made with --force, past errors." if self.forced else "")
 
 
+_LEG_WORDS = {"r": "right", "l": "left"}
 _SENTENCES = {
     Judgement.TRUSTWORTHY: "Nothing speaks against this result beyond its error bars.",
     Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the reasons.",
@@ -123,7 +135,7 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
-        trials[walk] = TrialVerdict(judgement=Judgement.worst((whole, *legs.values())), legs=legs)
+        trials[walk] = TrialVerdict(judgement=Judgement.worst((whole, _of_both(legs))), legs=legs)
     return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
 
 
@@ -146,12 +158,20 @@ def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
     return out
 
 
+def _of_both(legs: Mapping[str, Judgement]) -> Judgement:
+    """Of two legs together: refused where both are, in doubt where one is."""
+    worst = Judgement.worst(legs.values())
+    if worst is Judgement.REFUSED and any(leg is not Judgement.REFUSED for leg in legs.values()):
+        return Judgement.DOUBTFUL
+    return worst
+
+
 def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, TrialVerdict]) -> Judgement:
     """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
-    everything = [*shared.values(), *(t.judgement for t in trials.values())]
-    if Judgement.REFUSED in shared.values() or (
-        trials and all(t.judgement is Judgement.REFUSED for t in trials.values())
-    ):
+    walks = [trial.judgement for trial in trials.values()]
+    everything = [*shared.values(), *walks]
+    nothing_left = all(j is Judgement.REFUSED for j in walks) if walks else Judgement.REFUSED in shared.values()
+    if shared[""] is Judgement.REFUSED or nothing_left:
         return Judgement.REFUSED
     return _GOOD if all(j is _GOOD for j in everything) else Judgement.DOUBTFUL
 

@@ -57,7 +57,9 @@ def reactions() -> GroundReactions:
     inside = np.zeros(len(wrench), dtype=bool)
     inside[10:-10] = True
     down = np.ones((len(wrench), 2), dtype=bool)
-    return GroundReactions(wrench=wrench, valid=inside, loaded=down, resting=down, notes=())
+    return GroundReactions(
+        wrench=wrench, valid=inside, valid_legs=np.stack([inside] * 2, axis=1), loaded=down, resting=down, notes=()
+    )
 
 
 def loaded(noise: float, seed: int = 0) -> LoadedProblem:

@@ -1,4 +1,4 @@
-"""Which frames are valid: every foot on the ground wholly on a plate, told by geometry and motion, not by force."""
+"""Which frames are valid for each leg: its foot wholly on plates of its own, or in the air; told without forces."""
 
 from __future__ import annotations
 
@@ -10,17 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.ground_contact import (
-    EDGE,
-    RESTING,
-    FootPoints,
-    GroundReactions,
-    distance_to_line,
-    ground_reactions_on_feet,
-    ground_velocity,
-)
-from gaitcal.dynamics.plate_outline import FOOT_LENGTH, OVERHANG_M, foot_tip, inside, outside, share_outside
+from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints, ground_velocity
+from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet, leg_of
+from gaitcal.dynamics.plate_outline import foot_tip, inside, outside, share_outside
+from gaitcal.dynamics.plate_steps import distance_to_line
 from gaitcal.recording import filter_plate, resample_wrench
+from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.recording.recording import ForcePlate
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -63,10 +58,10 @@ def test_a_foot_wholly_on_its_plate_is_valid_throughout() -> None:
 def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
     reactions = found(0.49, square(0.0))
     np.testing.assert_array_equal(reactions.valid, HEEL_ONLY)
-    told = [f.found for f in reactions.findings if "beside the plate" in f.found]
-    away = 1e3 * (0.29 + FOOT_LENGTH * HEIGHT - 0.5)
-    assert len(told) == 1
-    assert f"toes of the right foot rest up to {away:.0f} mm" in told[0]
+    np.testing.assert_array_equal(reactions.valid_r, HEEL_ONLY | ~STANCE)
+    assert reactions.valid_l.all(), "the left leg swings"
+    told = [f for f in reactions.findings if "of the sole of the right foot lie beside it" in f.found]
+    assert len(told) == 1 and told[0].leg == "r" and "0.30-0.80 s" in told[0].found
 
 
 def test_a_foot_across_two_plates_is_measured() -> None:
@@ -108,24 +103,138 @@ def test_frames_that_any_plate_did_not_record_are_not_valid() -> None:
     np.testing.assert_array_equal(found(0.35, square(0.0), replace(empty, force=force)).valid, expected)
 
 
-@pytest.mark.parametrize("end", ["heel", "toe"])
-def test_a_foot_that_stands_beside_all_plates_spoils_its_time(end: str) -> None:
-    """The left foot is down with one end alone, 0.45 to 0.55 s, and up to `EDGE` before and after nothing is known."""
-    feet = right_foot(0.35)
-    down = (TIME > 0.445) & (TIME < 0.555)
+def left_on_the_floor(feet: FootPoints, first: float, last: float, end: str = "heel") -> FootPoints:
+    """The left foot is down from `first` to `last` with one end alone."""
     speed = getattr(feet, f"{end}_speed").copy()
-    speed[down, 1] = 0.0
-    reactions = ground_reactions_on_feet([square(0.0)], TIME, replace(feet, **{f"{end}_speed": speed}), cutoff=None)
-    away = np.maximum(0.45 - TIME, TIME - 0.55)
-    clear = np.abs(away - EDGE) > 1e-6  # frames at the very edge go either way by rounding
-    np.testing.assert_array_equal(reactions.valid[clear], (STANCE & (away > EDGE))[clear])
+    speed[(first - 1e-6 < TIME) & (last + 1e-6 > TIME), 1] = 0.0
+    return replace(feet, **{f"{end}_speed": speed})
+
+
+def on_the_floor(around: tuple[float, float], first: float = 0.45, last: float = 0.55) -> NDArray[np.bool_]:
+    return (first - around[0] + 1e-6 < TIME) & (last + around[1] - 1e-6 > TIME)
+
+
+@pytest.mark.parametrize("end", ["heel", "toe"])
+@pytest.mark.parametrize("corners", [True, False])
+def test_a_foot_beside_all_plates_spoils_its_own_leg(end: str, corners: bool) -> None:
+    """For a little before and after nothing is known; the other foot, whose load stays under it, is not concerned."""
+    feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55, end)
+    plate = square(0.0) if corners else replace(square(0.0), corners=None)
+    reactions = ground_reactions_on_feet([plate], TIME, feet, cutoff=None)
+    np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor((LANDING, LEAVING)))
+    assert reactions.valid_r.all()
+    np.testing.assert_array_equal(reactions.valid, STANCE & reactions.valid_l)
+
+
+def strike_and_off(side: str, strike: float, off: float) -> tuple[FootEvent, FootEvent]:
+    return FootEvent(FootMoment.STRIKE, side, strike), FootEvent(FootMoment.OFF, side, off)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2])
+def test_events_that_agree_with_the_plates_tell_when_a_foot_is_on_the_floor(late: float) -> None:
+    """Between the frames next to them; events of another clock tell nothing."""
+    feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55)
+    events = (*strike_and_off("r", 0.19 + late / 3, 0.81), *strike_and_off("l", 0.435, 0.605))
+    reactions = ground_reactions_on_feet([square(0.0)], TIME, feet, cutoff=None, events=events)
+    around = (0.015, 0.055) if late == 0.0 else (LANDING, LEAVING)
+    np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor(around))
+
+
+def left_foot_here(feet: FootPoints, heel: float, moving: bool = False) -> FootPoints:
+    """The left foot beside the right one, 0.2 m to the left, from 0.5 s on; before it swings far above."""
+    points = {name: getattr(feet, name).copy() for name in ("heel", "toe", "tip")}
+    for name, x in (("heel", heel), ("toe", heel + 0.2), ("tip", heel + 0.27)):
+        points[name][:, 1] = x, 0.0, -0.2
+    speed = feet.heel_speed.copy()
+    speed[(TIME > 0.495) & (TIME < 0.905), 1] = 2.0 if moving else 0.0
+    return replace(feet, heel_speed=speed, **points)
+
+
+def test_two_feet_on_one_plate_are_both_not_valid() -> None:
+    reactions = ground_reactions_on_feet([square(0.0)], TIME, left_foot_here(right_foot(0.35), 0.1), cutoff=None)
+    together = (TIME > 0.495) & STANCE
+    assert not reactions.valid_legs[together].any() and reactions.valid_legs[STANCE & (TIME < 0.41)].all()
+    assert any("both feet" in f.found and not f.leg for f in reactions.findings)
+
+
+def test_a_foot_that_swings_over_the_plate_of_the_other_shares_nothing() -> None:
+    feet = left_foot_here(right_foot(0.35), 0.1, moving=True)
+    assert ground_reactions_on_feet([square(0.0)], TIME, feet, cutoff=None).valid_legs.all()
+
+
+def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_on_the_plate() -> None:
+    plate, feet = replace(square(0.0), corners=None), left_foot_here(right_foot(0.35), 0.1)
+    assert ground_reactions_on_feet([plate], TIME, feet, cutoff=None).valid_r.all()
+    between = np.where((TIME > 0.5)[:, None], [0.25, 0.0, -0.08], plate.point)
+    shared = ground_reactions_on_feet([replace(plate, point=between)], TIME, feet, cutoff=None)
+    assert not shared.valid_legs[(TIME > 0.505) & STANCE].any() and shared.valid_r[TIME < 0.4].all()
+
+
+def test_one_plate_carries_one_foot_after_the_other() -> None:
+    """A loading without a pause: the right foot, then both, then the left alone; each gets its own part."""
+    feet = left_foot_here(right_foot(0.35), 0.1)
+    speed = {name: getattr(feet, name).copy() for name in ("heel_speed", "toe_speed")}
+    for value in speed.values():
+        value[TIME > 0.6, 0] = 2.0
+    plate = square(0.0)
+    point = np.where((TIME > 0.6)[:, None], [0.2, 0.0, -0.2], plate.point)
+    reactions = ground_reactions_on_feet([replace(plate, point=point)], TIME, replace(feet, **speed), cutoff=None)
+    assert reactions.loaded[TIME < 0.55][:, 1].sum() == 0 and reactions.loaded[(TIME > 0.7) & STANCE, 1].all()
+    alone = (TIME > 0.78) & STANCE
+    assert reactions.valid_legs[alone].all() and not reactions.wrench[alone, 0].any()
+    assert not reactions.valid_legs[(TIME > 0.495) & (TIME < 0.6)].any()
+
+
+@pytest.mark.parametrize(("pressed", "valid"), [(0.1, True), (0.02, False)])
+def test_a_small_overhang_counts_where_the_pressure_comes_near(pressed: float, valid: bool) -> None:
+    """The heel lies 40 mm beside the plate, of which the sole begins 15 mm further on: 6 % of it."""
+    heel = -0.04
+    reactions = found(heel + 0.2, square(0.0, pressed=pressed))
+    assert bool(reactions.valid_r[STANCE].all()) is valid
+
+
+@pytest.mark.parametrize(("aside", "valid"), [(0.0, True), (0.23, True), (0.25, False)])
+def test_a_sole_has_width(aside: float, valid: bool) -> None:
+    """The plate ends 0.25 m to the right: a foot along its side hangs over with a half of its width."""
+    feet = right_foot(0.35)
+    points = {name: getattr(feet, name).copy() for name in ("heel", "toe", "tip")}
+    for path in points.values():
+        path[:, 0, 2] = aside
+    plate = square(0.0)
+    plate = replace(plate, point=plate.point + [0.0, 0.0, min(aside, 0.2)])
+    reactions = ground_reactions_on_feet([plate], TIME, replace(feet, width=0.09, **points), cutoff=None)
+    assert bool(reactions.valid_r[STANCE].all()) is valid
+
+
+def test_a_small_gap_between_plates_is_no_floor() -> None:
+    """One of them is hardly loaded: it is a part of the surface all the same."""
+    near, far = square(0.0), square(0.504, "2", load=0.0)
+    assert found(0.49, near, far).valid_r.all()
+    assert not found(0.49, near, square(0.58, "2", load=0.0)).valid_r.all()
+
+
+@pytest.mark.parametrize(
+    ("name", "side"),
+    [("hip_flexion_r", "r"), ("knee_adduction_l", "l"), ("subtalar_angle_l", "l")]
+    + [(name, "") for name in ("pelvis_tilt", "lumbar_bending", "arm_flex_r", "elbow_flex_l")],
+)
+def test_what_belongs_to_a_leg_is_valid_by_its_foot(name: str, side: str) -> None:
+    reactions = ground_reactions_on_feet(
+        [square(0.0)], TIME, left_on_the_floor(right_foot(0.35), 0.4, 0.5), cutoff=None
+    )
+    expected = {"r": reactions.valid_r, "l": reactions.valid_l, "": reactions.valid}[side]
+    assert leg_of(name) == side
+    np.testing.assert_array_equal(reactions.valid_for(name), expected)
+    without = reactions.without(("l",))
+    assert not without.valid_l.any() and not without.valid.any()
+    np.testing.assert_array_equal(without.valid_r, reactions.valid_r)
 
 
 def test_resting_and_loading_may_differ_a_little() -> None:
     """The foot rests a little before its plate is loaded; no force is missing for that."""
     feet = right_foot(0.35)
     speed = feet.heel_speed.copy()
-    speed[(TIME > 0.2 - 0.9 * EDGE) & (TIME < 0.3), 0] = 0.0
+    speed[(TIME > 0.2 - 0.07) & (TIME < 0.3), 0] = 0.0
     reactions = ground_reactions_on_feet([square(0.0)], TIME, replace(feet, heel_speed=speed), cutoff=None)
     np.testing.assert_array_equal(reactions.valid, STANCE)
 
@@ -196,7 +305,6 @@ def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turn
 def test_outside_is_judged_over_all_plates() -> None:
     point = np.array([[0.7, 0.0, 0.0], [1.1, 0.0, 0.0]])
     np.testing.assert_allclose(outside([square(0.0), square(0.5, "2")], point), [-0.2, 0.1], atol=1e-12)
-    assert OVERHANG_M < 0.1
 
 
 @pytest.mark.parametrize("belt", [0.0, 0.2, 1.3])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gaitcal as gc
-from gaitcal.dynamics.ground_contact import RESTING
+from gaitcal.dynamics.foot_contact import RESTING
 from gaitcal.dynamics.ground_reactions import foot_points, unseen_frames
 from gaitcal.recording import Recording
 from gaitcal.synthetic.motion import gait_motion

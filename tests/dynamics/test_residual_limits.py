@@ -25,7 +25,7 @@ def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     feet = np.ones((3, 2), dtype=bool)
     corners = np.array([[0.0, floor, 0.0], [1.0, floor, 0.0], [1.0, floor, 1.0], [0.0, floor, 1.0]])
     plate = ForcePlate(name="1", time=np.zeros(1), force=NOTHING, point=NOTHING, moment=NOTHING, corners=corners)
-    reactions = GroundReactions(wrench=wrench, valid=VALID, loaded=feet, resting=feet, notes=())
+    reactions = GroundReactions(wrench=wrench, valid=VALID, valid_legs=feet, loaded=feet, resting=feet, notes=())
     return residual_limits(published_subject(), q, reactions, [plate])
 
 

@@ -28,7 +28,8 @@ KNEE = COORDINATE_INDEX["knee_angle_r"]
 
 def layout(by_cycle: bool = True) -> Layout:
     """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after 2.1 s."""
-    return Layout(TIME, (TIME > 0.9) & (TIME < 2.1), DOWN, CYCLES if by_cycle else {})
+    valid = (TIME > 0.9) & (TIME < 2.1)
+    return Layout(TIME, valid, np.stack([valid] * 2, axis=1), DOWN, CYCLES if by_cycle else {})
 
 
 def test_stance_ends_at_the_first_toe_off_inside_the_cycle() -> None:

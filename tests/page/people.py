@@ -92,7 +92,14 @@ def walking_trial(model, true: TrueMotion, name, wrench):
         valid = np.ones(len(time), dtype=bool)
         valid[150:] = False
         loaded = wrench[:, :, 1] > 20.0
-        reactions = GroundReactions(wrench=wrench, valid=valid, loaded=loaded, resting=loaded, notes=())
+        reactions = GroundReactions(
+            wrench=wrench,
+            valid=valid,
+            valid_legs=np.stack([valid] * 2, axis=1),
+            loaded=loaded,
+            resting=loaded,
+            notes=(),
+        )
     recording = Recording(source="walk.c3d", time=time, labels=model.markers.labels, markers=measured, plates=plates)
     errors = MarkerErrors(
         model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)

@@ -57,7 +57,7 @@ Gaitcal.Trial = class {
     this.measured = new Gaitcal.Lengths(p.measured);
     this.forces = Gaitcal.floats(p.forces);
     this.centres = Gaitcal.floats(p.centres);
-    this.valid = new Uint8Array(Gaitcal.bytes(p.valid));
+    this.validLegs = new Uint8Array(Gaitcal.bytes(p.validLegs)); // right, left of every frame
     this.plates = Gaitcal.floats(p.plates);
     this.packed = null;
     return this;

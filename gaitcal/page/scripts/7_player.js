@@ -101,24 +101,24 @@ Gaitcal.Player = class {
     get("missing").textContent = [...hidden, ...plain].join(" ");
     get("scale").textContent =
       "Floor lines every 0.5 m." +
-      (this.trial.hasForces ? " Arrows: 1 m is 1000 N. Green on the timeline: every foot on the ground is on a plate." : "");
+      (this.trial.hasForces ? " Arrows: 1 m is 1000 N. Green on the timeline: torques are valid of the right leg (above), of the left leg (below)." : "");
     this.strip();
     this.refresh();
     this.camera.look(this.person, 0.75, 0.3, 0.85);
   }
 
-  // When all ground reactions are known, above the time slider.
+  // When the ground reaction on a foot is known, above the time slider: right over left.
   strip() {
     const canvas = this.get("strip");
     canvas.hidden = !this.trial.hasForces;
     canvas.width = Math.max(1, canvas.clientWidth);
     const pen = canvas.getContext("2d");
-    const { time, valid, duration } = this.trial;
+    const { time, validLegs, duration } = this.trial;
     pen.fillStyle = Gaitcal.css(Gaitcal.COLOURS.force);
     for (let i = 0; i + 1 < time.length; i++) {
-      if (!valid[i]) continue;
       const [a, b] = [time[i], time[i + 1]].map((t) => (t / duration) * canvas.width);
-      pen.fillRect(a, 0, Math.max(1, b - a + 0.5), canvas.height);
+      for (const leg of [0, 1])
+        if (validLegs[2 * i + leg]) pen.fillRect(a, (leg * canvas.height) / 2, Math.max(1, b - a + 0.5), canvas.height / 2);
     }
   }
 
