@@ -104,15 +104,16 @@ def layout(model: SubjectModel, motion: Motion, reactions: GroundReactions | Non
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
-    events = _events(model, motion, reactions)
+    loaded = reactions.loaded if reactions else np.zeros((len(time), 2), dtype=bool)
+    events = trial_events(model, motion, loaded)
     cycles = {side: gait_cycles(found) for side, found in events.items()}
     down = {side: stances(found, time) for side, found in events.items()}
     return Layout(time, valid, down, cycles if all(cycles.values()) else {})
 
 
-def _events(model: SubjectModel, motion: Motion, reactions: GroundReactions | None) -> dict[str, FootEvents]:
+def trial_events(model: SubjectModel, motion: Motion, loaded: BoolArray) -> dict[str, FootEvents]:
+    """Side -> strikes and toe-offs; `loaded` (nf, 2): a plate carries the right, the left foot."""
     time = motion.time
-    loaded = reactions.loaded if reactions else np.zeros((len(time), 2), dtype=bool)
     heel: list[Array | None] = [None, None]
     toe: list[Array | None] = [None, None]
     if {f"{end}_{side}" for end in ("heel", "toe") for side in SIDES} <= set(model.landmarks):
