@@ -164,8 +164,8 @@ class ParameterSection:
         for i, record in enumerate(records):
             if record.group == number and not record.is_group and record.name.upper() == name.upper():
                 records[i] = replace(record, content=start + _description(record.content))
-                return ParameterSection(tuple(records))
-        return ParameterSection((*records, Record(number, name, start + b"\0")))
+                return self._of(records)
+        return self._of((*records, Record(number, name, start + b"\0")))
 
 
 def parse_section(section: bytes) -> ParameterSection:
