@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.text import Text
@@ -44,18 +44,23 @@ def export_model(result: Path, formats: str, out: Path | None, inputs: Path | No
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
     recordings: tuple[WrittenRecording, ...] = ()
+    of_recordings: Mapping[str, str | None] = {}
     with amended(folder) as stage, talk.working() as step:
         for name in (name for name in chosen if name in WRITERS):
             write, file = WRITERS[name]
             write(model, stage / file)
         if C3D in chosen:
             step("recordings as C3D files")
-            recordings, of_recordings = write_recordings(result, inputs, stage)
-            of_recordings.require_unchanged()
+            recordings, whole = write_recordings(result, inputs, stage)
+            whole.require_unchanged()
+            of_recordings = whole.sha256
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
-        written |= {r.file: {"format": C3D, "source": r.source, "notes": list(r.notes)} for r in recordings}
-        write_export_manifest(stage, folder, read, model.subject.name, written)
+        written |= {
+            r.file: {"format": C3D, "source": r.source, "source_sha256": r.source_sha256, "notes": list(r.notes)}
+            for r in recordings
+        }
+        write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
     _tell(talk, read, doubts)
     for name in (name for name in chosen if name in WRITERS):
         talk.line(f"wrote {folder / WRITERS[name][1]}")

@@ -9,13 +9,13 @@ from typing import cast
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import HASHES, SELF, Snapshot, listed, self_hash, sha256_of
+from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
 from gaitcal.results.calibration import json_text
 from gaitcal.results.json_types import Json
 
 
 def write_export_manifest(
-    stage: Path, folder: Path, read: Snapshot, subject: str, written: Mapping[str, Mapping[str, Json]]
+    stage: Path, folder: Path, read: Mapping[str, str | None], subject: str, written: Mapping[str, Mapping[str, Json]]
 ) -> None:
     """Put a manifest into `stage` that lists its files and those of earlier exports that still lie in `folder`.
 
@@ -23,7 +23,7 @@ def write_export_manifest(
     ----------
     stage : holds the files that will join `folder`.
     folder : may hold an earlier export, and a manifest of it; a manifest of another kind of result is left alone.
-    read : the files of the result that these were made of.
+    read : file of the result that these were made of -> SHA-256.
     subject : the person's name.
     written : file -> what is to be said of it: format, source, notes.
 
@@ -43,7 +43,7 @@ def write_export_manifest(
         **cast(dict[str, Json], earlier.get("written", {})),
         **{name: dict(words) for name, words in written.items()},
     }
-    result: dict[str, Json] = {"subject": subject, "sha256": dict(read.sha256)}
+    result: dict[str, Json] = {"subject": subject, "sha256": dict(read)}
     for name in written:
         about[name] = {**cast(dict[str, Json], about[name]), "result": result}
     manifest: dict[str, Json] = {

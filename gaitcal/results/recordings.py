@@ -18,7 +18,7 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import Snapshot, read_whole
+from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
 from gaitcal.gait.cycles import SAME_EVENT
 from gaitcal.gait.strides import trial_events
 from gaitcal.model.linkage import SIDES
@@ -36,6 +36,8 @@ from gaitcal.verdict.verdict import Judgement
 
 PREFIX = "gc"
 """Before our names where the file has points of such names already."""
+SINGLE = 2.0**-23
+"""Relative rounding of a 32-bit float."""
 SAME_TIME = 1e-6
 """s."""
 SAME_PLACE = 1e-6
@@ -50,6 +52,7 @@ class WrittenRecording:
     file: str
     source: str
     """The input that it is a copy of, as the manifest names it."""
+    source_sha256: str
     notes: tuple[str, ...]
 
 
@@ -74,10 +77,14 @@ def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tupl
     )
     written = []
     for trial in saved:
+        if "file" not in files.get(trial.name, {}):
+            raise InputError(f"trial '{trial.name}' was not made from a file", source=folder)
         paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
         notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d")
         source = files[trial.name]["file"]
-        written.append(WrittenRecording(trial=trial.name, file=f"{trial.name}.c3d", source=source, notes=notes))
+        digest = sha256_of(paths["file"]) or ""
+        file = f"{trial.name}.c3d"
+        written.append(WrittenRecording(trial=trial.name, file=file, source=source, source_sha256=digest, notes=notes))
     return tuple(written), snapshot
 
 
@@ -117,14 +124,43 @@ def _write(trial: SavedTrial, paths: Mapping[str, Path], target: Path, between: 
 
 def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
     """Write markers and plates of a recording that was no C3D; the plates are left out where a C3D cannot hold them."""
+    filled, notes = _whole_frames(recording)
     try:
-        write_c3d(target, recording)
+        write_c3d(target, filled)
     except InputError as fault:
         if not recording.plates:
             raise
         write_c3d(target, replace(recording, plates=()))
-        return (f"without its force plates, which a C3D cannot hold as they are ({fault})",)
-    return ()
+        why = str(fault).removeprefix(f"{target}: ")
+        return (f"without its force plates, which a C3D cannot hold as they are ({why})",)
+    return notes
+
+
+def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+    """Plates that end with the last frame go on for the rest of it: a C3D has as many samples in every frame."""
+    frames = len(recording.time)
+    plates, longest = [], 0
+    for plate in recording.plates:
+        ratio = (len(plate.time) - 1) // max(1, frames - 1)
+        more = ratio - 1 if ratio > 1 and len(plate.time) == ratio * (frames - 1) + 1 else 0
+        step = float(np.median(np.diff(plate.time))) if more else 0.0
+        plates.append(
+            replace(
+                plate,
+                time=np.concatenate([plate.time, plate.time[-1] + step * np.arange(1, more + 1)]),
+                force=_prolonged(plate.force, more),
+                point=_prolonged(plate.point, more),
+                moment=_prolonged(plate.moment, more),
+            )
+        )
+        longest = max(longest, more)
+    note = f"the last sample of the plates repeated {longest} times, to fill the last frame"
+    return replace(recording, plates=tuple(plates)), (note,) if longest else ()
+
+
+def _prolonged(values: Array, more: int) -> Array:
+    """(ns + more, 3): the last row repeated."""
+    return np.concatenate([values, np.repeat(values[-1:], more, axis=0)])
 
 
 def _rows(file: Array, trial: Array, source: Path) -> IntArray:
@@ -211,16 +247,15 @@ def _new_events(trial: SavedTrial, recording: Recording) -> tuple[list[FootEvent
 
     new = sorted((event for event in ours if not known(event)), key=lambda e: e.time)
     kept = f"{len(recording.events)} events of the file kept, " if recording.events else ""
-    return new, (f"{kept}{len(new)} added",)
+    return new, (f"{kept}{len(new)} events added",)
 
 
 def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) -> None:
     """InputError unless markers, plates and the file's own events read back as they were."""
     same = old.labels == new.labels and len(old.plates) == len(new.plates)
-    if same and exact:
-        same = np.array_equal(old.markers, new.markers, equal_nan=True)
-    elif same:
-        same = np.array_equal(old.markers.astype(np.float32), new.markers.astype(np.float32), equal_nan=True)
+    if same:
+        rounding = 0.0 if exact else SINGLE
+        same = np.allclose(old.markers, new.markers, rtol=rounding, atol=0.0, equal_nan=True)
     same = same and all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True))
     if not (same and set(old.events) <= set(new.events)):
         raise InputError("reads back with other markers, plates or events; please report it", source=target)
@@ -238,7 +273,7 @@ def _said(trial: SavedTrial, points: list[AddedPoint]) -> tuple[str, ...]:
         )
         if any(p.kind is kind for p in points)
     ]
-    said = (f"{', '.join(counts)} added",)
+    said = (f"{', '.join(counts)}",)
     if Judgement.REFUSED.value in trial.facts.values() and trial.torques is None:
         return (*said, "the trial is refused: no moments and no powers")
     if trial.torques is None:
