@@ -234,13 +234,18 @@ def reproduce(
 def export(
     talk: "Talk",
     result: Result,
-    formats: Annotated[str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf.")] = "osim,urdf,mjcf",
+    formats: Annotated[
+        str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings.")
+    ] = "osim,urdf,mjcf",
     out: Annotated[Path | None, typer.Option(help="Folder for the files; DIR/export unless given.")] = None,
+    inputs: Annotated[
+        Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
+    ] = None,
 ) -> None:
-    """The fitted model for OpenSim, ROS and Pinocchio, or MuJoCo."""
+    """The fitted model for OpenSim, ROS, MuJoCo; the recordings as C3D with angles, moments, powers, events."""
     from gaitcal.commands.other_programs import export_model
 
-    export_model(result, formats, out, talk)
+    export_model(result, formats, out, inputs, talk)
 
 
 @command

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.text import Text
@@ -15,8 +15,12 @@ from gaitcal.files.amend import amended
 from gaitcal.files.snapshot import Snapshot
 from gaitcal.findings import Finding, note_of
 from gaitcal.recording import convert
+from gaitcal.results.exports import write_export_manifest
+from gaitcal.results.json_types import Json
+from gaitcal.results.recordings import WrittenRecording, write_recordings
 from gaitcal.results.saved import load_result_model
 
+C3D = "c3d"
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
@@ -26,24 +30,42 @@ def convert_recording(source: Path, target: Path, talk: Talk) -> None:
         talk.line(f"wrote {path}")
 
 
-def export_model(result: Path, formats: str, out: Path | None, talk: Talk) -> None:
-    """Write the fitted model of a result folder in other programs' formats."""
+def export_model(result: Path, formats: str, out: Path | None, inputs: Path | None, talk: Talk) -> None:
+    """Write the fitted model of a result folder in other programs' formats, and its recordings as C3D files."""
+    allowed = (*WRITERS, C3D)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
     if not chosen:
-        raise UsageError(f"found nothing; at least one of {', '.join(WRITERS)} is needed", field="--format")
+        raise UsageError(f"found nothing; at least one of {', '.join(allowed)} is needed", field="--format")
     for name in chosen:
-        if name not in WRITERS:
-            raise UsageError(f"found '{name}'; allowed: {', '.join(WRITERS)}{nearest(name, WRITERS)}", field="--format")
+        if name not in allowed:
+            raise UsageError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field="--format")
+    if inputs is not None and not inputs.is_dir():
+        raise UsageError(f"found '{inputs}'; allowed: a folder that holds the recordings", field="--inputs")
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
-    with amended(folder) as stage:
-        for name in chosen:
+    recordings: tuple[WrittenRecording, ...] = ()
+    of_recordings: Mapping[str, str | None] = {}
+    with amended(folder) as stage, talk.working() as step:
+        for name in (name for name in chosen if name in WRITERS):
             write, file = WRITERS[name]
             write(model, stage / file)
+        if C3D in chosen:
+            step("recordings as C3D files")
+            recordings, whole = write_recordings(result, inputs, stage)
+            whole.require_unchanged()
+            of_recordings = whole.sha256
         read.require_unchanged()
+        written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
+        written |= {
+            r.file: {"format": C3D, "source": r.source, "source_sha256": r.source_sha256, "notes": list(r.notes)}
+            for r in recordings
+        }
+        write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
     _tell(talk, read, doubts)
-    for name in chosen:
+    for name in (name for name in chosen if name in WRITERS):
         talk.line(f"wrote {folder / WRITERS[name][1]}")
+    for recording in recordings:
+        talk.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
 
 
 def compare_models(result: Path, osim: Path, talk: Talk) -> None:

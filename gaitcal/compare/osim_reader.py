@@ -9,15 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.compare.peer_model import (
-    Function,
-    PeerAxis,
-    PeerCoordinate,
-    PeerJoint,
-    PeerModel,
-    read_function,
-    read_numbers,
-)
+from gaitcal.compare.peer_model import PeerAxis, PeerCoordinate, PeerJoint, PeerModel, read_function, read_numbers
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import from_body_fixed_xyz
 from gaitcal.export.xml_text import original_name
@@ -29,6 +21,8 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
     "SliderJoint": ((False, _X),),
     "UniversalJoint": ((True, _X), (True, _Y)),
     "GimbalJoint": ((True, _X), (True, _Y), (True, _Z)),
+    "BallJoint": ((True, _X), (True, _Y), (True, _Z)),
+    "PlanarJoint": ((True, _Z), (False, _X), (False, _Y)),
     "FreeJoint": ((True, _X), (True, _Y), (True, _Z), (False, _X), (False, _Y), (False, _Z)),
 }
 """Kinds of joints whose axes are fixed, in the order of their coordinates."""
@@ -73,7 +67,7 @@ def read_osim(path: Path | str) -> PeerModel:
 def _markers(model: ET.Element, path: Path) -> dict[str, tuple[str, Array]]:
     markers: dict[str, tuple[str, Array]] = {}
     for marker in model.findall("MarkerSet/objects/Marker"):
-        frame = marker.findtext("socket_parent_frame") or marker.findtext("body") or ""
+        frame = _named(marker, "socket_parent_frame") or marker.findtext("body") or ""
         body = frame.strip().rpartition("/")[2]
         markers[original_name(marker.get("name", ""))] = (body, read_numbers(marker, "location", path, count=3))
     return markers
@@ -84,10 +78,10 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
     def end(socket: str) -> tuple[str, pin.SE3]:
-        body = (element.findtext(socket) or "").strip()
+        body = _named(element, socket).rpartition("/")[2]
         if body not in frames:
-            return body.rpartition("/")[2], pin.SE3.Identity()
-        owner = (frames[body].findtext("socket_parent") or "").strip()
+            return body, pin.SE3.Identity()
+        owner = _named(frames[body], "socket_parent")
         return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
 
     if child is None:
@@ -109,6 +103,13 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
     )
 
 
+def _named(element: ET.Element, socket: str) -> str:
+    """What a socket is connected to; its element is spelt otherwise in the betas of OpenSim 4."""
+    beta = f"{socket}_connectee_name"
+    texts = ((element.findtext(tag) or "").strip() for tag in (socket, beta, beta.replace("socket_", "connector_", 1)))
+    return next(filter(None, texts), "")
+
+
 def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
     angles = read_numbers(element, orientation, path, count=3)
     return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
@@ -124,13 +125,13 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
     axes = []
     for entry in element.findall("SpatialTransform/TransformAxis"):
         words = (entry.findtext("coordinates") or "").split()
-        vector = read_numbers(entry, "axis", path, count=3)
+        function = read_function(entry, path)
+        if function is None or len(words) > 1:
+            return None
+        vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
-        if length == 0.0 or len(words) > 1:
-            raise InputError(
-                "expected an axis that is not zero and at most one coordinate", source=path, field=element.get("name")
-            )
-        function: Function = read_function(entry, path)
+        if length == 0.0:
+            raise InputError("found an axis of length zero", source=path, field=element.get("name"))
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

@@ -140,26 +140,33 @@ def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: i
     return values
 
 
-def read_function(holder: ET.Element, source: Path) -> Function:
-    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either generation of files."""
+def read_function(holder: ET.Element, source: Path) -> Function | None:
+    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either generation of files.
+
+    Where there is none, zero: the default of OpenSim's own `TransformAxis` (Constant(0), TransformAxis.cpp). None for a
+    function of a kind that is not understood.
+    """
     wrapped = holder.find("function")
     inside = holder if wrapped is None else wrapped
     element = next((e for e in inside if e.tag in _TAGS), None)
     if element is None:
-        tags = ", ".join(e.tag for e in inside) or "nothing"
-        raise InputError(f"found {tags}, expected one of {', '.join(_TAGS)}", source=source, field="function")
+        other = [e for e in inside if e.get("name") == "function" or inside is wrapped]
+        return None if other else lambda _: 0.0
     return _function(element, source)
 
 
-def _function(element: ET.Element, source: Path) -> Function:
+def _function(element: ET.Element, source: Path) -> Function | None:
     if element.tag == "Constant":
         value = float(read_numbers(element, "value", source, count=1)[0])
         return lambda _: value
     if element.tag == "MultiplierFunction":
-        scale, inner = float(read_numbers(element, "scale", source, count=1)[0]), read_function(element, source)
-        return lambda x: scale * inner(x)
+        inner = read_function(element, source)
+        scale = float(read_numbers(element, "scale", source, count=1)[0]) if element.find("scale") is not None else 1.0
+        return None if inner is None else lambda x: scale * inner(x)
     if element.tag in ("LinearFunction", "PolynomialFunction"):
         coefficients = read_numbers(element, "coefficients", source)
+        if not len(coefficients):
+            raise InputError("found no coefficients", source=source, field=element.tag)
         return lambda x: float(np.polyval(coefficients, x))
     x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
     if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():

@@ -106,7 +106,12 @@ def _move(source: Path, target: Path) -> None:
 
 
 def _list_anew(folder: Path, stage: Path) -> None:
-    """Put a manifest with the new hashes among the files, where the folder has one that lists any of them."""
+    """Put a manifest with the new hashes among the files, where the folder has one that lists any of them.
+
+    Files that bring a manifest of their own have listed themselves.
+    """
+    if (stage / MANIFEST).exists():
+        return
     manifest = read_object(folder / MANIFEST)
     hashes = manifest.get(HASHES)
     if not isinstance(hashes, dict) or manifest.get(SELF) != self_hash(manifest):

@@ -32,6 +32,7 @@ class ResultKind(Enum):
     DYNAMICS = "further trials"
     SYNTHETIC = "synthetic study"
     REPRODUCTION = "reproduction"
+    EXPORT = "files for other programs"
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
@@ -39,6 +40,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.DYNAMICS: (),
     ResultKind.SYNTHETIC: ("montecarlo",),
     ResultKind.REPRODUCTION: (),
+    ResultKind.EXPORT: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
 
@@ -67,6 +69,7 @@ _KNOWN: dict[ResultKind, tuple[str, ...]] = {
         *(f"{joint}_{side}.c3d" for joint in ("hip", "knee", "ankle") for side in "rl"),
     ),
     ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
+    ResultKind.EXPORT: (),
 }
 """Names that results had whose manifest lists no files."""
 

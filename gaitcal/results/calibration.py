@@ -97,6 +97,7 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),
+        "trials": {trial.name: {**calibration.study.input_names(trial)} for trial in calibration.study.trials},
         "inputs_sha256": dict(calibration.study.inputs),
         "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
     }

@@ -53,6 +53,8 @@ class StudyTrial:
     """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
+    files: Mapping[str, Path] = field(default_factory=dict)
+    """`file` and, where forces have one of their own, `forces`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +144,11 @@ class Study:
         folder = Path(self.source).parent
         files = _file_words(self.files, folder)
         return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
+
+    def input_names(self, trial: StudyTrial) -> dict[str, str]:
+        """The files of a trial (`file`, `forces`), as `inputs` names them."""
+        words = {f: name for name, f in _file_words(self.files, Path(self.source).parent).items()}
+        return {kind: words[f] for kind, f in trial.files.items() if f in words}
 
     def changed_inputs(self) -> tuple[str, ...]:
         """Inputs that are no longer what was read, as `inputs` names them."""
@@ -240,6 +247,7 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
         plates=dict(trial.plates),
         filter_hz=trial.filter_hz,
         file_labels=file_labels,
+        files={"file": trial.file} | ({"forces": trial.forces} if trial.forces else {}),
     )
 
 

@@ -168,7 +168,32 @@ def test_a_rolling_knee_is_swept_the_way_it_bends(
     assert (abs(sup) > 1.0) is moved, "mm"
 
 
-@pytest.mark.parametrize("change", [in_other_frames, in_old_format])
+def without_idle_functions(tree: ET.ElementTree) -> None:
+    """Functions that are zero left away, as are functions and axes that OpenSim's own defaults stand for."""
+    for axis in tree.iter("TransformAxis"):
+        function = axis.find("Constant")
+        if function is not None:
+            axis.remove(function)
+    assert any(len(axis.findall("*")) == 2 for axis in tree.iter("TransformAxis"))
+
+
+def in_beta_words(tree: ET.ElementTree) -> None:
+    """Sockets as the betas of OpenSim 4 spell them."""
+    for element in tree.iter():
+        if element.tag.startswith("socket_"):
+            element.tag = f"{element.tag}_connectee_name"
+
+
+def with_a_shoulder_of_its_own(tree: ET.ElementTree) -> None:
+    """A function that nobody here knows, at a joint that no row asks for."""
+    shoulder = next(j for j in tree.iter("CustomJoint") if "shoulder" in j.get("name", ""))
+    axis = next(a for a in shoulder.iter("TransformAxis") if a.find("LinearFunction") is not None)
+    axis.find("LinearFunction").tag = "ExpressionBasedFunction"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "change", [in_other_frames, in_old_format, without_idle_functions, in_beta_words, with_a_shoulder_of_its_own]
+)
 def test_other_frames_and_formats(
     published: SubjectModel, tmp_path: Path, change: Callable[[ET.ElementTree], None]
 ) -> None:
@@ -231,6 +256,40 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     assert 380 < before[thigh].theirs < 420
     assert before[thigh].theirs != after[thigh].theirs
     assert "upper_arm_l mass" in before
+
+
+def test_a_function_nobody_knows_is_told_where_it_is_needed(published: SubjectModel, tmp_path: Path) -> None:
+    write_osim(published, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    knee = next(j for j in tree.iter("CustomJoint") if j.get("name") == "knee_r")
+    next(f for f in knee.iter("LinearFunction")).tag = "ExpressionBasedFunction"
+    tree.write(tmp_path / "m.osim")
+    with pytest.raises(InputError, match="joint knee_r: .*not understood"):
+        compare(published, tmp_path / "m.osim")
+
+
+@pytest.mark.peers
+def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path: Path) -> None:
+    tree = ET.parse(data_dir / REAL[0])
+    for axis in tree.iter("TransformAxis"):
+        if not (axis.findtext("coordinates") or "").strip():
+            for function in axis.findall("function"):
+                axis.remove(function)
+    tree.write(tmp_path / "bare.osim")
+    model = osim.Model(str(tmp_path / "bare.osim"))
+    state = model.initSystem()
+    model.realizePosition(state)
+    peer = read_osim(tmp_path / "bare.osim")
+    values = {c.name: c.default for joint in peer.joints.values() for c in joint.coordinates}
+    for name in ("hip_r", "knee_l", "ankle_r", "subtalar_l"):
+        joint = next(j for j in peer.joints.values() if j.name == name)
+        theirs = (
+            model.getBodySet()
+            .get(joint.child)
+            .findStationLocationInAnotherFrame(state, osim.Vec3(0.1, 0.2, 0.3), model.getBodySet().get(joint.parent))
+        )
+        ours = peer.joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
+        np.testing.assert_allclose(ours, theirs.to_numpy(), atol=PEER_POSE)
 
 
 @pytest.mark.peers

@@ -86,7 +86,7 @@ def test_a_file_that_appears_during_the_run_is_kept(tmp_path: Path) -> None:
     assert (tmp_path / "out/notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("kind", ResultKind)
+@pytest.mark.parametrize("kind", OLD_MANIFESTS)
 def test_manifests_without_a_list_know_the_names_of_their_time(kind: ResultKind, tmp_path: Path) -> None:
     names = {
         ResultKind.CALIBRATION: "figures/01_walk_moments.svg",

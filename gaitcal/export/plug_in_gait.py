@@ -1,0 +1,168 @@
+"""Angles, moments, powers and joint centres of a motion, named and signed as Plug-in Gait writes them into C3D files.
+
+| point | x | y | z |
+|---|---|---|---|
+| `RPelvisAngles` | anterior tilt | this side up | this side forward |
+| `RHipAngles` | flexion | adduction | internal rotation |
+| `RKneeAngles`, `RAnkleAngles`, `RSubtalarAngles` | flexion; dorsiflexion; inversion | 0 | 0 |
+| `RHipMoment` | extension | abduction | external rotation |
+| `RKneeMoment` | extension | abduction | 0 |
+| `RAnkleMoment`, `RSubtalarMoment` | plantarflexion; eversion | 0 | 0 |
+| `RHipPower`, `RKneePower`, `RAnklePower` | 0 | 0 | all axes of the joint together |
+| `RHJC`, `RKJC`, `RAJC` | joint centres, in the axes of the file | | |
+
+Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those tables hold what was
+found on Vicon's own curves (`tests/export/test_c3d.py` correlates them). Their `POINT:MOMENT_UNITS` say Nmm where
+N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours follow. Our knee is a hinge and our ankle two: what cannot
+move is 0. Power is that of the joint's coordinates, the sum of torque times angular velocity; the ankle's holds both
+hinges.
+The subtalar axis has points of its own, as Plug-in Gait has no such axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.export.joint_frames import joint_frames
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.recording.c3d.supplement import AddedPoint, PointKind
+
+ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}
+"""Spellings of POINT:ANGLE_UNITS, and each a radian."""
+MOMENT_UNITS = {"nmm": 1e3, "nmm/kg": 1e3, "nm": 1.0, "nm/kg": 1.0}
+"""Spellings of POINT:MOMENT_UNITS, and each in 1 N·m; of all of them that per kg is meant."""
+
+_ANGLES = {
+    "Pelvis": ("pelvis_tilt", "pelvis_list", "pelvis_rotation"),
+    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
+    "Knee": ("knee_angle_{}",),
+    "Ankle": ("ankle_angle_{}",),
+    "Subtalar": ("subtalar_angle_{}",),
+}
+_SIGNS = {("Pelvis", "r"): (-1.0, -1.0, 1.0), ("Pelvis", "l"): (-1.0, 1.0, -1.0)}
+"""Ours to Plug-in Gait's, where an angle does not mean the same."""
+_MOMENTS = {
+    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
+    "Knee": ("knee_angle_{}", "knee_adduction_{}"),
+    "Ankle": ("ankle_angle_{}",),
+    "Subtalar": ("subtalar_angle_{}",),
+}
+_POWERS = {
+    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
+    "Knee": ("knee_angle_{}",),
+    "Ankle": ("ankle_angle_{}", "subtalar_angle_{}"),
+}
+_WORDS = {
+    "PelvisAngles": "anterior tilt, this side up, this side forward",
+    "HipAngles": "flexion, adduction, internal rotation",
+    "KneeAngles": "flexion, 0, 0 (a hinge)",
+    "AnkleAngles": "dorsiflexion, 0, 0 (a hinge)",
+    "SubtalarAngles": "inversion, 0, 0 (a hinge)",
+    "HipMoment": "internal, per kg: extension, abduction, external rotation",
+    "KneeMoment": "internal, per kg: extension, abduction, 0",
+    "AnkleMoment": "internal, per kg: plantarflexion, 0, 0",
+    "SubtalarMoment": "internal, per kg: eversion, 0, 0",
+    "HipPower": "W/kg: 0, 0, all axes",
+    "KneePower": "W/kg: 0, 0, flexion",
+    "AnklePower": "W/kg: 0, 0, ankle and subtalar axis",
+    "HJC": "hip joint centre",
+    "KJC": "knee joint centre",
+    "AJC": "centre of the talocrural joint",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedMotion:
+    """A whole-body motion, and the torques of its valid frames."""
+
+    q: Array
+    """(nf, 27) m, rad."""
+    velocity: Array
+    """(nf, 27) m/s, rad/s."""
+    torques: Mapping[str, Array] | None
+    """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
+    valid: Mapping[str, BoolArray]
+    """Side -> (nf,) frames whose torques count."""
+    mass: float
+    """kg, of the body."""
+    parameters: Parameters
+    frozen: tuple[str, ...] = ()
+    """Coordinates that the model holds at zero, which say nothing."""
+
+
+def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tuple[AddedPoint, ...]:
+    """Points of all frames of a motion, in the laboratory's axes: x forward, y up, z right; places in m.
+
+    `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames that do not count.
+    """
+    points = [*_angles(motion, angle), *_places(motion)]
+    if motion.torques is not None:
+        points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques)]
+    return tuple(points)
+
+
+def _angles(motion: SavedMotion, unit: float) -> list[AddedPoint]:
+    points = []
+    for joint, names in _ANGLES.items():
+        for side in SIDES:
+            ours = [name.format(side) for name in names]
+            if set(ours) & set(motion.frozen):
+                continue
+            values = np.zeros((len(motion.q), 3))
+            for axis, (name, sign) in enumerate(zip(ours, _SIGNS.get((joint, side), (1.0,) * 3), strict=False)):
+                values[:, axis] = sign * unit * motion.q[:, COORDINATES.index(name)]
+            points.append(_point(side, f"{joint}Angles", PointKind.ANGLE, values))
+    return points
+
+
+def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> list[AddedPoint]:
+    points = []
+    for joint, names in _MOMENTS.items():
+        for side in SIDES:
+            ours = [name.format(side) for name in names]
+            if set(ours) & set(motion.frozen):
+                continue
+            values = np.zeros((len(motion.q), 3))
+            for axis, name in enumerate(ours):
+                values[:, axis] = -unit * torques[name] / motion.mass
+            values[~motion.valid[side]] = np.nan
+            points.append(_point(side, f"{joint}Moment", PointKind.MOMENT, values))
+    return points
+
+
+def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> list[AddedPoint]:
+    points = []
+    for joint, names in _POWERS.items():
+        for side in SIDES:
+            values = np.zeros((len(motion.q), 3))
+            for name in (n.format(side) for n in names):
+                values[:, 2] += torques[name] * motion.velocity[:, COORDINATES.index(name)] / motion.mass
+            values[~motion.valid[side]] = np.nan
+            points.append(_point(side, f"{joint}Power", PointKind.POWER, values))
+    return points
+
+
+def _places(motion: SavedMotion) -> list[AddedPoint]:
+    chain = Chain()
+    constants = chain.constants(motion.parameters.joint, motion.parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q))
+    frames = {joint.name: joint for joint in joint_frames(motion.parameters)}
+    points = []
+    for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
+        for side in SIDES:
+            of = frames[f"{joint}_{side}"]
+            segment = chain.segments.index(of.parent)
+            place = np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
+            points.append(_point(side, name, PointKind.PLACE, place))
+    return points
+
+
+def _point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
+    return AddedPoint(name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}")

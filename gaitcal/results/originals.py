@@ -1,0 +1,69 @@
+"""Where the recordings lie that a result was made from: found by name, known by their SHA-256.
+
+A result does not say in which folder its study was, as it may be given away. So recordings are looked for beside the
+result, in the folder of the command, or where the user says; whatever is found must be what was read then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.snapshot import sha256_of
+
+
+def trial_files(folder: Path) -> dict[str, dict[str, str]]:
+    """Trial -> `file` and, where there is one, `forces`, as the manifest of a result names them.
+
+    Raises
+    ------
+    InputError
+        The result is of a version that did not keep them.
+    """
+    trials = read_object(folder / MANIFEST).get("trials")
+    if not isinstance(trials, dict):
+        raise InputError(
+            "found no list of its trials' files, which earlier versions did not keep; calibrate again",
+            source=folder / MANIFEST,
+            field="trials",
+        )
+    return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
+
+
+def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
+    """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was read.
+
+    `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
+    for beside the result, in it, and in the working folder.
+
+    Raises
+    ------
+    InputError
+        There is none, or it has changed.
+    """
+    hashes = read_object(folder / MANIFEST).get("inputs_sha256")
+    wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
+    changed: Path | None = None
+    for path in _places(folder, name, inputs):
+        if not path.is_file():
+            continue
+        if wanted is not None and sha256_of(path) == wanted:
+            return path
+        changed = changed or path
+    if changed is not None:
+        message = "is not the file that the result was made from (another SHA-256); calibrate again"
+        raise InputError(message, source=changed)
+    where = inputs or folder.resolve().parent
+    cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
+    raise InputError(f"found no '{name}', which the result was made from{cure}", source=where)
+
+
+def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[Path]:
+    roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
+    for root in roots:
+        yield root / name
+        yield root / PurePosixPath(name).name
+    if inputs is not None and inputs.is_dir():
+        yield from sorted(inputs.rglob(PurePosixPath(name).name))

@@ -1,0 +1,246 @@
+"""`gaitcal export --format c3d`: the recording as it was, and angles, moments, powers, events, joint centres in it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner, Result
+
+from gaitcal.cli import app
+from gaitcal.errors import UsageError
+from gaitcal.files.snapshot import listed, self_hash, sha256_of
+from gaitcal.recording import convert, read_recording
+from gaitcal.recording.metadata import FootMoment
+from tests.real_studies import write_study
+from tests.synthetic_studies import write_synthetic_study
+
+RUNNER = CliRunner()
+DEG = np.rad2deg(1.0)
+C3D_STUDY = """
+[subject]
+name = "synthetic"
+mass_kg = 69.4
+height_m = 1.70
+sex = "male"
+[markers]
+set = "published"
+[[trial]]
+name = "static"
+role = "static"
+file = "static.csv"
+[[trial]]
+name = "walk"
+role = "gait"
+file = "walk.c3d"
+"""
+ANGLES = {
+    "RHipAngles": ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"),
+    "LHipAngles": ("hip_flexion_l", "hip_adduction_l", "hip_rotation_l"),
+    "RKneeAngles": ("knee_angle_r",),
+    "LAnkleAngles": ("ankle_angle_l",),
+    "LSubtalarAngles": ("subtalar_angle_l",),
+}
+MOMENTS = {
+    "RHipMoment": ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"),
+    "LKneeMoment": ("knee_angle_l", "knee_adduction_l"),
+    "RAnkleMoment": ("ankle_angle_r",),
+}
+
+
+def run(*words: object) -> Result:
+    return RUNNER.invoke(app, list(map(str, words)))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study whose walk is a C3D file, and its result."""
+    folder = tmp_path_factory.mktemp("made")
+    write_synthetic_study(folder / "study")
+    convert(folder / "study/walk.csv", folder / "study/walk.c3d")
+    (folder / "study/study.toml").write_text(C3D_STUDY, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
+        done = run("calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force")
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "made"))
+
+
+def points(path: Path) -> tuple[dict[str, Any], Any]:
+    """Label -> (nf, 3) of a C3D file, NaN where missing; and the file."""
+    file = ezc3d.c3d(str(path))
+    values = file["data"]["points"][:3].transpose(1, 2, 0).copy()
+    values[file["data"]["meta_points"]["residuals"][0] < 0] = np.nan
+    return dict(zip(file["parameters"]["POINT"]["LABELS"]["value"], values, strict=True)), file
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal as 32-bit floats."""
+    return bool(np.array_equal(np.asarray(a, dtype=np.float32), np.asarray(b, dtype=np.float32), equal_nan=True))
+
+
+def test_the_recording_and_what_was_computed(folder: Path) -> None:
+    result = folder / "result"
+    done = run("export", result, "--format", "c3d", "--inputs", folder / "study")
+    assert done.exit_code == 0, done.output
+    before, after = read_recording(folder / "study/walk.c3d"), read_recording(result / "export/walk.c3d")
+    assert before.labels == after.labels and np.array_equal(before.markers, after.markers, equal_nan=True)
+    assert all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(before.plates, after.plates, strict=True))
+    found, file = points(result / "export/walk.c3d")
+    motion = pd.read_csv(result / "motion/walk.csv", comment="#")
+    moments = pd.read_csv(result / "moments/walk.csv", comment="#")
+    for label, names in ANGLES.items():
+        assert same(found[label][:, : len(names)], motion[list(names)].to_numpy())
+    assert same(found["RPelvisAngles"] * [-1, -1, 1], motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]])
+    assert same(found["LPelvisAngles"] * [-1, 1, -1], motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]])
+    for label, names in MOMENTS.items():
+        side = label[0].lower()
+        valid = moments[f"valid_{side}" if f"valid_{side}" in moments else "valid"].to_numpy() == 1
+        assert 0.2 < valid.mean() < 1.0
+        expected = np.where(valid[:, None], -1e3 / 69.4 * moments[list(names)].to_numpy(), np.nan)
+        assert same(found[label][:, : len(names)], expected)
+    power = moments["knee_angle_r"] * motion["knee_angle_r_velocity"] / DEG / 69.4
+    known = np.isfinite(found["RKneePower"][:, 2])
+    assert known.any() and np.allclose(found["RKneePower"][known, 2], power[known], rtol=1e-5, atol=1e-6)
+    assert file["parameters"]["GAITCAL"]["VERDICT"]["value"] == [
+        json.loads((result / "summary.json").read_text())["trials"]["walk"]["verdict"]
+    ]
+    assert "RHJC" in file["parameters"]["POINT"]["MODELED_MARKERS"]["value"]
+
+
+def test_joint_centres_lie_where_the_markers_do(folder: Path) -> None:
+    """In the axes of the file (mm, z up), however the result is turned: knee centres beside the knees' markers."""
+    run("export", folder / "result", "--format", "c3d", "--inputs", folder / "study")
+    found, _ = points(folder / "result/export/walk.c3d")
+    for side in "RL":
+        knee, hip, ankle = (found[f"{side}{joint}JC"] for joint in "KHA")
+        assert 350 < np.median(np.linalg.norm(hip - knee, axis=1)) < 480
+        assert 350 < np.median(np.linalg.norm(ankle - knee, axis=1)) < 480
+        assert (hip[:, 2] > knee[:, 2]).all() and (knee[:, 2] > ankle[:, 2]).all()
+        heel = next(v for label, v in found.items() if "Heel" in label and label.startswith(side))
+        assert np.nanmax(np.linalg.norm(ankle - heel, axis=1)) < 150
+
+
+def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None:
+    result = folder / "result"
+    run("export", result, "--format", "c3d", "--inputs", folder / "study")
+    events = read_recording(result / "export/walk.c3d").events
+    assert {(e.side, e.moment) for e in events} == {(s, m) for s in "rl" for m in FootMoment}
+    # An export is a recording with these events: exporting it again adds none, and names ours apart.
+    shutil.copy(result / "export/walk.c3d", folder / "study/walk.c3d")
+    manifest = result / "manifest.json"
+    content = json.loads(manifest.read_text(encoding="utf-8"))
+    content["inputs_sha256"]["walk.c3d"] = sha256_of(folder / "study/walk.c3d")
+    content["own_sha256"] = self_hash(content)
+    manifest.write_text(json.dumps(content), encoding="utf-8")
+    done = run("export", result, "--format", "c3d", "--out", folder / "again", "--inputs", folder / "study")
+    assert done.exit_code == 0, done.output
+    again = read_recording(folder / "again/walk.c3d")
+    assert again.events == events
+    found, _ = points(folder / "again/walk.c3d")
+    assert same(found["gcRHipAngles"], found["RHipAngles"])
+
+
+def test_no_torque_leaves_a_refused_trial(folder: Path) -> None:
+    result = folder / "result"
+    summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
+    summary["trials"]["walk"]["verdict"] = "refused"
+    (result / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    manifest = json.loads((result / "manifest.json").read_text(encoding="utf-8"))
+    manifest["sha256"]["summary.json"] = sha256_of(result / "summary.json")
+    manifest["own_sha256"] = self_hash(manifest)
+    (result / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    done = run("export", result, "--format", "c3d", "--inputs", folder / "study")
+    assert done.exit_code == 0 and "refused: no moments and no powers" in " ".join(done.output.split())
+    found, file = points(result / "export/walk.c3d")
+    assert "RHipAngles" in found and not any("Moment" in label or "Power" in label for label in found)
+    assert file["parameters"]["GAITCAL"]["VERDICT"]["value"] == ["refused"]
+
+
+def test_inputs_must_be_there_and_unchanged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = folder / "result"
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    missing = run("export", result, "--format", "c3d")
+    assert missing.exit_code == 1 and "walk.c3d" in str(missing.exception) and "--inputs" in str(missing.exception)
+    monkeypatch.chdir(folder / "study")
+    assert run("export", result, "--format", "c3d").exit_code == 0
+    with (folder / "study/walk.c3d").open("ab") as stream:
+        stream.write(b"\0")
+    changed = run("export", result, "--format", "c3d")
+    assert changed.exit_code == 1 and "another SHA-256" in str(changed.exception)
+    nowhere = run("export", result, "--format", "c3d", "--inputs", folder / "nowhere")
+    assert isinstance(nowhere.exception, UsageError)
+
+
+def test_a_damaged_result_gives_nothing(folder: Path) -> None:
+    table = folder / "result/moments/walk.csv"
+    table.write_text(table.read_text(encoding="utf-8").replace("1", "2", 1), encoding="utf-8")
+    done = run("export", folder / "result", "--format", "c3d", "--inputs", folder / "study")
+    assert done.exit_code == 1 and "is damaged" in str(done.exception)
+    assert not (folder / "result/export").exists()
+
+
+def test_the_folder_says_what_was_written_of_what(folder: Path) -> None:
+    result, export = folder / "result", folder / "result/export"
+    run("export", result, "--format", "osim,urdf")
+    first = listed(export)
+    run("export", result, "--format", "c3d,osim", "--inputs", folder / "study")
+    assert set(first) == {"model.osim", "model.urdf"} and set(listed(export)) == {*first, "walk.c3d"}
+    assert listed(export) == {name: sha256_of(export / name) for name in listed(export)}
+    manifest = json.loads((export / "manifest.json").read_text(encoding="utf-8"))
+    of_result = manifest["written"]["walk.c3d"]["result"]["sha256"]
+    assert {"model.toml", "splines.npz", "moments/walk.csv"} <= set(of_result)
+    assert all(sha256_of(result / name) == digest for name, digest in of_result.items())
+    assert manifest["written"]["walk.c3d"]["source_sha256"] == sha256_of(folder / "study/walk.c3d")
+
+
+def test_a_text_recording_becomes_a_c3d(tmp_path: Path, without_figures: None) -> None:
+    study = write_synthetic_study(tmp_path / "study")
+    assert run("calibrate", study, "--out", tmp_path / "study/result", "-q").exit_code == 0
+    done = run("export", tmp_path / "study/result", "--format", "c3d")
+    assert done.exit_code == 0, done.output
+    before = read_recording(tmp_path / "study/walk.csv", forces=tmp_path / "study/walk_forces.csv")
+    after = read_recording(tmp_path / "study/result/export/walk.c3d")
+    assert before.labels == after.labels and np.allclose(before.markers, after.markers, atol=1e-6)
+    assert len(after.plates) == 2
+    found, _ = points(tmp_path / "study/result/export/walk.c3d")
+    motion = pd.read_csv(tmp_path / "study/result/motion/walk.csv", comment="#")
+    assert same(found["RKneeAngles"][:, 0], motion["knee_angle_r"])
+
+
+@pytest.mark.slow
+def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: None) -> None:
+    """Plug-in Gait's own curves in the same file: every sign agrees (least correlation over both legs)."""
+    least = {
+        "HipAngles": (0.99, 0.9, 0.7),
+        "KneeAngles": (0.99,),
+        "AnkleAngles": (0.95,),
+        "PelvisAngles": (0.9, 0.8, 0.8),
+    }
+    least |= {"HipMoment": (0.7, 0.8, 0.5), "KneeMoment": (0.8, 0.8), "AnkleMoment": (0.95,)}
+    study, result = write_study("pig_c3d", data_dir.resolve(), tmp_path), tmp_path / "result"
+    assert run("calibrate", study, "--out", result, "-q").exit_code == 0
+    assert run("export", result, "--format", "c3d", "--inputs", data_dir / "pig_c3d").exit_code == 0
+    found, _ = points(result / "export/gait.c3d")
+    for name, floors in least.items():
+        for side in "RL":
+            ours, theirs = found[f"gc{side}{name}"], found[f"{side}{name}"]
+            both = np.isfinite(ours[:, 0]) & np.isfinite(theirs[:, 0]) & theirs.any(axis=1)
+            for axis, floor in enumerate(floors):
+                assert np.corrcoef(ours[both, axis], theirs[both, axis])[0, 1] > floor, f"{side}{name} {axis}"
+    for joint in ("Hip", "Knee", "Ankle"):
+        ours, theirs = found[f"gcR{joint}Power"][:, 2], found[f"R{joint}Power"][:, 2]
+        both = np.isfinite(ours) & np.isfinite(theirs)
+        assert np.corrcoef(ours[both], theirs[both])[0, 1] > 0.85
