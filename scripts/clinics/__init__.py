@@ -1,0 +1,1 @@
+"""Bare folders of recordings as laboratories keep them: `check_clinics.py`."""
