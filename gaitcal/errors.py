@@ -53,11 +53,20 @@ def side_named(label: str) -> str:
 
 
 def alike(name: str, allowed: Iterable[str], count: int = 1) -> list[str]:
-    """Those of `allowed` that `name` may be a misspelling of, the nearest first; never one of the other side."""
+    """Those of `allowed` that `name` may be a misspelling of, the nearest first; never one of the other side.
+
+    Names that differ by capitals, blanks, dots, dashes and underscores alone come first: `l_asis` for `L.ASIS`.
+    """
     side = side_named(name)
     there = [other for other in allowed if not side or side_named(other) in ("", side)]
     there = [other for other in there if not _other_side(name, other)]
-    return difflib.get_close_matches(name, there, n=count, cutoff=0.6)
+    same = [other for other in there if other != name and _plain(other) == _plain(name)]
+    return [*same, *(m for m in difflib.get_close_matches(name, there, n=count, cutoff=0.6) if m not in same)][:count]
+
+
+def _plain(name: str) -> str:
+    """A name without what people write differently: capitals and separators."""
+    return re.sub(r"[\s._-]+", "", name).casefold() or name
 
 
 def _other_side(name: str, other: str) -> bool:

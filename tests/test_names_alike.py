@@ -32,6 +32,8 @@ def test_the_side_that_a_label_names(label: str, side: str) -> None:
         ("Right knee", ["Left knee"], []),
         ("R_Ankle", ["L_Ankle", "R_Ankel"], ["R_Ankel"]),
         ("rigth", ["left", "right", "both"], ["right"]),
+        ("LASI", ["lasi", "rasi"], ["lasi"]),
+        ("L.ASIS", ["R_asis", "l asis"], ["l asis"]),
         ("staic", ["static", "gait"], ["static"]),
     ],
 )

@@ -16,12 +16,14 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.knee_and_ankle import JointWidths
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, across, lower_body
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording
 
@@ -54,9 +56,10 @@ class Stance:
         cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: HipCentre
     ) -> Stance:
         """From the static trial of which `model` was made."""
-        static = marker_set.renamed(static)
+        static = complete_static(marker_set.renamed(static), marker_set)
+        marker_set = worn(marker_set, static)
         posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
-        legs = lower_body(posture, model.subject.height, hip_centre)
+        legs = lower_body(posture, model.subject.height, hip_centre, widths=JointWidths.of(model.subject))
         axes = _axes(legs)
         placed = zip(model.markers.labels, model.markers.segments, strict=True)
         points: dict[str, dict[str, Array]] = {}

@@ -14,12 +14,15 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError, nearest
+from gaitcal.model.landmark_names import PARTNER, REQUIRED, instead_of
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import REQUIRED, MarkerSet, instead_of
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording import Recording
 
 PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
 """Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""
+FOOT_TO_SHANK = 0.46
+"""Heel to toe marker, on the second metatarsal, over knee to ankle marker: 0.38 to 0.49 on ten feet of five people."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class StaticPosture:
     """Landmark -> (3,) m, for every landmark whose markers were all seen."""
     absent: Mapping[str, tuple[str, ...]]
     """Landmark of the set -> its markers that were not seen."""
+    notes: tuple[str, ...] = ()
+    """Landmarks that no marker shows, and how they were guessed."""
 
     def has(self, *names: str) -> bool:
         """Whether all these landmarks are there."""
@@ -71,13 +76,44 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
         else:
             landmarks[name] = np.mean([markers[label] for label in labels], axis=0)
     for name in REQUIRED:
-        if name not in landmarks:
+        guessed = name not in marker_set.landmarks and PARTNER.get(name) in landmarks
+        if name not in landmarks and not guessed:
             raise InputError(
                 _missing(name, absent.get(name, ()), recording),
                 source=recording.source,
                 field=f"marker set '{marker_set.name}', landmark {name}",
             )
-    return StaticPosture(recording.source, markers, landmarks, absent)
+    guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
+    return StaticPosture(recording.source, markers, landmarks | guesses, absent, _foot_notes(guesses, landmarks))
+
+
+def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
+    """(3,) m, heel or toe of a foot whose other end alone is marked: level with that and straight ahead of the ankle.
+
+    Ahead is the horizontal direction across the line of the malleoli, or else of the pelvis.
+    """
+    side = name[-1]
+    outwards = 1.0 if side == "r" else -1.0
+    across = p["asis_r"] - p["asis_l"]
+    if f"ankle_med_{side}" in p:
+        across = outwards * (p[f"ankle_lat_{side}"] - p[f"ankle_med_{side}"])
+    ahead = np.cross([0.0, 1.0, 0.0], across)
+    length = FOOT_TO_SHANK * np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"])
+    step = length * ahead / np.linalg.norm(ahead)
+    out: Array = p[PARTNER[name]] + (step if name.startswith("toe") else -step)
+    return out
+
+
+def _foot_notes(guesses: Mapping[str, Array], p: Mapping[str, Array]) -> tuple[str, ...]:
+    notes = []
+    for name, at in guesses.items():
+        length = 1e3 * float(np.linalg.norm(at - p[PARTNER[name]]))
+        line = "the malleoli" if f"ankle_med_{name[-1]}" in p else "the pelvis"
+        notes.append(
+            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and straight across the "
+            f"line of {line}: the foot's own direction, and with it the zero of its ankle's angles, is a guess"
+        )
+    return tuple(notes)
 
 
 def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:

@@ -3,9 +3,13 @@
 A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's own:
 
     description = "..."
-    [landmarks]      name -> marker, or the list of markers whose mean it is
+    extends = "..."  a built-in set, whose entries hold where the file says nothing of that name
+    [landmarks]      name -> marker, or the list of markers whose mean it is, or the first of several of these that a
+                     person wears: { first_of = [["RPSI", "LPSI"], "SACR"] }
     [tracking]       segment -> markers fixed in it
     [static_only]    segment -> further markers of the static trial, tracked where a trial has them
+    [optional]       segment -> further markers that some wear, tracked where there are
+    [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
 
@@ -16,7 +20,7 @@ set as such a file again, so that a result can keep the one it was made with.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -27,46 +31,25 @@ from gaitcal.files.package_data import models_path
 from gaitcal.files.toml import toml_table, toml_value
 from gaitcal.files.validation import Table, read_validated, require_known, shown
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
+from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of, missing_landmarks
 from gaitcal.model.linkage import SIDES
-from gaitcal.recording import Recording
+from gaitcal.model.marker_roles import MarkerSet
 
-_SIDED = (
-    "asis",
-    "knee_lat",
-    "knee_med",
-    "ankle_lat",
-    "ankle_med",
-    "heel",
-    "toe",
-    "acromion",
-    "elbow_lat",
-    "elbow_med",
-    "wrist",
-)
-LANDMARKS: tuple[str, ...] = ("sacrum", *(f"{name}_{side}" for side in SIDES for name in _SIDED))
-"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre."""
+__all__ = [
+    "LANDMARKS",
+    "NO_REASON",
+    "REQUIRED",
+    "MarkerSet",
+    "built_in_sets",
+    "instead_of",
+    "load_marker_set",
+    "marker_set_text",
+]
 
-_INSTEAD = {
-    "asis": "a marker on the anterior superior iliac spine",
-    "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two on them",
-    "knee_lat": "a marker on the lateral femoral epicondyle",
-    "ankle_lat": "a marker on the lateral malleolus",
-    "heel": "a marker on the back of the heel",
-    "toe": "a marker on the tip of the foot or over the head of the second metatarsal",
-}
-REQUIRED: tuple[str, ...] = tuple(
-    name for name in LANDMARKS if name == "sacrum" or name.rsplit("_", 1)[0] in set(_INSTEAD)
-)
-"""Landmarks without which there is no model; all others have a default or freeze their segment."""
-
-
+DEVICE_MARKERS = 3
+"""Of a knee alignment device."""
 NO_REASON = "weight of the study"
 """Stands as the reason of weights that a study gave without one."""
-
-
-def instead_of(landmark: str) -> str:
-    """What serves as a required landmark, for an error message."""
-    return _INSTEAD.get(landmark) or _INSTEAD[landmark.rsplit("_", 1)[0]]
 
 
 def _as_list(value: object) -> object:
@@ -76,6 +59,19 @@ def _as_list(value: object) -> object:
 _Labels = Annotated[list[str], BeforeValidator(_as_list), Field(min_length=1)]
 
 
+class _FirstOf(Table):
+    first_of: list[_Labels] = Field(min_length=1, description="a list of markers, or of lists of them")
+
+
+def _as_options(value: object) -> object:
+    if not isinstance(value, dict | list | str):
+        raise ValueError(f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}")
+    return value if isinstance(value, dict) else {"first_of": [value]}
+
+
+_Options = Annotated[_FirstOf, BeforeValidator(_as_options)]
+
+
 class _Weight(Table):
     weight: float = Field(ge=0, description="how strongly the marker pulls, 0 or more; 0 only reports it")
     reason: str = Field(min_length=1, description="why the weight is not 1")
@@ -83,75 +79,14 @@ class _Weight(Table):
 
 class _File(Table):
     description: str = Field(description="one line that tells the set")
-    landmarks: dict[str, _Labels] = Field(description="a table, landmark = marker or list of markers")
-    tracking: dict[str, _Labels] = Field(description="a table, segment = list of markers")
+    extends: str | None = Field(default=None, description="the name of a built-in marker set")
+    landmarks: dict[str, _Options] = Field(default={}, description="a table, landmark = marker or list of markers")
+    tracking: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
     static_only: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
+    optional: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
+    knee_device: dict[str, _Labels] = Field(default={}, description="a table, marker = list of three markers")
     weights: dict[str, _Weight] = Field(default={}, description="a table, marker = { weight = ..., reason = ... }")
     aliases: dict[str, _Labels] = Field(default={}, description="a table, marker = list of other spellings")
-
-
-@dataclass(frozen=True, kw_only=True)
-class MarkerSet:
-    """What the markers of a laboratory's protocol mean."""
-
-    name: str
-    """Of a built-in set, or the file of one's own without its ending."""
-    description: str
-    """One line."""
-    landmarks: Mapping[str, tuple[str, ...]]
-    """Landmark -> the markers whose mean it is."""
-    tracking: Mapping[str, tuple[str, ...]]
-    """Segment -> markers fixed in it."""
-    static_only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Segment -> further markers that are normally worn in the static trial only."""
-    weights: Mapping[str, float] = field(default_factory=dict)
-    """Marker -> weight, where it is not 1."""
-    reasons: Mapping[str, str] = field(default_factory=dict)
-    """Marker -> why its weight is not 1."""
-    aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Marker -> other spellings of its label."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """All markers of the set, each once."""
-        groups = (*self.tracking.values(), *self.static_only.values(), *self.landmarks.values())
-        return tuple(dict.fromkeys(label for group in groups for label in group))
-
-    @property
-    def tracked(self) -> tuple[str, ...]:
-        """The markers that follow a segment, also those worn in the static trial only."""
-        groups = (*self.tracking.values(), *self.static_only.values())
-        return tuple(label for group in groups for label in group)
-
-    @property
-    def segment_of(self) -> dict[str, str]:
-        """Label -> the segment that it follows."""
-        groups = (*self.tracking.items(), *self.static_only.items())
-        return {label: segment for segment, labels in groups for label in labels}
-
-    def weight(self, label: str) -> float:
-        """Weight of a marker."""
-        return self.weights.get(label, 1.0)
-
-    def with_weights(self, weights: Mapping[str, float]) -> MarkerSet:
-        """The same set with other weights for some markers."""
-        return replace(self, weights={**self.weights, **weights}) if weights else self
-
-    def renamed(self, recording: Recording) -> Recording:
-        """The recording with the set's own spelling of every label; a note tells what was changed."""
-        in_file = set(recording.labels)
-        new_names = {
-            other: label
-            for label, others in self.aliases.items()
-            if label not in in_file
-            for other in others[::-1]
-            if other in in_file
-        }
-        if not new_names:
-            return recording
-        changes = ", ".join(f"{old} -> {new}" for old, new in new_names.items())
-        renamed = replace(recording, labels=tuple(new_names.get(label, label) for label in recording.labels))
-        return renamed.with_notes(f"markers renamed: {changes}")
 
 
 def built_in_sets() -> tuple[str, ...]:
@@ -181,32 +116,95 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
 
 def _read(path: Path, name: str) -> MarkerSet:
     file = read_validated(_File, path)
-    landmarks = _both_sides(file.landmarks, path, "landmarks")
-    tracking = _both_sides(file.tracking, path, "tracking")
-    static_only = _both_sides(file.static_only, path, "static_only")
-    require_known(landmarks, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
-    for table, where in ((tracking, "tracking"), (static_only, "static_only")):
-        require_known(table, MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
-    _check_required(landmarks, path)
-    _check_once((*tracking.items(), *static_only.items()), path)
+    base = _base(file, path)
+    options = _landmark_options(file.landmarks, path)
+    preferred = {name: given[0] for name, given in options.items()}
+    others = {name: given[1:] for name, given in options.items() if len(given) > 1}
+    groups = {
+        where: _both_sides(table, path, where)
+        for where, table in (
+            ("tracking", file.tracking),
+            ("static_only", file.static_only),
+            ("optional", file.optional),
+            ("knee_device", file.knee_device),
+            ("aliases", file.aliases),
+        )
+    }
+    require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
+    for where in ("tracking", "static_only", "optional"):
+        require_known(groups[where], MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
+    _check_device(groups["knee_device"], path)
     weights: dict[str, float] = {}
     reasons: dict[str, str] = {}
     for pattern, entry in file.weights.items():
         for label in _sides(pattern):
             weights[label], reasons[label] = entry.weight, entry.reason
-    marker_set = MarkerSet(
+    own = MarkerSet(
         name=name,
         description=file.description,
-        landmarks=landmarks,
-        tracking=tracking,
-        static_only=static_only,
+        landmarks={**base.landmarks, **preferred},
+        alternatives={n: o for n, o in base.alternatives.items() if n not in preferred} | others,
+        tracking={**base.tracking, **groups["tracking"]},
+        static_only={**base.static_only, **groups["static_only"]},
+        optional={**base.optional, **groups["optional"]},
+        knee_device={**base.knee_device, **groups["knee_device"]},
         weights=weights,
         reasons=reasons,
-        aliases=_both_sides(file.aliases, path, "aliases"),
+        aliases=groups["aliases"],
     )
-    require_known(weights, marker_set.tracked, "tracked marker", source=path, field="weights")
-    require_known(marker_set.aliases, marker_set.labels, "marker", source=path, field="aliases")
-    return marker_set
+    _check_required(own.landmarks, path)
+    _check_once((*own.tracking.items(), *own.static_only.items(), *own.optional.items()), path)
+    require_known(weights, own.tracked, "tracked marker", source=path, field="weights")
+    require_known(own.aliases, own.labels, "marker", source=path, field="aliases")
+    known, tracked = set(own.labels), set(own.tracked)
+    return replace(
+        own,
+        weights={label: w for label, w in base.weights.items() if label in tracked} | weights,
+        reasons={label: why for label, why in base.reasons.items() if label in tracked} | reasons,
+        aliases={label: names for label, names in base.aliases.items() if label in known} | dict(own.aliases),
+    )
+
+
+_NOTHING = MarkerSet(name="", description="", landmarks={}, tracking={})
+
+
+def _base(file: _File, path: Path) -> MarkerSet:
+    """The set that the file extends; an empty one where it extends none, and then it must say all by itself."""
+    if file.extends is None:
+        for where, table in (("landmarks", file.landmarks), ("tracking", file.tracking)):
+            if not table:
+                raise InputError("missing: a table", source=path, field=where)
+        return _NOTHING
+    known = built_in_sets()
+    require_known([file.extends], known, "built-in marker set", source=path, field="extends", listed=True)
+    if path == models_path() / "markersets" / f"{file.extends}.toml":
+        raise InputError("found the set itself; allowed: another built-in set", source=path, field="extends")
+    return load_marker_set(file.extends)
+
+
+def _landmark_options(table: Mapping[str, _FirstOf], path: Path) -> dict[str, tuple[tuple[str, ...], ...]]:
+    """Landmark -> what serves as it, in order of preference, both sides written out."""
+    out: dict[str, list[tuple[str, ...]]] = {}
+    for pattern, entry in table.items():
+        names = _sides(pattern)
+        for name in names:
+            if name in out:
+                raise InputError(f"'{name}' is given twice", source=path, field="landmarks")
+            out[name] = []
+        for labels in entry.first_of:
+            for name, group in _both_sides({pattern: labels}, path, "landmarks").items():
+                out[name].append(group)
+    return {name: tuple(groups) for name, groups in out.items()}
+
+
+def _check_device(devices: Mapping[str, tuple[str, ...]], path: Path) -> None:
+    for label, parts in devices.items():
+        if len(parts) != DEVICE_MARKERS:
+            raise InputError(
+                f"found {len(parts)} markers for '{label}'; allowed: three, the one on the flexion axis first",
+                source=path,
+                field="knee_device",
+            )
 
 
 def _sides(pattern: str) -> tuple[str, ...]:
@@ -230,9 +228,8 @@ def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[
 
 
 def _check_required(landmarks: Mapping[str, tuple[str, ...]], path: Path) -> None:
-    for name in REQUIRED:
-        if name not in landmarks:
-            raise InputError(f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks")
+    for name in missing_landmarks(landmarks):
+        raise InputError(f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks")
 
 
 def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> None:
@@ -255,18 +252,27 @@ def marker_set_text(marker_set: MarkerSet) -> str:
     """
     tables = [toml_table("", {"description": marker_set.description}).lstrip()]
     groups = {
-        "landmarks": marker_set.landmarks,
         "tracking": marker_set.tracking,
         "static_only": marker_set.static_only,
+        "optional": marker_set.optional,
+        "knee_device": marker_set.knee_device,
         "aliases": marker_set.aliases,
     }
-    tables += [toml_table(f"[{name}]", _quoted(group)) for name, group in groups.items()]
+    tables.append(toml_table("[landmarks]", {toml_value(n): _landmark(marker_set, n) for n in marker_set.landmarks}))
+    always = ("tracking", "static_only", "aliases")
+    tables += [toml_table(f"[{name}]", _quoted(group)) for name, group in groups.items() if group or name in always]
     weights = {
         label: {"weight": float(weight), "reason": marker_set.reasons.get(label, NO_REASON)}
         for label, weight in marker_set.weights.items()
         if label in marker_set.tracked
     }
     return "\n".join([*tables, toml_table("[weights]", _quoted(weights))])
+
+
+def _landmark(marker_set: MarkerSet, name: str) -> object:
+    """What serves as a landmark, as the file writes it."""
+    options = [list(group) for group in marker_set.options(name)]
+    return options[0] if len(options) == 1 else {"first_of": options}
 
 
 def _quoted(table: Mapping[str, object]) -> dict[str, object]:

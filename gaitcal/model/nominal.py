@@ -15,6 +15,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.knee_and_ankle import JointWidths
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -23,6 +24,7 @@ from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
+from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import Recording, still_window
 
 __all__ = ["HipCentre", "nominal_model", "published_model"]
@@ -81,12 +83,13 @@ def nominal_model(
     """
     given_weights = weights or {}
     marker_set = marker_set.with_weights(given_weights)
-    static = marker_set.renamed(static)
+    static = complete_static(marker_set.renamed(static), marker_set)
+    marker_set = worn(marker_set, static)
     still = still_window(static, marker_set.labels).frames if window is None else window
     frames_used = range(*still.indices(len(static.time)))
     posture = static_posture(static, marker_set, still)
     check_plausible(posture, subject.height)
-    legs = lower_body(posture, subject.height, hip_centre)
+    legs = lower_body(posture, subject.height, hip_centre, widths=JointWidths.of(subject))
     body = upper_body(posture, marker_set, legs, subject)
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
     joint, zero = nominal_joint_parameters(frames, centres, body.arms)
@@ -108,6 +111,8 @@ def nominal_model(
         notes=(
             *(f"static trial: {note}" for note in static.notes),
             f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s",
+            *marker_set.notes,
+            *posture.notes,
             *legs.notes,
             *body.notes,
             *notes,

@@ -7,8 +7,7 @@ Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| an
     shank    origin KJC; y = unit(KJC - AJC), AJC mid-malleoli; z the malleolar line across y
     foot     origin heel marker; x = unit(toe - heel); z = unit(x x y_shank); y = z x x      (OrthoTrak)
 
-Without a medial marker the joint centre lies half a joint width inwards of the lateral one along that z, which is the
-pelvis's z across y for the knee, and the knee's z turned outwards by the tibial torsion for the ankle.
+Knee and ankle without a medial marker: `model/knee_and_ankle.py`.
 
 Hip and lumbar joint centres lie at fractions of the distance between the two ASIS. Hip, behind, below and beside their
 middle: 19.3, 30.4, 35.9 % (Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them) or
@@ -23,18 +22,9 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import axis_rotation
+from gaitcal.model.knee_and_ankle import TIBIAL_TORSION, JointWidths, centre_notes, joint_centre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-
-NOMINAL_HEIGHT = 1.70
-"""m; joint widths below are the nominal subject's, between marker centres, and go with height."""
-SIDE_WORDS = {"r": "right", "l": "left"}
-WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
-TIBIAL_TORSION = np.deg2rad(5.0)
-"""The malleolar line is turned outwards by this much against the epicondylar one."""
-SETTLED, ROUNDS = 1e-15, 200
-"""m or share of height by which a joint centre moves at most in the last round of a fixed-point iteration."""
 
 
 class HipCentre(Enum):
@@ -85,11 +75,6 @@ def frame_yz(origin: Array, y: Array, towards_z: Array) -> Frame:
     return Frame(np.column_stack([np.cross(y, z), y, z]), origin)
 
 
-def half_width(joint: str, height: float) -> float:
-    """Distance (m) from a lateral marker's centre to the middle of the joint, for a person of this height (m)."""
-    return 0.5 * WIDTH[joint] * height / NOMINAL_HEIGHT
-
-
 def sign(side: str) -> float:
     """+1 right, -1 left."""
     return 1.0 if side == "r" else -1.0
@@ -106,8 +91,11 @@ class LowerBody:
     notes: tuple[str, ...]
 
 
-def lower_body(posture: StaticPosture, height: float, rule: HipCentre) -> LowerBody:
-    """Frames and centres of pelvis and legs; `height` in m."""
+def lower_body(
+    posture: StaticPosture, height: float, rule: HipCentre, *, widths: JointWidths | None = None
+) -> LowerBody:
+    """Frames and centres of pelvis and legs; `height` in m; `widths` of knees and ankles, else in proportion to it."""
+    widths = widths or JointWidths(height)
     p = posture.landmarks
     pelvis = _pelvis(p["asis_r"], p["asis_l"], p["sacrum"])
     asis = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
@@ -119,10 +107,10 @@ def lower_body(posture: StaticPosture, height: float, rule: HipCentre) -> LowerB
     ]
     for side in SIDES:
         hip = pelvis.point(hip_centre(rule, asis, side))
-        knee, towards_z = _joint(posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, height)
+        knee, towards_z = joint_centre(posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths)
         thigh = frame_yz(hip, unit(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
-        ankle, towards_z = _joint(posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, height)
+        ankle, towards_z = joint_centre(posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths)
         shank = frame_yz(knee, unit(knee - ankle), towards_z)
         frames |= {
             f"thigh_{side}": thigh,
@@ -130,7 +118,7 @@ def lower_body(posture: StaticPosture, height: float, rule: HipCentre) -> LowerB
             f"foot_{side}": _foot(p[f"heel_{side}"], p[f"toe_{side}"], shank),
         }
         centres |= {f"hjc_{side}": hip, f"kjc_{side}": knee, f"ajc_{side}": ankle}
-    return LowerBody(frames, centres, (*notes, *_width_notes(posture, height)))
+    return LowerBody(frames, centres, (*notes, *centre_notes(posture, widths)))
 
 
 def hip_centre(rule: HipCentre, asis_distance: float, side: str) -> Array:
@@ -151,48 +139,7 @@ def _pelvis(right: Array, left: Array, sacrum: Array) -> Frame:
     return Frame(np.column_stack([np.cross(y, z), y, z]), middle)
 
 
-def _joint(
-    posture: StaticPosture, joint: str, side: str, above: Array, z_above: Array, turn: float, height: float
-) -> tuple[Array, Array]:
-    """Joint centre, and the direction its segment's z is taken from."""
-    lateral = posture.landmarks[f"{joint}_lat_{side}"]
-    s = sign(side)
-    if posture.has(f"{joint}_med_{side}"):
-        medial = posture.landmarks[f"{joint}_med_{side}"]
-        return 0.5 * (lateral + medial), s * (lateral - medial)
-    inwards = s * half_width(joint, height)
-    centre, z = lateral, z_above
-    for _ in range(ROUNDS):
-        before = centre
-        y = unit(above - centre)
-        plain = frame_yz(centre, y, z_above).rotation
-        z = plain @ axis_rotation(1, turn)[:, 2]
-        centre = lateral - inwards * z
-        if np.abs(centre - before).max() <= SETTLED * height:
-            break
-    return centre, z
-
-
 def _foot(heel: Array, toe: Array, shank: Frame) -> Frame:
     x = unit(toe - heel)
     z = unit(np.cross(x, shank.rotation[:, 1]))
     return Frame(np.column_stack([x, np.cross(z, x), z]), heel)
-
-
-def _width_notes(posture: StaticPosture, height: float) -> list[str]:
-    notes = []
-    for joint in ("knee", "ankle"):
-        sides = [side for side in SIDES if not posture.has(f"{joint}_med_{side}")]
-        if not sides:
-            continue
-        where = "both sides" if len(sides) == 2 else SIDE_WORDS[sides[0]]
-        axis = (
-            "its axis is the pelvis's lateral direction across the thigh in the static posture"
-            if joint == "knee"
-            else f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
-        )
-        notes.append(
-            f"{joint}, {where}: no medial marker; its centre is assumed {1e3 * half_width(joint, height):.1f} mm "
-            f"inwards of the lateral marker's, in proportion to height, and {axis}"
-        )
-    return notes

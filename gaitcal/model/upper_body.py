@@ -32,23 +32,12 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.anthropometry import default_limbs
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.knee_and_ankle import NOMINAL_HEIGHT, ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import JOINT_OF_CHILD, SIDES, Source
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
-from gaitcal.model.segment_frames import (
-    NOMINAL_HEIGHT,
-    ROUNDS,
-    SETTLED,
-    SIDE_WORDS,
-    Frame,
-    LowerBody,
-    across,
-    frame_yz,
-    half_width,
-    sign,
-    unit,
-)
+from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
 
 TRUNK_SUPPORT = 3

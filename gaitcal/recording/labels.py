@@ -22,8 +22,9 @@ COMPUTED = re.compile(
 )
 """Names that vendors give to computed points; used besides the file's own lists."""
 
-SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2})(?P<point>[OALP])")
-"""Vicon's segment axes: origin, anterior, lateral, proximal: PELO PELA PELL PELP. Only where all four are there."""
+SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2}|\w+_M?)(?P<point>[OALP])")
+"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO _MA _ML _MP. Only
+where all four are there."""
 
 
 def clean(label: str) -> str:

@@ -15,11 +15,12 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import HipCentre, nominal_model
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import read_recording
-from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import StudyFile, SubjectTable, Trial, load_study_file
+from gaitcal.study.study_file import StudyFile, Trial, load_study_file
+from gaitcal.study.subject import subject_of
 
 OTHER_UNIT = 100.0
 """Forces that last so many times longer than whole markers have their time in ms: laboratories crop markers, to a tenth
@@ -104,9 +105,12 @@ class Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
         _check_weights(file, marker_set, path)
+        marker_set, trials = _worn(marker_set, trials)
         _check_renamed(file, trials, path)
         return cls(
-            subject=_subject(file.subject, trials),
+            subject=subject_of(
+                file.subject, [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
+            ),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,
@@ -145,20 +149,16 @@ class Study:
         return tuple(name for name, f in files.items() if self.inputs.get(name) != sha256_of(f))
 
 
-def _subject(table: SubjectTable, trials: Iterable[StudyTrial]) -> Subject:
-    """The person as the study says, and, of what it does not say, as the first static trial's file does."""
-    told = next((trial.recording.facts for trial in trials if trial.role is Role.STATIC), Facts())
-    given_mm = table.marker_diameter_mm
-    return Subject(
-        table.name,
-        table.mass_kg,
-        table.height_m,
-        table.sex,
-        age=table.age_years,
-        knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
-        ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
-        marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[MarkerSet, tuple[StudyTrial, ...]]:
+    """The marker set as the first static trial shows it worn, and the trials, the static ones completed."""
+    whole = tuple(
+        replace(t, recording=complete_static(t.recording, marker_set)) if t.role is Role.STATIC else t for t in trials
     )
+    static = next((trial for trial in whole if trial.role is Role.STATIC), None)
+    if static is None:
+        return marker_set, whole
+    elsewhere = {label for trial in whole for label in trial.recording.labels}
+    return worn(marker_set, static.recording, elsewhere), whole
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:

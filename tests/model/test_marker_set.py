@@ -11,6 +11,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.marker_set import LANDMARKS, REQUIRED, built_in_sets, instead_of, load_marker_set
 from gaitcal.model.nominal import published_model
+from gaitcal.model.worn_markers import worn
 from gaitcal.recording import Recording, read_recording
 from tests.model.people import PEOPLE
 
@@ -40,7 +41,8 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_built_in_sets() -> None:
-    assert built_in_sets() == ("conventional73", "gait2354", "plug-in-gait", "published", "rcnl")
+    ours = "cast conventional73 gait2354 ior opencap plug-in-gait published rcnl ufabc visual3d"
+    assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
         made = load_marker_set(name)
         assert made.name == name
@@ -76,7 +78,9 @@ def test_real_static_trials_have_the_markers(name: str, data_dir: Path) -> None:
     person = PEOPLE[name]
     recording = person.markers.renamed(read_recording(data_dir / person.file))
     optional = {"RUPA", "LUPA", "RFRM", "LFRM"}  # Plug-in Gait: placed by some laboratories
-    assert set(person.markers.labels) - optional <= set(recording.labels)
+    needed = {label for labels in worn(person.markers, recording).landmarks.values() for label in labels}
+    assert needed - {"RELM", "LELM"} <= set(recording.labels)
+    assert set(worn(person.markers, recording).labels) - optional <= set(recording.labels)
 
 
 def test_own_set(tmp_path: Path) -> None:
@@ -87,6 +91,37 @@ def test_own_set(tmp_path: Path) -> None:
     assert made.tracking["thigh_l"] == ("LTHI", "LKNE")
     assert made.weights == {"RTHI": 0.5, "LTHI": 0.5}
     assert load_marker_set(write(tmp_path, OWN)) == made
+
+
+EXTENDED = """
+description = "ours"
+extends = "plug-in-gait"
+[landmarks]
+sacrum = { first_of = ["SACR", ["RPSI", "LPSI"]] }
+[tracking]
+"thigh_{s}" = ["{S}THI", "{S}TH2"]
+[weights]
+RTH2 = { weight = 0.5, reason = "hangs loose" }
+"""
+
+
+def test_a_set_may_extend_a_built_in_one(tmp_path: Path) -> None:
+    made, base = load_marker_set(write(tmp_path, EXTENDED)), load_marker_set("plug-in-gait")
+    assert made.options("sacrum") == (("SACR",), ("RPSI", "LPSI"))
+    assert made.tracking["thigh_l"] == ("LTHI", "LTH2")
+    assert made.tracking["shank_l"] == base.tracking["shank_l"]
+    assert made.options("toe_r") == base.options("toe_r")
+    assert made.weight("C7") == base.weight("C7") and made.weight("RTH2") == 0.5
+    for old, new, message in (
+        ("plug-in-gait", "plugin-gait", "extends: found 'plugin-gait', which is no built-in marker set; did you mean"),
+        ("first_of", "fist_of", "did you mean 'first_of'?"),
+        ('"{S}THI", ', '"{S}TIB", ', "marker 'RTIB' is on thigh_r and on shank_r"),
+        ("[tracking]", '[knee_device]\nRKNE = ["A", "B"]\n[tracking]', "knee_device: found 2 markers for 'RKNE'"),
+    ):
+        assert old in EXTENDED
+        with pytest.raises(InputError, match=".") as caught:
+            load_marker_set(write(tmp_path, EXTENDED.replace(old, new, 1)))
+        assert message in str(caught.value)
 
 
 def test_aliases_are_other_spellings(tmp_path: Path) -> None:
@@ -104,7 +139,7 @@ def test_aliases_are_other_spellings(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("sacrum = ", "sakrum = ", "landmarks: found 'sakrum', which is no landmark; did you mean 'sacrum'?"),
-        ('"toe_{s}" = "{S}TOE"\n', "", "landmarks: 'toe_r' is missing: give a marker on the tip of the foot"),
+        ('"ankle_lat_{s}" = "{S}ANK"\n', "", "landmarks: 'ankle_lat_r' is missing: give a marker on the lateral mall"),
         ('"thigh_{s}" =', '"tigh_{s}" =', "tracking: found 'tigh_r', which is no segment; did you mean 'thigh_r'"),
         ('"thigh_{s}" =', '"talus_{s}" =', "tracking: found 'talus_r', which is no segment"),
         ('"{S}KNE"]', '"{S}ASI"]', "marker 'RASI' is on pelvis and on thigh_r; a marker is fixed in one segment"),
@@ -131,7 +166,7 @@ def test_mistakes_are_told_in_one_line(tmp_path: Path, old: str, new: str, messa
 
 
 def test_an_unknown_set_names_the_built_in_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"allowed: conventional73, gait2354, .*; did you mean 'gait2354'\?"):
+    with pytest.raises(InputError, match=r"allowed: cast, conventional73, gait2354, .*; did you mean 'gait2354'\?"):
         load_marker_set("gait2345")
     with pytest.raises(InputError, match="no such file"):
         load_marker_set(tmp_path / "none.toml")

@@ -10,9 +10,10 @@ import pytest
 
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
+from gaitcal.model.knee_and_ankle import half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.segment_frames import Frame, half_width
+from gaitcal.model.segment_frames import Frame
 from gaitcal.model.upper_body import measured_arm
 from gaitcal.recording import still_window
 from tests.model.people import PEOPLE

@@ -1,0 +1,57 @@
+"""The knee alignment device: where the knee marker would be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gaitcal.arrays import Array
+from gaitcal.model.knee_device import corner, is_device
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.worn_markers import complete_static
+from gaitcal.recording import read_recording
+
+ROUNDING = 1e-12
+"""m; a corner of a body of rods is found to rounding."""
+MODELLED_MM = 0.1
+"""mm; Vicon's program puts its own knee marker there to this, frame by frame."""
+ROD = 0.095
+
+
+def rods(seed: int) -> tuple[Array, Array]:
+    """The corner (1, 3) and the ends (3, 1, 3) of three rods that point away from the origin, whichever way turned."""
+    rng = np.random.default_rng(seed)
+    at = rng.normal(size=3)
+    at = 0.3 * at / np.linalg.norm(at)
+    towards = Rotation.align_vectors([at], [np.ones(3)])[0] * Rotation.from_rotvec(0.3 * rng.normal(size=3))
+    return at[None], at + ROD * towards.as_matrix().T[:, None]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_corner_is_where_the_rods_meet(seed: int) -> None:
+    at, ends = rods(seed)
+    np.testing.assert_allclose(corner(*ends, middle=np.zeros((1, 3))), at, atol=ROUNDING)
+    assert is_device(*ends)
+
+
+def test_other_markers_are_no_device() -> None:
+    _, ends = rods(0)
+    assert not is_device(ends[0], ends[1], ends[2] + 0.1)
+    assert not is_device(*(3.0 * ends))
+    assert not is_device(*np.full_like(ends, np.nan))
+
+
+@pytest.mark.parametrize("lab", ["kad", "multi"])
+def test_it_is_where_the_vendors_program_has_it(lab: str, data_dir: Path) -> None:
+    static = read_recording(data_dir / "labs_c3d" / lab / "static.c3d")
+    whole = complete_static(static, load_marker_set("plug-in-gait"))
+    assert static.computed is not None
+    for label in ("RKNE", "LKNE"):
+        theirs = static.computed.points[:, static.computed.labels.index(label)]
+        ours = whole.markers[:, whole.labels.index(label)]
+        apart = 1e3 * np.linalg.norm(ours - theirs, axis=1)
+        assert np.nanmedian(apart) < MODELLED_MM
+    assert any("RKNE" in note and "knee alignment device" in note for note in whole.notes)

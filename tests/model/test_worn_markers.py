@@ -1,0 +1,163 @@
+"""What is open in a marker set is decided by what the person wears."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
+from gaitcal.model.nominal import nominal_model
+from gaitcal.model.subject_model import Subject
+from gaitcal.model.worn_markers import complete_static, worn
+from gaitcal.recording import Recording, read_recording
+from gaitcal.recording.metadata import ComputedPoints
+from tests.model.people import PEOPLE
+
+PIG = "plug-in-gait"
+
+
+def static(data: Path) -> Recording:
+    return PEOPLE[PIG].static(data)
+
+
+def without(recording: Recording, *labels: str) -> Recording:
+    kept = [i for i, label in enumerate(recording.labels) if label not in labels]
+    return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
+
+
+def with_marker(recording: Recording, label: str, path: np.ndarray) -> Recording:
+    markers = np.concatenate([recording.markers, path[:, None]], axis=1)
+    return replace(recording, labels=(*recording.labels, label), markers=markers)
+
+
+def path_of(recording: Recording, *labels: str) -> np.ndarray:
+    return np.mean([recording.markers[:, recording.labels.index(label)] for label in labels], axis=0)
+
+
+def knee_centre(recording: Recording, **changes: object) -> np.ndarray:
+    subject = replace(PEOPLE[PIG].subject, **changes)  # type: ignore[arg-type]
+    model = nominal_model(recording, load_marker_set(PIG), subject)
+    return model.landmarks["kjc_r"][1]
+
+
+def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
+    two = static(data_dir)
+    one = without(with_marker(two, "SACR", path_of(two, "RPSI", "LPSI")), "RPSI", "LPSI")
+    made = worn(load_marker_set(PIG), one)
+    assert made.landmarks["sacrum"] == ("SACR",)
+    assert set(made.tracking["pelvis"]) == {"RASI", "LASI", "SACR"}
+    assert not {"RPSI", "LPSI"} & set(made.labels), "nobody misses what only the other way needs"
+    assert any("sacrum is SACR" in note for note in made.notes)
+    a, b = (nominal_model(r, load_marker_set(PIG), PEOPLE[PIG].subject) for r in (one, two))
+    np.testing.assert_allclose(a.parameters.joint, b.parameters.joint, atol=1e-12)
+
+
+def test_nothing_open_is_left_and_a_result_keeps_it(data_dir: Path, tmp_path: Path) -> None:
+    made = worn(load_marker_set(PIG), static(data_dir))
+    assert not (made.alternatives or made.optional or made.knee_device)
+    assert worn(made, static(data_dir)) is made
+    path = tmp_path / "plug-in-gait.toml"
+    path.write_text(marker_set_text(made), encoding="utf-8")
+    back = load_marker_set(path)
+    assert (back.landmarks, back.tracking, back.static_only) == (made.landmarks, made.tracking, made.static_only)
+
+
+def test_a_medial_marker_must_lie_as_far_as_a_joint_is_wide(data_dir: Path) -> None:
+    recording = static(data_dir)
+    ankle, knee, right = (path_of(recording, label) for label in ("RANK", "RKNE", "RASI"))
+    left = path_of(recording, "LASI")
+    inwards = (left - right) / np.linalg.norm(left - right, axis=1, keepdims=True)
+    at_ankle = with_marker(recording, "RMED", ankle + 0.08 * inwards)
+    at_knee = with_marker(recording, "RMED", knee + 0.11 * inwards)  # some laboratories mean the knee by it
+    assert worn(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
+    made = worn(load_marker_set(PIG), at_knee)
+    assert "ankle_med_r" not in made.landmarks
+    assert any("RMED not taken for ankle_med_r" in note for note in made.notes)
+
+
+def test_a_modelled_knee_serves_the_static_trial_and_is_told(data_dir: Path) -> None:
+    recording = static(data_dir)
+    points = ComputedPoints(
+        ("RKNE", "RTHI"), recording.markers[:, [recording.labels.index(m) for m in ("RKNE", "RTHI")]]
+    )
+    modelled = replace(without(recording, "RKNE"), computed=points)
+    whole = complete_static(modelled, load_marker_set(PIG))
+    np.testing.assert_array_equal(path_of(whole, "RKNE"), path_of(recording, "RKNE"))
+    assert any("RKNE" in note and "modelled" in note for note in whole.notes)
+    measured = replace(recording, computed=ComputedPoints(points.labels, points.points + 0.1))
+    assert complete_static(measured, load_marker_set(PIG)) is measured, "what was measured comes first"
+    only_tracked = replace(without(recording, "RTHI"), computed=points)
+    assert "RTHI" not in complete_static(only_tracked, load_marker_set(PIG)).labels, "no landmark, not replaced"
+
+
+def test_a_measured_width_and_the_marker_place_the_knee(data_dir: Path) -> None:
+    recording = static(data_dir)
+    subject = replace(PEOPLE[PIG].subject, knee_width={"r": 0.12}, marker_diameter=0.010)
+    model = nominal_model(recording, load_marker_set(PIG), subject)
+    apart = model.landmarks["knee_lat_r"][1] - model.landmarks["kjc_r"][1]
+    assert np.linalg.norm(apart) == pytest.approx(0.5 * 0.12 + 0.005, abs=1e-9)
+    assert any("knee, right" in n and "65.0 mm" in n and "half of the measured 120 mm" in n for n in model.notes)
+    assert any("knee, left" in n and "in proportion to height" in n for n in model.notes)
+
+
+def test_a_width_that_nobody_has_is_told_and_not_used(data_dir: Path) -> None:
+    recording = static(data_dir)
+    plain = knee_centre(recording)
+    np.testing.assert_array_equal(knee_centre(recording, knee_width={"r": 0.30}), plain)
+    subject = replace(PEOPLE[PIG].subject, knee_width={"r": 0.30})
+    notes = nominal_model(recording, load_marker_set(PIG), subject).notes
+    assert any("a width of 300 mm is not used" in note for note in notes)
+
+
+def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
+    recording = static(data_dir)
+    model = nominal_model(recording, load_marker_set(PIG), PEOPLE[PIG].subject)
+    heel_only = without(with_marker(recording, "RP5M", path_of(recording, "RTOE")), "RTOE")
+    made = nominal_model(heel_only, load_marker_set(PIG), PEOPLE[PIG].subject)
+    assert any(note.startswith("toe_r: no marker; assumed") for note in made.notes)
+    length = np.linalg.norm(made.landmarks["toe_r"][1] - made.landmarks["heel_r"][1])
+    assert length == pytest.approx(np.linalg.norm(model.landmarks["toe_r"][1]), rel=0.1)
+    in_walk = worn(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
+    assert in_walk.landmarks["toe_r"] == ("RTOE",), "a marker that walks have was lost, not left out"
+
+
+def test_both_ends_of_a_foot_are_not_guessed(data_dir: Path) -> None:
+    bare = without(static(data_dir), "RTOE", "RHEE")
+    with pytest.raises(InputError, match="landmark heel_r: the file has no marker 'RHEE'"):
+        nominal_model(bare, load_marker_set(PIG), PEOPLE[PIG].subject)
+
+
+def test_capitals_are_forgiven_where_one_marker_alone_is_meant(data_dir: Path) -> None:
+    recording = static(data_dir)
+    small = replace(recording, labels=tuple(label.lower() for label in recording.labels))
+    renamed = load_marker_set(PIG).renamed(small)
+    assert renamed.labels == recording.labels
+    assert any("rasi -> RASI" in note for note in renamed.notes)
+    both = with_marker(without(recording, "RASI"), "rasi", path_of(recording, "RASI"))
+    two = with_marker(both, "rAsi", path_of(recording, "RASI"))
+    assert "RASI" in load_marker_set(PIG).renamed(both).labels
+    assert "RASI" not in load_marker_set(PIG).renamed(two).labels
+
+
+def test_a_child_with_one_sacral_marker_needs_no_set_of_its_own(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "children/HC002D/static.c3d")
+    model = nominal_model(recording, load_marker_set(PIG), Subject("child", 32.1, 1.45, "male"))
+    assert {"SACR", "RHFB", "LTUB", "RP5M"} <= set(model.markers.labels)
+
+
+def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
+    rng = np.random.default_rng(1)
+    made: MarkerSet = load_marker_set("cast")
+    labels = [label for label in made.labels if not label.endswith(("FM2", "FMT2"))]
+    recording = Recording(
+        source="f", time=np.arange(2.0), labels=tuple(labels), markers=rng.normal(size=(2, len(labels), 3))
+    )
+    chosen = worn(made, recording)
+    assert {"R_TH1", "R_TH2", "R_TH3", "R_TH4"} <= set(chosen.tracking["thigh_r"])
+    assert "R_FLE" in chosen.static_only["thigh_r"]
+    no_clusters = without(recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")])
+    assert "R_FLE" in worn(made, no_clusters).tracking["thigh_r"]
