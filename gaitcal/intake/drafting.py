@@ -53,13 +53,35 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
         if session is not None:
-            return _Drafting(folder, files, choice, spelt, session, options).draft()
+            draft = _Drafting(folder, files, choice, spelt, session, options).draft()
+            other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
+            return replace(draft, problem=other or draft.problem) if draft.moves else draft
     told = {}
     for i in choices[0].members:
         why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)[1]
         told[files[i].name] = f"of marker set {choices[0].entry}; nobody stands in it: {why}"
     message = "in no recording does the person stand still, upright, on both feet: a static trial is needed"
     return _refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
+    """That recordings which are left over show a whole session of their own; empty where they do not."""
+    found = {i: recording for i in rest if (recording := files[i].recording) is not None}
+    for choice in choose_set([recording.labels for recording in found.values()], own) if found else ():
+        numbers = [list(found)[k] for k in choice.members]
+        spelt = {i: _spelt(found[i], choice) for i in numbers}
+        session = session_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
+        if session is None:
+            continue
+        reference = session.posture(session.statics[0]).stance
+        shown = (movement(spelt[i], choice.marker_set, session.postures.get(i), reference) for i in session.members)
+        if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT) for found in shown):
+            names = ", ".join(files[i].name for i in session.members)
+            return (
+                f"two people, or two sessions, lie in one folder; {names} are the other one, static trial "
+                f"{files[session.statics[0]].name}: put each into a folder of its own"
+            )
+    return ""
 
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
