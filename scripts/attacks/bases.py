@@ -12,9 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-import ezc3d
-import numpy as np
-
 from gaitcal import Recording, Study, synthesize
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import StudyTrial
@@ -22,8 +19,6 @@ from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Tr
 
 SEED = 1
 """Of the synthetic person."""
-MILLIMETRE = 1e-3
-OWN_SETS = Path(__file__).parent
 WALK, SYNTHETIC = "walk", "synthetic"
 
 
@@ -34,8 +29,6 @@ class Base:
     name: str
     make: Callable[[Path], Path]
     """Writes the study file into a folder and returns it."""
-    finish: Callable[[Study], Study] = lambda study: study
-    """What the files do not hold."""
 
     @property
     def study(self) -> Study:
@@ -48,7 +41,7 @@ def loaded(name: str) -> Study:
     """The clean study of that name."""
     base = EVERY[name]
     with tempfile.TemporaryDirectory() as folder:
-        return base.finish(Study.load(base.make(Path(folder))))
+        return Study.load(base.make(Path(folder)))
 
 
 def data() -> Path:
@@ -107,32 +100,6 @@ def _recorded(
     return make
 
 
-def _modelled_knees(static: str) -> Callable[[Study], Study]:
-    """A device marked the knees of the static trial: their lateral markers are points that the file computes."""
-
-    def finish(study: Study) -> Study:
-        trial = study.static
-        file = ezc3d.c3d(str(data() / static))
-        names = list(file["parameters"]["POINT"]["LABELS"]["value"])
-        points = MILLIMETRE * np.moveaxis(file["data"]["points"][:3], 0, -1)
-        knees = ("RKNE", "LKNE")
-        known = [label for label in trial.recording.labels if label in names]
-        at = [trial.recording.labels.index(label) for label in known]
-        mine, theirs = trial.recording.markers[:, at].reshape(-1, 3), points[names.index(known[0])][:0]
-        theirs = np.stack([points[names.index(label)] for label in known], axis=1).reshape(-1, 3)
-        good = np.isfinite(mine).all(axis=1) & np.isfinite(theirs).all(axis=1)
-        turn = np.rint(np.linalg.lstsq(theirs[good], mine[good], rcond=None)[0])
-        added = np.stack([points[names.index(label)] @ turn for label in knees], axis=1)
-        recording = replace(
-            trial.recording,
-            labels=(*trial.recording.labels, *knees),
-            markers=np.concatenate([trial.recording.markers, added], axis=1),
-        )
-        return with_recording(study, trial.name, recording)
-
-    return finish
-
-
 def with_recording(study: Study, name: str, recording: Recording) -> Study:
     """The study with another recording of one trial."""
 
@@ -162,22 +129,17 @@ _ALL = (
         make=_recorded(
             (79.25, 1.624, "female"), "plug-in-gait", ("labs_c3d/kad/walk.c3d", None), "labs_c3d/kad/static.c3d"
         ),
-        finish=_modelled_knees("labs_c3d/kad/static.c3d"),
     ),
     Base(
         name="multi",
         make=_recorded(
             (53.5, 1.634, "female"), "plug-in-gait", ("labs_c3d/multi/walk03.c3d", None), "labs_c3d/multi/static.c3d"
         ),
-        finish=_modelled_knees("labs_c3d/multi/static.c3d"),
     ),
     Base(
         name="child",
         make=_recorded(
-            (32.1, 1.45, "male"),
-            str(OWN_SETS / "single_sacral.toml"),
-            ("children/HC002D/straight.c3d", None),
-            "children/HC002D/static.c3d",
+            (32.1, 1.45, "male"), "plug-in-gait", ("children/HC002D/straight.c3d", None), "children/HC002D/static.c3d"
         ),
     ),
     Base(
@@ -232,7 +194,6 @@ _MORE = (
                 (f"labs_c3d/multi/{walk}.c3d", None),
                 "labs_c3d/multi/static.c3d",
             ),
-            finish=_modelled_knees("labs_c3d/multi/static.c3d"),
         )
         for walk in ("walk04", "walk05", "walk06", "walk07")
     ),
@@ -241,7 +202,7 @@ _MORE = (
             name=f"child {child} {walk}",
             make=_recorded(
                 (mass, height, "male"),
-                str(OWN_SETS / "single_sacral.toml"),
+                "plug-in-gait",
                 (f"children/{child}/{walk}.c3d", None),
                 f"children/{child}/static.c3d",
             ),

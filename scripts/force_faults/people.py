@@ -10,16 +10,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import ezc3d
-import numpy as np
-
 from gaitcal.errors import InputError
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.person.prepare import PreparedTrial, forward_direction, measured_reactions, prepare_trial
-from gaitcal.recording import read_recording, turn_to_progression, write_markers_csv
+from gaitcal.recording import turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Role, Study, StudyTrial, nominal_of
@@ -150,37 +147,13 @@ def _written(
 
 def _child(data: Path, folder: Path) -> Path:
     """Plug-in Gait with one marker on the sacrum, and none on upper arm and forearm."""
-    shipped = Path(__file__).resolve().parents[2] / "models" / "markersets" / "plug-in-gait.toml"
-    lines = shipped.read_text(encoding="utf-8").splitlines()
-    text = "\n".join(line for line in lines if not line.startswith(('"{S}UPA"', '"{S}FRM"')))
-    for old, new in (
-        ('["RPSI", "LPSI"]', '"SACR"'),
-        ('"RPSI", "LPSI"', '"SACR"'),
-        ('"{S}UPA", ', ""),
-        ('"{S}FRM", ', ""),
-    ):
-        text = text.replace(old, new)
-    marker_set = folder / "one_sacral_marker.toml"
-    marker_set.write_text(text + "\n", encoding="utf-8")
     mass, height = CHILDREN[data.name]
     walks = {name: data / f"{name}.c3d" for name in ("straight", "turn")}
-    return _written(folder, data.name, mass, height, "female", marker_set.name, data / "static.c3d", walks)
+    return _written(folder, data.name, mass, height, "female", "plug-in-gait", data / "static.c3d", walks)
 
 
 def _lab(data: Path, folder: Path) -> Path:
-    """Knee alignment device: the knee markers of the static trial are points that the vendor computed."""
-    file = data / "static.c3d"
-    static = read_recording(file)
-    points = ezc3d.c3d(str(file))
-    labels = list(points["parameters"]["POINT"]["LABELS"]["value"])
-    path = {label: 1e-3 * points["data"]["points"][:3, labels.index(label)].T for label in labels}
-    known = [label for label in ("LASI", "RTOE", "LANK") if label in static.labels]
-    ours = np.concatenate([static.markers[:, static.labels.index(label)] for label in known])
-    turn = np.linalg.lstsq(np.concatenate([path[label] for label in known]), ours, rcond=None)[0]
-    knees = np.stack([path[label] @ turn for label in ("LKNE", "RKNE")], axis=1)
-    both = replace(static, labels=(*static.labels, "LKNE", "RKNE"), markers=np.hstack([static.markers, knees]))
-    target = folder / f"{data.name}_static.csv"
-    write_markers_csv(target, both)
+    """Plug-in Gait with a knee alignment device in the static trial."""
     mass, height, walks = LABS[data.name]
     files = {walk: data / f"{walk}.c3d" for walk in walks}
-    return _written(folder, data.name, mass, height, "female", "plug-in-gait", target, files)
+    return _written(folder, data.name, mass, height, "female", "plug-in-gait", data / "static.c3d", files)
