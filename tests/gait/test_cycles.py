@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.gait.cycles import (
+    FootEvents,
     GaitCycle,
     best_cycle,
-    foot_events,
     gait_cycles,
     normalise,
     resample,
@@ -18,6 +18,7 @@ from gaitcal.gait.cycles import (
     stances,
     steady,
 )
+from gaitcal.gait.gait_event import EventSource
 
 FRAME = 0.01
 ROUNDING = 1e-9
@@ -28,27 +29,23 @@ def contact(time: np.ndarray, phase: float) -> np.ndarray:
     return ((time - phase) % 1.1) < 0.66
 
 
-def swing(time: np.ndarray, phase: float, lag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Heel and toe in front of the pelvis: furthest forward `lag` before the strike, furthest back before toe-off."""
-    heel = 0.3 * np.cos(2 * np.pi * (time - phase + lag) / 1.1)
-    toe = -0.3 * np.cos(2 * np.pi * (time - phase - 0.66 + lag) / 1.1)
-    return heel, toe
+FEET = FootEvents(
+    np.array([0.2, 1.3, 2.4]), np.array([0.1, 0.86, 1.96]), (EventSource.FILE, EventSource.PLATES, EventSource.MOTION)
+)
 
 
 def test_cycles_run_from_strike_to_next_strike_of_the_same_foot() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    events = foot_events(time, contact(time, 0.2))
-    cycles = gait_cycles(events)
-    assert [c.start for c in cycles] == pytest.approx([0.2, 1.3], abs=1.5 * FRAME)
-    assert [c.stop for c in cycles] == pytest.approx([1.3, 2.4], abs=1.5 * FRAME)
-    assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0], abs=2.0)
+    cycles = gait_cycles(FEET)
+    assert [(c.start, c.stop, c.toe_off) for c in cycles] == [(0.2, 1.3, 0.86), (1.3, 2.4, 1.96)]
+    assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
 
 
-def test_a_contact_that_the_trial_begins_with_is_no_strike() -> None:
-    time = np.arange(0.0, 1.5, FRAME)
-    events = foot_events(time, contact(time, -0.1))
-    assert events.strikes == pytest.approx([1.0], abs=1.5 * FRAME)
-    assert gait_cycles(events) == ()
+def test_a_cycle_says_what_told_its_two_strikes() -> None:
+    assert [c.sources for c in gait_cycles(FEET)] == [FEET.sources[:2], FEET.sources[1:]]
+
+
+def test_a_stop_or_a_flicker_is_no_cycle() -> None:
+    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == ()
 
 
 def test_flickers_of_the_threshold_are_no_steps() -> None:
@@ -57,38 +54,13 @@ def test_flickers_of_the_threshold_are_no_steps() -> None:
     loaded[50:54] = False
     loaded[100:103] = True
     assert np.array_equal(steady(time, loaded), contact(time, 0.2))
-    assert len(gait_cycles(foot_events(time, loaded))) == 2
-
-
-def test_without_plates_the_motion_tells_the_strikes() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    heel, toe = swing(time, 0.2, 0.0)
-    events = foot_events(time, np.zeros(len(time), dtype=bool), heel, toe)
-    assert events.strikes == pytest.approx([0.2, 1.3, 2.4], abs=1.5 * FRAME)
-    assert events.toe_offs == pytest.approx([0.86, 1.96], abs=1.5 * FRAME)
-
-
-def test_steps_beside_the_plates_are_moved_to_mean_the_same_as_those_on_them() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    loaded = contact(time, 0.2) & (time < 1.2)
-    heel, toe = swing(time, 0.2, 0.05)
-    events = foot_events(time, loaded, heel, toe)
-    assert events.strikes == pytest.approx([0.2, 1.3, 2.4], abs=2.5 * FRAME)
-    assert len(events.toe_offs) == 2
-
-
-def test_a_standing_foot_has_no_cycle() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    still = 0.005 * np.sin(9.0 * time)
-    events = foot_events(time, np.ones(len(time), dtype=bool), still, still)
-    assert len(events.strikes) == 0 and gait_cycles(events) == () and stances(events, time) == ()
 
 
 def test_stances_also_at_the_ends_of_the_trial() -> None:
     time = np.arange(0.0, 2.0, FRAME)
-    found = stances(foot_events(time, contact(time, -0.3)), time)
-    assert found[0][0] == time[0] and found[-1][1] == time[-1]
-    assert len(found) == 3
+    found = stances(FootEvents(np.array([0.8, 1.9]), np.array([0.36, 1.46])), time)
+    assert found == ((0.0, 0.36), (0.8, 1.46), (1.9, time[-1]))
+    assert stances(FootEvents(np.array([]), np.array([])), time) == ()
 
 
 def test_the_drawn_cycle_is_the_one_with_most_valid_frames() -> None:
