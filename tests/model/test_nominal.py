@@ -235,7 +235,7 @@ def test_orthotrak_hip_centres() -> None:
 
 def test_no_medial_markers_use_defaults_and_say_so() -> None:
     static = without(published_static(), "R.Knee.Med", "R.Ankle.Med", "L.Knee.Med", "L.Ankle.Med")
-    model = nominal_model(static, load_marker_set("published"), PUBLISHED)
+    model = nominal_model(static, load_marker_set("published"), PUBLISHED, hip_centre=HipCentre.BELL)
     printed = published_subject().joint / JP_TO_SI
     for parameter in JOINT_PARAMETERS:
         if parameter.joint.startswith(LEGS):
