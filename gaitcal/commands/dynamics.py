@@ -64,7 +64,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
         done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
-        stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict)
+        stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict, saved.relative_to)
     print_trials(talk, done)
     print_verdict(talk, verdict)
     print_remarks(talk, stale, [n for t in done for n in t.notes])

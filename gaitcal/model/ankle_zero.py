@@ -12,10 +12,11 @@ marker and the foot's long axis, which it took as parallel to the floor or along
 the laboratory told it. A heel marker may sit 15 mm lower than the toe marker, which in a child's foot is 5 degrees.
 Only the zero of the angle is decided here: the foot's frame, its markers and all torques stay.
 
-A foot is taken as flat unless its heel marker is high: against the other foot's by more than UNEVEN of its length (both
-are marked alike; of ten people the most was 0.03), or by more than HIGH over its toe marker (at most 0.10 there). Of
-two uneven feet the one with the lower heel stands flat, and tells how the other's markers lie to its sole. That both
-heels are off the floor by less cannot be told; the notes give the slope of either foot's markers.
+A foot is taken as flat unless the slope of its line from heel to toe marker differs from the other foot's by more than
+UNEVEN (both are marked alike; of ten people the most was 0.03), or its heel marker lies by more than HIGH of its length
+above its toe marker (at most 0.10 there). Of two uneven feet the one whose heel is higher, or whose toes are, is off
+the floor, whichever differs more; the other stands flat, and tells how the markers lie to the sole. That both heels are
+off the floor by less cannot be told; the notes give the slope of either foot's markers.
 """
 
 from __future__ import annotations
@@ -103,6 +104,10 @@ class _Foot:
     by_file: float | None
     slope: float
     """rad, of the line from heel to toe marker; positive: the toe marker is higher."""
+    heel: float
+    """m, height of the heel marker."""
+    toe: float
+    """m, height of the toe marker."""
 
     @classmethod
     def of(cls, posture: StaticPosture, legs: LowerBody, side: str, plantarflexion: float | None) -> _Foot:
@@ -120,6 +125,8 @@ class _Foot:
             by_markers=_dorsiflexion(line, shank),
             by_file=by_file,
             slope=float(np.arcsin(line[1])),
+            heel=float(heel[1]),
+            toe=float(toe[1]),
         )
 
 
@@ -127,19 +134,26 @@ def _dorsiflexion(direction: Array, shank: Array) -> float:
     return float(np.arcsin(np.clip(direction @ shank, -1.0, 1.0)))
 
 
+def _off_the_floor(foot: _Foot, other: _Foot) -> str:
+    """What of a foot is off the floor, the other being flat: `heel`, `toes` or nothing."""
+    steeper = np.sin(foot.slope) - np.sin(other.slope)
+    heels, toes = foot.heel - other.heel, foot.toe - other.toe
+    if steeper < -UNEVEN and heels >= -toes:
+        return "heel"
+    return "toes" if steeper > UNEVEN and toes > -heels else ""
+
+
 def _automatic(foot: _Foot, other: _Foot) -> tuple[float, str]:
     """Dorsiflexion of a foot, and why."""
-    uneven = np.sin(other.slope) - np.sin(foot.slope) > UNEVEN
-    if not uneven and np.sin(foot.slope) >= -HIGH:
+    lifted = _off_the_floor(foot, other)
+    if not lifted and np.sin(foot.slope) >= -HIGH:
         return foot.by_sole, "it stands flat on the floor"
+    why = "its toes seem off the floor" if lifted == "toes" else "its heel seems off the floor"
     if foot.by_file is not None:
-        return foot.by_file, "its heel is off the floor; the file's static plantarflexion angle says how far"
-    if uneven and np.sin(other.slope) >= -HIGH:
-        return (
-            foot.by_markers - other.slope,
-            "its heel is off the floor; its markers are taken to lie as the other foot's",
-        )
-    return foot.by_markers, "its heel marker is high: the line from heel to toe marker is taken as the sole's"
+        return foot.by_file, f"{why}; the file's static plantarflexion angle says how far"
+    if lifted and np.sin(other.slope) >= -HIGH:
+        return foot.by_markers - other.slope, f"{why}; its markers are taken to lie to the sole as the other foot's"
+    return foot.by_markers, f"{why}; the line from heel to toe marker is taken as the sole's"
 
 
 def _notes(angles: Mapping[str, float], words: Mapping[str, str], feet: Mapping[str, _Foot]) -> tuple[str, ...]:

@@ -245,6 +245,11 @@ class Calibration:
         return {name: error for name, error in self.uncertainty.standard_errors.items() if name in fitted}
 
     @property
+    def relative_to(self) -> Mapping[str, float] | None:
+        """The static angles, where the study asks for joint angles that are counted from them."""
+        return self.static_angles if self.study.settings.angles == "relative" else None
+
+    @property
     def converged(self) -> bool:
         """Whether every phase reached its tolerance."""
         return all(phase.converged for phase in self.phases)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
@@ -18,6 +20,21 @@ COORDINATE_HEADER = (
     "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
 )
 """Comment lines above the header of every file of coordinates."""
+
+
+def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
+    """Comment lines of a file whose joint angles are counted from the static posture, coordinate -> rad."""
+    static = ", ".join(f"{n} {np.rad2deg(relative_to[n]):.2f}" for n in FILE_COORDINATES if _counted(n, relative_to))
+    return (
+        "joint angles are relative: those of the static trial are taken off; pelvis coordinates are as they are",
+        f"static trial, deg: {static}",
+    )
+
+
+def _counted(name: str, relative_to: Mapping[str, float]) -> bool:
+    return name in relative_to and not name.startswith("pelvis")
+
+
 MOMENT_HEADER = (
     "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
     "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",
@@ -76,12 +93,19 @@ def _free_inertial(calibration: Calibration) -> set[str]:
     return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}
 
 
-def coordinate_table(motion: Motion, errors: Array | None = None) -> pd.DataFrame:
-    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error."""
+def coordinate_table(
+    motion: Motion, errors: Array | None = None, relative_to: Mapping[str, float] | None = None
+) -> pd.DataFrame:
+    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error.
+
+    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
+    """
     names = [name for name in FILE_COORDINATES if name in motion.coordinates]
     order = [motion.coordinates.index(name) for name in names]
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    parts = {"": motion.q, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
+    static = {n: value for n, value in (relative_to or {}).items() if _counted(n, relative_to or {})}
+    still = np.array([static.get(name, 0.0) for name in motion.coordinates])
+    parts = {"": motion.q - still, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
     if errors is not None:
         parts["_se"] = errors
     columns = {"time": motion.time}

@@ -28,6 +28,7 @@ from gaitcal.person.tables import (
     marker_error_table,
     moment_table,
     parameter_table,
+    relative_header,
 )
 from gaitcal.recording import write_trc
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table
@@ -75,7 +76,7 @@ def write_results(
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         _models(calibration.model, out)
         for trial in calibration.trials:
-            write_trial(trial, calibration.model, out)
+            write_trial(trial, calibration.model, out, calibration.relative_to)
         _csv(cycle_table(calibration.model, calibration.trials), out / "cycles.csv", CYCLE_HEADER)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
@@ -122,14 +123,21 @@ def _models(model: SubjectModel, out: Path) -> None:
         write_mjcf(model, out / "model.xml")
 
 
-def write_trial(trial: TrialResult, model: SubjectModel, out: Path) -> None:
-    """Motion, marker errors and markers of a trial; with force plates also torques and ground reactions."""
+def write_trial(
+    trial: TrialResult, model: SubjectModel, out: Path, relative_to: Mapping[str, float] | None = None
+) -> None:
+    """Motion, marker errors and markers of a trial; with force plates also torques and ground reactions.
+
+    `relative_to`: coordinate -> rad in the static posture, from which the table counts joint angles; the .mot, which
+    moves `model.osim`, never does.
+    """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, REFUSED_HEADER if trial.is_refused else ()
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
-    coordinates = coordinate_table(body, trial.coordinate_errors)
-    _csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *COORDINATE_HEADER))
+    header = COORDINATE_HEADER if relative_to is None else (*COORDINATE_HEADER, *relative_header(relative_to))
+    coordinates = coordinate_table(body, trial.coordinate_errors, relative_to)
+    _csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     _csv(
         marker_error_table(trial),

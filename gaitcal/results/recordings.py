@@ -19,6 +19,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.gait.events import SAME_EVENT
 from gaitcal.recording import read_recording, write_c3d
 from gaitcal.recording.axes import Turn
 from gaitcal.recording.c3d.reader import PER_METRE
@@ -37,8 +38,6 @@ SINGLE = 2.0**-23
 """Relative rounding of a 32-bit float."""
 SAME_TIME = 1e-6
 """s."""
-SAME_EVENT = 0.2
-"""s: an event of the file this near to one of ours is the same event."""
 SAME_PLACE = 1e-6
 """m, between a marker of the file and of the result: both are the same number, turned by quarters."""
 

@@ -18,6 +18,7 @@ from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import Uncertainty
+from gaitcal.results.summary import STATIC_ANGLES
 from gaitcal.results.verdict import SUMMARY, of_the_model
 from gaitcal.study.settings import CalibrationSettings
 
@@ -39,6 +40,8 @@ class SavedResult:
     uncertainty: Uncertainty
     doubts: tuple[Finding, ...] = ()
     """What its verdict says of every further trial."""
+    relative_to: Mapping[str, float] | None = None
+    """Coordinate -> rad in the static posture, where joint angles are counted from it."""
 
 
 def load_result(folder: Path) -> SavedResult:
@@ -78,15 +81,25 @@ def _read(folder: Path) -> SavedResult:
         raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
     rename = manifest.get("rename")
+    summary = read_object(folder / SUMMARY)
+    chosen = CalibrationSettings.model_validate(known)
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
         marker_set=_marker_set(folder, manifest, model),
         rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
-        settings=CalibrationSettings.model_validate(known),
+        settings=chosen,
         uncertainty=load_uncertainty(folder / UNCERTAINTY),
-        doubts=of_the_model(read_object(folder / SUMMARY)),
+        doubts=of_the_model(summary),
+        relative_to=_static_angles(summary, folder) if chosen.angles == "relative" else None,
     )
+
+
+def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
+    angles = summary.get(STATIC_ANGLES)
+    if not isinstance(angles, dict) or not angles:
+        raise InputError("found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY)
+    return {str(name): float(np.deg2rad(value)) for name, value in angles.items()}
 
 
 def _marker_set(folder: Path, manifest: Mapping[str, object], model: SubjectModel) -> MarkerSet:

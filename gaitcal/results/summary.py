@@ -6,7 +6,7 @@ import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.gait.moments import moment_of
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.results.json_types import Json
 from gaitcal.results.verdict import verdict_summary, walk_summary
@@ -18,6 +18,8 @@ NO_FLOOR = 1e-6
 SHARE_DIGITS = 4
 TIME_DIGITS = 4
 """s: a tenth of a millisecond."""
+STATIC_ANGLES = "static_angles_deg"
+"""Entry: coordinate -> deg with which the calibrated model meets the static posture."""
 
 
 def summary(calibration: Calibration) -> dict[str, Json]:
@@ -28,6 +30,11 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
         "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
+        STATIC_ANGLES: {
+            name: round(float(np.rad2deg(value)), 4)
+            for name, value in calibration.static_angles.items()
+            if not is_translation(name)
+        },
         "phases": [
             {
                 "name": phase.name,

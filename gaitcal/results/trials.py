@@ -35,6 +35,7 @@ def write_trials(
     folder: Path,
     inputs: Sequence[Path],
     verdict: Verdict,
+    relative_to: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
     """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
 
@@ -44,6 +45,7 @@ def write_trials(
         model's hash tells later whether an earlier trial was made with it.
     inputs : recordings and forces, which the folder must not hold.
     verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
+    relative_to : coordinate -> rad in the static posture, where joint angles are to be counted from it.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def write_trials(
     carried: dict[str, str] = {}
     with ExitStack() as until_done, atomic_directory(folder, ResultKind.DYNAMICS, inputs, carried) as out:
         for trial in trials:
-            write_trial(trial, model, out)
+            write_trial(trial, model, out, relative_to)
         with disk_errors(folder):
             until_done.enter_context(locked(folder))
         read.require_unchanged()

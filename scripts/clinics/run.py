@@ -73,7 +73,7 @@ def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | N
     seconds = time.perf_counter() - begin
     (place / "said.txt").write_text(done.stdout + "\n" + done.stderr, encoding="utf-8")
     last = (done.stderr.strip() or done.stdout.strip() or "nothing said").splitlines()[-1]
-    if "Traceback" in done.stderr or done.returncode not in (0, 1):
+    if "Traceback" in done.stderr or "internal error" in done.stderr or done.returncode not in (0, 1):
         return Outcome(title, Ending.CRASH, seconds, f"exit {done.returncode}: {last}", result)
     if not (result / "summary.json").exists():
         ending = Ending.ASKED if variant.may_refuse else Ending.REFUSED

@@ -14,7 +14,7 @@ from gaitcal.model.inertial_parameters import IP_NAMES, MASSIVE_SEGMENTS, QUANTI
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, ZERO_ANGLES
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.nominal import PUBLISHED, RAISED, HipCentre, nominal_model, published_model
+from gaitcal.model.nominal import PUBLISHED, RAISED, AnkleZero, HipCentre, nominal_model, published_model
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, track
@@ -32,7 +32,9 @@ LEGS = ("hip", "knee", "talocrural", "subtalar")
 
 
 def of_published(**changes: object) -> SubjectModel:
-    return nominal_model(published_static(), load_marker_set("published"), PUBLISHED, **changes)  # type: ignore[arg-type]
+    """As the published subject was made: hips by Bell, the foot as its markers show it."""
+    as_published = {"hip_centre": HipCentre.BELL, "ankle_zero": AnkleZero.MARKERS} | changes
+    return nominal_model(published_static(), load_marker_set("published"), PUBLISHED, **as_published)  # type: ignore[arg-type]
 
 
 def static_errors(model: SubjectModel, recording: Recording, window: slice) -> MarkerErrors:
@@ -233,7 +235,7 @@ def test_orthotrak_hip_centres() -> None:
 
 def test_no_medial_markers_use_defaults_and_say_so() -> None:
     static = without(published_static(), "R.Knee.Med", "R.Ankle.Med", "L.Knee.Med", "L.Ankle.Med")
-    model = nominal_model(static, load_marker_set("published"), PUBLISHED)
+    model = nominal_model(static, load_marker_set("published"), PUBLISHED, hip_centre=HipCentre.BELL)
     printed = published_subject().joint / JP_TO_SI
     for parameter in JOINT_PARAMETERS:
         if parameter.joint.startswith(LEGS):

@@ -1,0 +1,122 @@
+"""Hip centres by regressions and as a file has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.model.hip_centre import HipCentre, hip_centre
+from gaitcal.model.landmarks import labelled_hips, static_posture
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.nominal import PUBLISHED, nominal_model
+from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.recording import Recording, still_window
+from gaitcal.recording.metadata import ComputedPoints
+from gaitcal.study.settings import CalibrationSettings
+from tests.model.people import published_static
+from tests.scripts import script
+
+script("check_truth")  # puts the folder of scripts on the path
+
+from truth.people import walking_person  # noqa: E402
+
+ROUNDING = 1e-12
+"""m, of coordinates of a metre."""
+MM = 1e-3
+
+
+def with_points(static: Recording, points: dict[str, np.ndarray], *, measured: bool) -> Recording:
+    """The static trial with further points, as markers or as what another program computed."""
+    tracks = np.stack([np.broadcast_to(p, (len(static.time), 3)) for p in points.values()], axis=1)
+    if not measured:
+        return replace(static, computed=ComputedPoints(tuple(points), tracks))
+    markers = np.concatenate([static.markers, tracks], axis=1)
+    return replace(static, labels=(*static.labels, *points), markers=markers)
+
+
+def hips_in_laboratory(static: Recording) -> dict[str, np.ndarray]:
+    """Plausible hip centres: those of the published subject, each displaced by 12 mm."""
+    p = {label: static.markers[0, i] for i, label in enumerate(static.labels)}
+    middle = 0.5 * (p["R.ASIS"] + p["L.ASIS"])
+    return {"r": middle + [-0.05, -0.08, 0.09], "l": middle + [-0.055, -0.07, -0.085]}
+
+
+def made(static: Recording, rule: HipCentre) -> SubjectModel:
+    return nominal_model(static, load_marker_set("published"), PUBLISHED, hip_centre=rule)
+
+
+def test_harrington_by_hand() -> None:
+    """X = -0.24 150 - 9.9, y = -0.30 240 - 10.9, z = 0.33 240 + 7.3 mm; the left one mirrored."""
+    right = hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "r")
+    np.testing.assert_allclose(right, np.array([-45.9, -82.9, 86.5]) * MM, atol=ROUNDING)
+    left = hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "l")
+    np.testing.assert_allclose(left, right * [1, 1, -1], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("person", ["p01", "p18"])
+def test_harrington_is_nearer_than_bell_where_the_truth_is_known(person: str, data_dir: Path) -> None:
+    known = walking_person(person, data_dir / "opensim_truth")
+    study = known.study
+    window = still_window(study.static.recording, study.marker_set.labels).frames
+    posture = static_posture(study.static.recording, study.marker_set, window)
+    misses = {}
+    for rule in (HipCentre.BELL, HipCentre.HARRINGTON):
+        centres = lower_body(posture, study.subject.height, rule).centres
+        misses[rule] = [float(np.linalg.norm(centres[f"hjc_{s}"] - known.static_hips[f"hip_{s}"])) for s in "rl"]
+    assert (np.subtract(misses[HipCentre.BELL], misses[HipCentre.HARRINGTON]) > 5 * MM).all()
+    assert max(misses[HipCentre.HARRINGTON]) < 30 * MM
+
+
+@pytest.mark.parametrize("measured", [True, False])
+@pytest.mark.parametrize("labels", [("RHJC", "LHJC"), ("R_HJC", "L_HJC"), ("R.HJC", "L.HJC"), ("HJC_R", "HJC_L")])
+def test_hip_centres_of_the_file_are_taken(labels: tuple[str, str], measured: bool) -> None:
+    static = published_static()
+    hips = hips_in_laboratory(static)
+    with_hips = with_points(static, dict(zip(labels, hips.values(), strict=True)), measured=measured)
+    model = made(with_hips, HipCentre.GIVEN)
+    distance = np.linalg.norm(model.landmarks["hjc_r"][1] - model.landmarks["hjc_l"][1])
+    assert distance == pytest.approx(np.linalg.norm(hips["r"] - hips["l"]), abs=ROUNDING)
+    gap = np.linalg.norm(model.landmarks["asis_r"][1] - model.landmarks["hjc_r"][1])
+    wanted = np.linalg.norm(static.markers[0, static.labels.index("R.ASIS")] - hips["r"])
+    assert gap == pytest.approx(wanted, abs=ROUNDING)
+    assert any(labels[0] in note for note in model.notes)
+
+
+def test_hip_centres_of_the_file_are_offered() -> None:
+    static = published_static()
+    hips = hips_in_laboratory(static)
+    model = made(with_points(static, {"RHJC": hips["r"], "LHJC": hips["l"]}, measured=False), HipCentre.HARRINGTON)
+    (offer,) = [note for note in model.notes if "hip_centre = 'given'" in note]
+    assert "RHJC, LHJC" in offer
+    assert not any("'given'" in note for note in made(static, HipCentre.HARRINGTON).notes)
+
+
+def test_hip_centres_that_are_not_there_are_asked_for() -> None:
+    with pytest.raises(InputError, match=r"hip_centre = 'given': the static trial has no hip centre hjc_r and hjc_l"):
+        made(published_static(), HipCentre.GIVEN)
+
+
+def test_exchanged_hip_centres_are_refused() -> None:
+    static = published_static()
+    hips = hips_in_laboratory(static)
+    exchanged = with_points(static, {"RHJC": hips["l"], "LHJC": hips["r"]}, measured=True)
+    with pytest.raises(InputError, match=r"hip centre RHJC: found it 1\d\d mm .* sides exchanged"):
+        made(exchanged, HipCentre.GIVEN)
+
+
+def test_labels_of_hip_centres() -> None:
+    assert labelled_hips(["RHJC", "L_HJC"]) == {"r": "RHJC", "l": "L_HJC"}
+    assert labelled_hips(["rhj", "LHipJC"]) == {"r": "rhj", "l": "LHipJC"}
+    assert labelled_hips(["RKJC", "RHEE", "THJC", "RHJCX", "HJC"]) == {}
+
+
+def test_the_published_protocol_keeps_the_published_regression() -> None:
+    assert CalibrationSettings().hip_rule == "harrington"
+    assert CalibrationSettings(protocol="published").hip_rule == "bell"
+    assert CalibrationSettings(mode="simultaneous").hip_rule == "bell"
+    assert CalibrationSettings(protocol="published", hip_centre="harrington").hip_rule == "harrington"
