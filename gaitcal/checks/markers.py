@@ -49,7 +49,7 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
     absent = [label for label in trial.expected if label not in trial.place]
     if not absent:
         return
-    strangers = _unknown(trial)
+    strangers = unknown_labels(trial)
     names = []
     for label in absent:
         close = alike(label, strangers)
@@ -116,13 +116,14 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
 
 def unknown(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that the marker set does not know: they are not used."""
-    strangers = _unknown(trial)
+    strangers = unknown_labels(trial)
     if strangers:
         cure = "nothing, if they are meant to be left out"
         yield trial.info("labels", f"{len(strangers)} labels unknown to the set: {listed(strangers)}", cure)
 
 
-def _unknown(trial: TrialEvidence) -> list[str]:
+def unknown_labels(trial: TrialEvidence) -> list[str]:
+    """Labels of the file that the marker set does not know."""
     known = set(trial.marker_set.labels)
     return [label for label in trial.recording.labels if label not in known]
 

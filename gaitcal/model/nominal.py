@@ -33,7 +33,7 @@ __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 
 
 FULL_SUPPORT = 3
-"""Markers that pelvis, thighs, shanks and feet need; a set that gives fewer needs them all."""
+"""Markers that the pelvis needs, which no joint holds."""
 
 RAISED = 0.1
 """Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static trial: the acromion
@@ -167,9 +167,8 @@ def _placement(
         tracking = marker_set.tracking.get(segment, ())
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
-        pulling = sum(weight(label) > 0 for label in tracking)
         kept = sum(weight(label) > 0 for label in present)
-        needed = FULL_SUPPORT if segment == "pelvis" else max(1, min(FULL_SUPPORT, pulling))
+        needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: checks/one_marker.py
         if kept < needed and (segment == "pelvis" or segment.startswith(("thigh", "shank", "foot"))):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"

@@ -24,7 +24,7 @@ from gaitcal.motion.spline import SplineBasis
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""
 STRAIGHT = 0.02
-"""Weight of the straight joint against the one marker of a segment: it tells what that marker cannot, and hardly more."""
+"""Weight of the straight joint against the one marker of a segment: it tells what that marker cannot, hardly more."""
 ROOT_COORDINATES = 6
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
