@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.recording import read_recording
 from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import Recording
+from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, Trial, load_study_file
 
@@ -299,8 +301,16 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
 
 
 def nominal_of(study: Study) -> SubjectModel:
-    """The nominal model of a study: its static trial, marker set and anthropometry."""
+    """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
+    markers of the trunk, the walks place them.
+    """
     static, _ = without_strays(study.static.recording, study.marker_set.segment_of)
-    return nominal_model(
-        static, study.marker_set, study.subject, hip_centre=HipCentre(study.settings.hip_centre), weights=study.weights
+    model_of = partial(
+        nominal_model,
+        marker_set=study.marker_set,
+        subject=study.subject,
+        hip_centre=HipCentre(study.settings.hip_centre),
+        weights=study.weights,
     )
+    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
+    return model_with_trunk(model_of, static, study.marker_set, walks)
