@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import unit
 from gaitcal.model.subject_model import SubjectModel
@@ -84,7 +84,7 @@ def with_trunk_of_walks(
     )
 
 
-def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[Array, Array, Array]:
+def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
     """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m lumbar joint."""
     column = {label: i for i, label in enumerate(walk.labels)}
     pelvis = [
