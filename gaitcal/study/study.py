@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import read_recording
 from gaitcal.recording.recording import Recording
+from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
@@ -307,16 +309,20 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
 
 
 def nominal_of(study: Study) -> SubjectModel:
-    """The nominal model of a study: its static trial, marker set and anthropometry."""
+    """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
+    markers of the trunk, the walks place them.
+    """
     completed = completed_static(study)
+    model_of = partial(
+        nominal_model,
+        marker_set=study.marker_set,
+        subject=study.subject,
+        hip_centre=HipCentre(study.settings.hip_rule),
+        ankle_zero=AnkleZero(study.settings.ankle_rule),
+        weights=study.weights,
+    )
+    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
     try:
-        return nominal_model(
-            completed.static,
-            study.marker_set,
-            study.subject,
-            hip_centre=HipCentre(study.settings.hip_rule),
-            ankle_zero=AnkleZero(study.settings.ankle_rule),
-            weights=study.weights,
-        )
+        return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:
         raise InputError(f"{fault}{completed.why_not(str(fault))}") from fault
