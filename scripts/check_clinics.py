@@ -25,7 +25,9 @@ import re
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -34,6 +36,20 @@ from clinics.variants import cases
 from joblib import Parallel, delayed
 
 ENOUGH = 0.9
+AS_IT_IS = "as it is"
+
+
+def _as_it_is(clinic: str, room: Path) -> Any:
+    return delayed(run_case)(AS_IT_IS, clinic, room, None)
+
+
+def told(outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """The outcomes, each printed as it comes."""
+    out = []
+    for outcome in outcomes:
+        print(outcome.line, flush=True)
+        out.append(outcome)
+    return out
 
 
 def main(arguments: list[str] | None = None) -> list[Outcome]:
@@ -52,13 +68,11 @@ def main(arguments: list[str] | None = None) -> list[Outcome]:
         room = given.keep or Path(temporary)
         room.mkdir(parents=True, exist_ok=True)
         bases = sorted({clinic for _, clinic in chosen})
-        first = Parallel(given.jobs)(delayed(run_case)("as it is", clinic, room, None) for clinic in bases)
+        first = told(Parallel(given.jobs, return_as="generator")(_as_it_is(clinic, room) for clinic in bases))
         clean = dict(zip(bases, first, strict=True))
-        rest = [(v.name, c) for v, c in chosen if v.name != "as it is"]
-        outcomes = [clean[c] for v, c in chosen if v.name == "as it is"]
-        outcomes += Parallel(given.jobs)(delayed(run_case)(v, c, room, clean[c]) for v, c in rest)
-    for outcome in outcomes:
-        print(outcome.line)
+        rest = [(v.name, c) for v, c in chosen if v.name != AS_IT_IS]
+        changed = Parallel(given.jobs, return_as="generator")(delayed(run_case)(v, c, room, clean[c]) for v, c in rest)
+        outcomes = [clean[c] for v, c in chosen if v.name == AS_IT_IS] + told(changed)
     counts = Counter(outcome.ending for outcome in outcomes)
     print(", ".join(f"{ending.value} {counts[ending]}" for ending in Ending), f"of {len(outcomes)}")
     reached = counts[Ending.TORQUES] + counts[Ending.ASKED] + counts[Ending.NAMED]
