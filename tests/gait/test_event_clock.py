@@ -36,9 +36,11 @@ def test_events_set_by_eye_are_used_and_nothing_is_said(seed: int) -> None:
 @few
 @given(seeds)
 def test_a_foot_that_drags_is_no_wrong_clock(seed: int) -> None:
-    """Its motion tells strikes late and offs early, as long as it lasts."""
-    motion = [replace(e, time=e.time + (0.04 if e.moment is FootMoment.STRIKE else -0.07)) for e in walk()]
-    assert causes(moved(walk(), 0.0, 0.5 * BY_EYE, seed), [], motion) == []
+    """Its motion tells strikes late and offs early, as long as it lasts; the file may tell fewer offs than strikes."""
+    motion = [replace(e, time=e.time + (0.075 if e.moment is FootMoment.STRIKE else -0.075)) for e in walk()]
+    file = moved(walk(), 0.0, 0.5 * BY_EYE, seed)
+    few_offs = [e for e in file if e.moment is FootMoment.STRIKE or e.time < 3.6]
+    assert causes(file, [], motion) == causes(few_offs, [], motion) == []
 
 
 @pytest.mark.parametrize("offset", [-0.45, -0.2, 0.13, 0.35])

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal.commands.console import _residuals
+from gaitcal.findings import Severity
+from gaitcal.gait.events import joined_events
 from gaitcal.page.report import report_html
+from gaitcal.recording.metadata import FootEvent
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 
@@ -79,3 +82,25 @@ def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
     line = _residuals("walk", trial.loads)
     last = trial.loads.residuals[-1]
     assert f"{last.rms_force:.1f} N, {last.rms_moment:.1f} N·m" in line
+
+
+def test_events_are_told_with_side_time_and_source() -> None:
+    """The fake's plates are loaded from 0.2 (right) and 0.7 s (left), for 0.6 of every second."""
+    whole = fake_calibration()
+    told = {trial.name: cast(Any, trial_summary(trial, whole.verdict)) for trial in whole.trials}
+    events = told["walk"]["events"]
+    assert events[:3] == [
+        {"side": "r", "event": "foot strike", "time": 0.2, "source": "plates"},
+        {"side": "l", "event": "foot off", "time": 0.29, "source": "plates"},
+        {"side": "l", "event": "foot strike", "time": 0.7, "source": "plates"},
+    ]
+    assert "events" not in told["knee"], "an isolated trial has none"
+
+
+def test_what_is_wrong_with_a_files_events_is_said_of_its_trial() -> None:
+    walk = next(t for t in fake_calibration().trials if t.joint is None)
+    late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
+    wrong = replace(walk, events=joined_events(walk.body.time, late, walk.events.events, ()))
+    said = [f for f in wrong.findings if f.topic == "events"]
+    assert [(f.where, f.severity) for f in said] == [("walk", Severity.WARNING)] and "0.30 s too late" in said[0].cause
+    assert not [f for f in walk.findings if f.topic == "events"]
