@@ -29,7 +29,7 @@ LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment
 WORDS = {"force": "force", "grf": "force", "point": "point", "cop": "point", "torque": "moment", "moment": "moment"}
 FIRST = {"f": "force", "p": "point", "m": "moment", "t": "moment"}
 """Of F1X and the like."""
-SUFFIX = re.compile(r"(?P<rest>.*[a-z]+?[xyz])_?(?P<plate>\d+|(?<=_)[rl]|(?<=_)right|(?<=_)left)", re.IGNORECASE)
+SUFFIX = re.compile(r"(?P<rest>.+[xyz])_?(?P<plate>\d+|(?<=_)[rl]|(?<=_)right|(?<=_)left)", re.IGNORECASE)
 """Names that end with their plate: Fx1, COPx_1, ground_force_vx_r."""
 FILLERS = frozenset(["ground", "reaction"])
 
