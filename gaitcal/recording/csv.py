@@ -23,7 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.recording.axes import Turn, body_vertical, turn_up
+from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.recording.labels import clean, unique
 from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
@@ -170,7 +170,7 @@ def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
 
 
 def with_corners(
-    plates: tuple[ForcePlate, ...], forces: Path, turn: Turn
+    plates: tuple[ForcePlate, ...], forces: Path, turn: Turn = UP_TO_Y[1, 1]
 ) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
     """The plates with the corners of the table beside `forces`, if there is one; and a note that says so.
 

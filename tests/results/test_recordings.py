@@ -231,9 +231,13 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: Non
     }
     least |= {"HipMoment": (0.7, 0.8, 0.5), "KneeMoment": (0.8, 0.8), "AnkleMoment": (0.95,)}
     study, result = write_study("pig_c3d", data_dir.resolve(), tmp_path), tmp_path / "result"
+    study.write_text(study.read_text(encoding="utf-8") + "time = [3.6, 5.8]\n", encoding="utf-8")
     assert run("calibrate", study, "--out", result, "-q").exit_code == 0
     assert run("export", result, "--format", "c3d", "--inputs", data_dir / "pig_c3d").exit_code == 0
     found, _ = points(result / "export/gait.c3d")
+    time = read_recording(result / "export/gait.c3d").time
+    inside = np.isfinite(found["gcRHipAngles"][:, 0])
+    assert np.array_equal(inside, (time > 3.599) & (time < 5.801)), "only the frames that the study asks for"
     for name, floors in least.items():
         for side in "RL":
             ours, theirs = found[f"gc{side}{name}"], found[f"{side}{name}"]
