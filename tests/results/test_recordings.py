@@ -172,7 +172,14 @@ def test_inputs_must_be_there_and_unchanged(folder: Path, monkeypatch: pytest.Mo
     result = folder / "result"
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
+    assert run("export", result, "--format", "c3d").exit_code == 0, "in a folder beside the result"
+    (folder / "other").mkdir()
+    (folder / "other/walk.c3d").write_bytes(b"of somebody else")
+    (folder / "away/deep").mkdir(parents=True)
+    shutil.move(folder / "study", folder / "away/deep/study")
+    assert run("export", result, "--format", "c3d", "--inputs", folder / "away").exit_code == 0
     missing = run("export", result, "--format", "c3d")
+    shutil.move(folder / "away/deep/study", folder / "study")
     assert missing.exit_code == 1 and "walk.c3d" in str(missing.exception) and "--inputs" in str(missing.exception)
     monkeypatch.chdir(folder / "study")
     assert run("export", result, "--format", "c3d").exit_code == 0
