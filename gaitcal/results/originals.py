@@ -61,7 +61,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
 
 
 def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
-    """Where it may lie, and whether a file of that name there is meant to be it; elsewhere others may share the name."""
+    """Where it may lie, and whether a file of that name there must be it: elsewhere others may share the name."""
     roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
     last = PurePosixPath(name).name
     for root in roots:
