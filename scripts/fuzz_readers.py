@@ -27,6 +27,7 @@ import numpy as np
 
 from gaitcal.checks import check_file
 from gaitcal.errors import GaitcalError, InputError
+from gaitcal.export import write_external_loads
 from gaitcal.files.package_data import models_path
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
@@ -41,8 +42,10 @@ from gaitcal.recording import (
     write_markers_csv,
     write_trc,
 )
+from gaitcal.recording.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
 from gaitcal.recording.csv import with_corners, write_plates_csv
 from gaitcal.recording.force_plate import plate_from_moment
+from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, static_motion
@@ -158,6 +161,10 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
         path = folder / f"forces{suffix}"
         write_forces(path, recording.plates)
         yield Kind(f"forces {suffix}", path.read_bytes(), suffix, read_forces, 500)
+    wrench = np.stack([plate.wrench() for plate in recording.plates], axis=1)
+    _, loads = write_external_loads(folder, recording.time, wrench, stem="loads")
+    yield Kind("loads .xml", loads.read_bytes(), ".xml", read_forces, 3000)
+    yield Kind("C3D to supplement", (folder / "made.c3d").read_bytes(), ".c3d", supplement, 4000)
     write_plates_csv(folder / "corners_plates.csv", recording.plates)
     corners = (folder / "corners_plates.csv").read_bytes()
     yield Kind("corners .csv", corners, ".csv", read_damaged_corners, 300)
@@ -188,6 +195,18 @@ def read_sound(path: Path) -> Recording:
     if not sound:
         raise ValueError("a recording that is not sound")
     return recording
+
+
+def supplement(path: Path) -> Recording:
+    """The recording after one point more was written into a copy of its file."""
+    frames = len(read_recording(path).time)
+    point = AddedPoint(name="LHipAngles", kind=PointKind.ANGLE, values=np.zeros((frames, 3)))
+    target = path.with_name("supplemented.c3d")
+    try:
+        supplement_c3d(c3d_original(path, frames), target, [point], [FootEvent(FootMoment.STRIKE, "r", 0.5)])
+        return read_recording(target)
+    except InputError as error:
+        raise InputError(str(error), source=path) from None
 
 
 def read_damaged_corners(path: Path) -> object:

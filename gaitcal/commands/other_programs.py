@@ -17,6 +17,7 @@ from gaitcal.findings import Finding, note_of
 from gaitcal.recording import convert
 from gaitcal.results.exports import write_export_manifest
 from gaitcal.results.json_types import Json
+from gaitcal.results.originals import trial_files
 from gaitcal.results.recordings import WrittenRecording, write_recordings
 from gaitcal.results.saved import load_result_model
 
@@ -66,6 +67,8 @@ def export_model(result: Path, formats: str, out: Path | None, inputs: Path | No
         talk.line(f"wrote {folder / WRITERS[name][1]}")
     for recording in recordings:
         talk.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
+    if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
+        talk.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 
 def compare_models(result: Path, osim: Path, talk: Talk) -> None:

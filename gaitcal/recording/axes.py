@@ -6,6 +6,7 @@ rounded and a file converted to CSV reads back bit for bit. What a file *says* o
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,9 @@ from gaitcal.recording.recording import ForcePlate, Recording, seen_mask
 
 LOADED_N = 100.0
 """Force that tells the vertical: well above any offset."""
+BODY_MARKERS, CLEARLY_TALLER = 10, 1.5
+"""So many markers, so many times more spread along one axis than along either other, are a body that stands. Arms held
+out sideways make 0.9."""
 DOMINANT = 0.8
 """Share of a force, or of a plate's normal, that must lie along one axis."""
 PROGRESSION_M = 0.5
@@ -94,7 +98,7 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
     markers within a frame (a body is taller than wide, also with its arms out, where spread is the standard deviation).
     Its sign is that on which the body lies: above the plates, else above the origin.
     """
-    axis, evidence = _force_axis(plates), "the plate forces"
+    axis, evidence = force_axis(plates), "the plate forces"
     if axis is None:
         axis, evidence = _normal_axis(plates), "the plate corners"
     if axis is None:
@@ -107,7 +111,7 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
     return Vertical(axis, -1 if above < 0 else 1, evidence)
 
 
-def _force_axis(plates: tuple[ForcePlate, ...]) -> int | None:
+def force_axis(plates: Iterable[ForcePlate]) -> int | None:
     """The axis along which nearly all of the plates' force acts under load; None where there is none."""
     total = np.zeros(3)
     length = 0.0
@@ -141,20 +145,35 @@ def _spread_axis(markers: Array) -> int | None:
     return int(np.argmax(middle)) if middle.max() > 0 else None
 
 
+def body_vertical(markers: Array) -> Vertical | None:
+    """The axis along which a whole body of markers (nf, nm, 3) stands; None where they do not tell it clearly."""
+    seen = seen_mask(markers)
+    frames = np.flatnonzero(seen.sum(axis=1) >= BODY_MARKERS)
+    if not len(frames):
+        return None
+    spread = [np.std(markers[i][seen[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
+    middle = np.median(spread, axis=0)
+    axis = int(np.argmax(middle))
+    clear = middle[axis] > CLEARLY_TALLER * np.delete(middle, axis).max()
+    return Vertical(axis, 1, "the spread of the markers") if clear else None
+
+
+def turn_plate(plate: ForcePlate, turn: Turn) -> ForcePlate:
+    """A plate in new axes: force, point, moment and corners together."""
+    return replace(
+        plate,
+        force=turn.apply(plate.force),
+        point=turn.apply(plate.point),
+        moment=turn.apply(plate.moment),
+        corners=None if plate.corners is None else turn.apply(plate.corners),
+    )
+
+
 def turn_recording(recording: Recording, turn: Turn) -> Recording:
     """Markers and plates in new axes; force, point, moment and corners turn together."""
     if turn.is_identity:
         return recording
-    plates = tuple(
-        replace(
-            plate,
-            force=turn.apply(plate.force),
-            point=turn.apply(plate.point),
-            moment=turn.apply(plate.moment),
-            corners=None if plate.corners is None else turn.apply(plate.corners),
-        )
-        for plate in recording.plates
-    )
+    plates = tuple(turn_plate(plate, turn) for plate in recording.plates)
     computed = recording.computed
     if computed is not None:
         computed = ComputedPoints(computed.labels, turn.apply(computed.points))

@@ -1,4 +1,5 @@
-"""Our own CSV tables: y up, metres, seconds, N, N·m, by definition. Nothing is converted on reading.
+"""Our own CSV tables: y up, metres, seconds, N, N·m. No number is converted on reading; markers or forces that clearly
+have another axis up are turned by quarters, as their other files are.
 
     NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
     NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
@@ -22,7 +23,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time
+from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
+from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.recording.labels import clean, unique
 from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing, to_cells
@@ -35,7 +37,7 @@ CORNERS = 4
 
 
 def read_markers_csv(path: Path) -> Recording:
-    """Markers of a wide table, exactly as written."""
+    """Markers of a wide table, every number as written."""
     names, table = _table(path)
     if is_force_header(names):
         raise InputError("this is a table of forces; give it as the forces of a trial", source=path)
@@ -57,13 +59,14 @@ def read_markers_csv(path: Path) -> Recording:
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
     order = [columns[axis] for columns in places.values() for axis in range(3)]
     markers, gap_notes = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
-    return Recording(
-        source=str(path), time=_time(path, table), labels=labels, markers=markers, notes=repetition_notes + gap_notes
-    )
+    notes = repetition_notes + gap_notes
+    recording = Recording(source=str(path), time=_time(path, table), labels=labels, markers=markers, notes=notes)
+    vertical = body_vertical(markers)
+    return recording if vertical is None or vertical.axis == 1 else turn_up(recording, vertical)
 
 
 def read_forces_csv(path: Path) -> Forces:
-    """Plates of a wide table, exactly as written."""
+    """Plates of a wide table, every number as written."""
     names, table = _table(path)
     columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
@@ -85,7 +88,8 @@ def read_forces_csv(path: Path) -> Forces:
         plate, plate_notes = build_plate(name, time, table.values[:, 1:], columns, path)
         plates.append(plate)
         notes += plate_notes
-    return Forces(str(path), tuple(plates), notes)
+    ready, turn, turn_notes = standing(plates)
+    return Forces(str(path), ready, notes + turn_notes, turn)
 
 
 def is_force_header(names: list[str]) -> bool:
@@ -165,15 +169,19 @@ def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
                 rows.writerow([plate.name, k + 1, *map(repr, corner)])
 
 
-def with_corners(plates: tuple[ForcePlate, ...], forces: Path) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
+def with_corners(
+    plates: tuple[ForcePlate, ...], forces: Path, turn: Turn = UP_TO_Y[1, 1]
+) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
     """The plates with the corners of the table beside `forces`, if there is one; and a note that says so.
+
+    `turn`: from the axes of the files to those of the plates.
 
     InputError where that table is damaged or names a plate that the forces lack.
     """
     path = plates_file(forces)
     if not path.is_file():
         return plates, ()
-    corners = _read_corners(path)
+    corners = {name: turn.apply(of_plate) for name, of_plate in _read_corners(path).items()}
     names = [plate.name for plate in plates]
     for name in corners:
         if name not in names:

@@ -4,12 +4,15 @@ A name is taken apart into what it measures (force, point, moment), its axis, an
 
     ground_force_vx   1_ground_force_px   ground_torque_x   1_ground_torque_y
     ground_force_r_vx   ground_force_1_pz   ground_moment_1_mx   R_ground_force_vx   FP1_fx   1_cop_x   left_grf_y
+    ground_force_calcn_r_vx   Fx1   COPx_1   ground_force_vx_r   F1X   M1Z
+
+Where all that is given of a moment is its vertical part, it is the free moment.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,12 +20,17 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
+from gaitcal.recording.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
 from gaitcal.recording.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
 from gaitcal.recording.recording import ForcePlate
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
 WORDS = {"force": "force", "grf": "force", "point": "point", "cop": "point", "torque": "moment", "moment": "moment"}
+FIRST = {"f": "force", "p": "point", "m": "moment", "t": "moment"}
+"""Of F1X and the like."""
+SUFFIX = re.compile(r"(?P<rest>.+[xyz])_?(?P<plate>\d+|(?<=_)[rl]|(?<=_)right|(?<=_)left)", re.IGNORECASE)
+"""Names that end with their plate: Fx1, COPx_1, ground_force_vx_r."""
 FILLERS = frozenset(["ground", "reaction"])
 
 
@@ -33,6 +41,10 @@ class Forces:
     source: str
     plates: tuple[ForcePlate, ...]
     notes: tuple[str, ...] = ()
+    turn: Turn = UP_TO_Y[1, 1]
+    """From the axes of the file to ours."""
+    feet: Mapping[str, str] = field(default_factory=dict)
+    """Plate -> "r" or "l", where the file says on which foot it acts."""
 
 
 @dataclass
@@ -53,17 +65,10 @@ def find_plates(names: Sequence[str]) -> list[PlateColumns]:
     """The plates of a table with these column names, in order of first appearance; only those that have a force."""
     plates: dict[tuple[str, int], PlateColumns] = {}
     for column, name in enumerate(names):
-        match = NAME.fullmatch(name.strip())
-        if match is None:
+        meaning = _meaning(name.strip())
+        if meaning is None:
             continue
-        tokens = re.findall(r"[a-z]+|\d+", match["rest"].lower())
-        words = [WORDS[token] for token in tokens if token in WORDS]
-        letter = (match["letter"] or "").lower()
-        quantity = LETTERS.get(letter) or (words[0] if words else None)
-        if quantity is None:
-            continue
-        identity = "_".join(token for token in tokens if token not in WORDS and token not in FILLERS)
-        axis = "xyz".index(match["axis"].lower())
+        quantity, axis, identity = meaning
         repeat = 0
         while axis in plates.setdefault((identity, repeat), PlateColumns()).columns[quantity]:
             repeat += 1
@@ -73,15 +78,35 @@ def find_plates(names: Sequence[str]) -> list[PlateColumns]:
     return [plate for plate in plates.values() if plate.columns["force"]]
 
 
+def _meaning(name: str) -> tuple[str, int, str] | None:
+    """What a column measures, along which axis 0..2, and of which plate; None where it says none of that."""
+    moved = SUFFIX.fullmatch(name)
+    for spelling in (name, f"_{name}", f"{moved['plate']}_{moved['rest']}" if moved else name):
+        match = NAME.fullmatch(spelling)
+        if match is None:
+            continue
+        tokens = re.findall(r"[a-z]+|\d+", match["rest"].lower())
+        words = [WORDS[token] for token in tokens if token in WORDS]
+        if not words and not match["letter"] and tokens and tokens[0] in FIRST:
+            words, tokens = [FIRST[tokens[0]]], tokens[1:]
+        quantity = LETTERS.get((match["letter"] or "").lower()) or (words[0] if words else None)
+        if quantity is not None:
+            identity = "_".join(token for token in tokens if token not in WORDS and token not in FILLERS)
+            return quantity, "xyz".index(match["axis"].lower()), identity
+    return None
+
+
 def build_plate(
     name: str, time: Array, values: Array, found: PlateColumns, source: object
 ) -> tuple[ForcePlate, tuple[str, ...]]:
-    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, y up, and notes; InputError if incomplete.
+    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, and notes; InputError if incomplete.
 
     Rows without a force at either end of the table are not part of it.
     """
+    free = found.columns["moment"]
+    upright = len(free) == 1 and _vertical(found, values) in free
     for quantity, columns in found.columns.items():
-        if columns and len(columns) < 3:
+        if columns and len(columns) < 3 and not (upright and quantity == "moment"):
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
             raise InputError(
                 f"found only {axes} of the {quantity} (among {', '.join(found.names)}); x, y and z are needed",
@@ -103,6 +128,10 @@ def build_plate(
     span = slice(int(known[0]), int(known[-1]) + 1)
     time, force, point = time[span], force[span], point[span]
     notes: tuple[str, ...] = ()
+    if upright:
+        axis, column = next(iter(free.items()))
+        moment = np.zeros((len(values), 3))
+        moment[:, axis] = values[:, column]
     if moment is None:
         moment = np.zeros_like(values[:, :3])
         notes += (f"Plate {name}: no moment columns; a free moment of zero was taken.",)
@@ -112,11 +141,36 @@ def build_plate(
         point = np.where(idle[:, None], 0.0, point)
         moment = np.where(idle[:, None] & np.isnan(moment), 0.0, moment)
         notes += (f"Plate {name}: {int(idle.sum())} samples without force have no point; the origin was put there.",)
-    plate = ForcePlate(name=name, time=time, force=force, point=point, moment=moment)
-    if pushes_down(force, UP):
-        plate = turned_round(plate)
-        notes += (f"Plate {name}: {TURNED_ROUND}",)
-    return plate, notes
+    return ForcePlate(name=name, time=time, force=force, point=point, moment=moment), notes
+
+
+def _vertical(found: PlateColumns, values: Array) -> int | None:
+    """The axis along which a plate's force acts under load."""
+    force = found.take("force", values)
+    if force is None:
+        return None
+    zero = np.zeros_like(force)
+    return force_axis([ForcePlate(name="", time=values[:, 0], force=np.nan_to_num(force), point=zero, moment=zero)])
+
+
+def standing(plates: Sequence[ForcePlate]) -> tuple[tuple[ForcePlate, ...], Turn, tuple[str, ...]]:
+    """Plates of a table with y up and with the force acting on the body; the turn that brought it about, and notes.
+
+    The vertical is the axis along which the forces act under load; y where they do not tell it.
+    """
+    axis = force_axis(plates)
+    turn = UP_TO_Y[1 if axis is None else axis, 1]
+    notes: tuple[str, ...] = ()
+    if not turn.is_identity:
+        notes += (f"Vertical axis of the forces is +{AXES[axis or 0]}, as they act along it; y is up here.",)
+    ready = []
+    for plate in plates:
+        turned = turn_plate(plate, turn)
+        if pushes_down(turned.force, UP):
+            turned = turned_round(turned)
+            notes += (f"Plate {plate.name}: {TURNED_ROUND}",)
+        ready.append(turned)
+    return tuple(ready), turn, notes
 
 
 def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ What `convert` makes of a file:
 | TRC         | CSV, C3D                                                                               |
 | CSV markers | TRC, C3D (with the plates of NAME_forces.csv, where that lies beside it)                |
 | MOT, STO    | CSV of forces                                                                          |
+| XML loads   | CSV of forces, MOT (with the names that the ExternalLoads give)                        |
 | CSV forces  | MOT                                                                                    |
 """
 
@@ -35,6 +36,7 @@ from gaitcal.recording.csv import (
     write_markers_csv,
     write_plates_csv,
 )
+from gaitcal.recording.external_loads import read_external_loads
 from gaitcal.recording.force_tables import Forces
 from gaitcal.recording.mot import read_mot_forces, write_forces_mot
 from gaitcal.recording.recording import ForcePlate, Recording
@@ -42,7 +44,7 @@ from gaitcal.recording.text_file import readable_size
 from gaitcal.recording.trc import read_trc, write_trc
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
-FORCE_READERS = {".mot": read_mot_forces, ".sto": read_mot_forces, ".csv": read_forces_csv}
+FORCE_READERS = {".mot": read_mot_forces, ".sto": read_mot_forces, ".csv": read_forces_csv, ".xml": read_external_loads}
 MARKER_WRITERS = {".csv": write_markers_csv, ".trc": write_trc, ".c3d": write_c3d}
 FORCE_WRITERS = {".csv": write_forces_csv, ".mot": write_forces_mot, ".sto": write_forces_mot}
 
@@ -52,9 +54,9 @@ _T = TypeVar("_T")
 def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | None = None) -> Recording:
     """Markers of a .c3d, .trc or .csv file, and its plates.
 
-    The plates are those of `forces` (.mot, .sto, .csv) if given, else the C3D file's own. Metres, seconds, newtons, y
-    up; the turn to the progression is `turn_to_progression`. Sizes are not judged here: millimetres declared as metres
-    are for `gaitcal check`.
+    The plates are those of `forces` (.mot, .sto, .csv, .xml) if given, else the C3D file's own. Metres, seconds,
+    newtons, y up; the turn to the progression is `turn_to_progression`. Sizes are not judged here: millimetres declared
+    as metres are for `gaitcal check`.
 
     Raises
     ------
@@ -68,16 +70,16 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     notes = read.notes
     if recording.plates:
         notes = (f"The {len(recording.plates)} plates of the C3D file gave way to those of {read.source}.", *notes)
-    return replace(recording, plates=read.plates, notes=recording.notes + notes)
+    return replace(recording, plates=read.plates, feet=read.feet, notes=recording.notes + notes)
 
 
 def read_forces(path: str | PathLike[str]) -> Forces:
-    """Plates of a .mot, .sto or .csv file, y up, in m, N and N·m by definition of these formats.
+    """Plates of a .mot, .sto or .csv file or of an ExternalLoads .xml, in m, N and N·m by definition of these formats.
 
     Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
     """
     forces = _read(Path(path), FORCE_READERS)
-    plates, corner_notes = with_corners(forces.plates, Path(path))
+    plates, corner_notes = with_corners(forces.plates, Path(path), forces.turn)
     return replace(forces, plates=plates, notes=forces.notes + corner_notes)
 
 
@@ -113,7 +115,7 @@ def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[P
 
 def _holds_forces(file: Path) -> bool:
     ending = file.suffix.lower()
-    return ending in (".mot", ".sto") or (ending == ".csv" and is_force_header(read_header(file)))
+    return ending in (".mot", ".sto", ".xml") or (ending == ".csv" and is_force_header(read_header(file)))
 
 
 def _write_markers(recording: Recording, new: Path) -> tuple[Path, ...]:

@@ -1,8 +1,8 @@
 """MOT and STO tables (OpenSim, SIMM), and the ground reactions in them.
 
-The header ends at `endheader`; its counts are not believed. Files of forces are y up, in m, N and N·m, by definition
-of the format's users (OpenSim's ExternalLoads in the ground frame), and already as their maker wants them: no offset
-is removed here.
+The header ends at `endheader`; its counts are not believed. Files of forces are in m, N and N·m, by definition of the
+format's users (OpenSim's ExternalLoads in the ground frame), and already as their maker wants them: no offset is
+removed here. They are y up there; one whose forces act along another axis is turned as its markers are (`axes.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_text
-from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time
+from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time, standing
 from gaitcal.recording.recording import ForcePlate
 from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
@@ -101,7 +101,8 @@ def read_mot_forces(path: Path) -> Forces:
         plate, plate_notes = build_plate(str(index + 1), time, table.values, columns, path)
         plates.append(plate)
         notes += (*plate_notes, f"Plate {index + 1} holds the columns {columns.names[0]} and following.")
-    return Forces(str(path), tuple(plates), notes)
+    ready, turn, turn_notes = standing(plates)
+    return Forces(str(path), ready, notes + turn_notes, turn)
 
 
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:

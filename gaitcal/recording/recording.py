@@ -7,6 +7,7 @@ Gaps stay gaps: they are told, weighed with zero later, and never filled.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -59,6 +60,8 @@ class Recording:
     """(nf, nm, 3) m; NaN where a marker was not seen."""
     plates: tuple[ForcePlate, ...] = ()
     """Force plates, in the order of the file; none where forces were not recorded."""
+    feet: Mapping[str, str] = field(default_factory=dict)
+    """Plate -> "r" or "l", where the file of the forces says on which foot it acts."""
     notes: tuple[str, ...] = field(default=())
     """What was assumed, converted or left out on reading, one sentence each; shown in every output."""
     events: tuple[FootEvent, ...] = ()

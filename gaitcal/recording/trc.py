@@ -32,14 +32,15 @@ def read_trc(path: Path) -> Recording:
 
 def parse_trc(path: Path) -> Recording:
     """Markers of a TRC file, in metres, in the axes of the file."""
-    lines = read_lines(path)
+    lines = [_single_tabs(line) for line in read_lines(path)]
     label_line = _label_line(path, lines)
     separator = "\t" if "\t" in lines[label_line] else None
     facts = _facts(lines[:label_line])
-    names = _names(path, lines[label_line], separator)
     start = label_line + 1
     while start < len(lines) and AXIS_LINE.fullmatch(lines[start]):
         start += 1
+    width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
+    names = _names(path, lines[label_line], separator, width)
     table = parse_rows(lines, start, 2 + 3 * len(names), source=path, separator=separator, short_step=3)
     require_increasing(table.values[:, 1], path, table.lines)
     time, notes = undo_rounding(table.values[:, 1])
@@ -96,19 +97,35 @@ def _facts(lines: Sequence[str]) -> dict[str, str]:
     for keys, values in pairwise(lines):
         if "units" in keys.lower():
             separator = "\t" if "\t" in keys else None
-            pairs = zip(keys.lower().split(separator), values.split(separator), strict=False)
-            return {key.strip(): value.strip() for key, value in pairs}
+            given = [keys.lower().split(separator), values.split(separator)]
+            filled = [[cell for cell in cells if cell.strip()] for cells in given]
+            words, numbers = filled if len(filled[0]) == len(filled[1]) else given  # tabs may be doubled in one line
+            return {key.strip(): value.strip() for key, value in zip(words, numbers, strict=False)}
     return {}
 
 
-def _names(path: Path, line: str, separator: str | None) -> list[str]:
+def _single_tabs(line: str) -> str:
+    """The line with single tabs, where all its tabs are doubled (some programs write so, in headers or throughout).
+
+    A gap in a line with single tabs leaves some tabs alone, so that it is not touched.
+    """
+    runs = re.findall(r"\t+", line.rstrip())
+    doubled = bool(runs) and all(len(run) % 2 == 0 for run in runs) and not line.startswith("\t")
+    return line.replace("\t\t", "\t") if doubled else line
+
+
+def _names(path: Path, line: str, separator: str | None, width: int) -> list[str]:
+    """Names by their places, three columns each; by their order, where that alone fits the `width` of a row."""
     cells = [clean(cell) for cell in line.split(separator)]
+    place = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)  # after tabs of its own, in some files
+    cells = cells[:1] + cells[place:]
     if len(cells) < 3 or cells[1].lower() != "time":
         raise InputError("'Frame#' must be followed by 'Time' and marker names", source=path, field="marker names")
     filled = [i for i, cell in enumerate(cells[2:]) if cell]
     if not filled:
         raise InputError("found no marker name after 'Time'", source=path, field="marker names")
-    if all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3):
+    by_place = all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3)
+    if by_place and not (width < 2 + filled[-1] + 1 and width == 2 + 3 * len(filled)):
         return cells[2 : 2 + filled[-1] + 1 : 3]
     return [cells[2 + i] for i in filled]
 

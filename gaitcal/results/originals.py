@@ -36,7 +36,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was read.
 
     `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
-    for beside the result, in it, and in the working folder.
+    for beside the result, in it, in the working folder, and in the folders there.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     hashes = read_object(folder / MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
     changed: Path | None = None
-    for path in _places(folder, name, inputs):
+    for path, is_its_place in _places(folder, name, inputs):
         if not path.is_file():
             continue
         if wanted is not None and sha256_of(path) == wanted:
             return path
-        changed = changed or path
+        changed = changed or (path if is_its_place else None)
     if changed is not None:
         message = "is not the file that the result was made from (another SHA-256); calibrate again"
         raise InputError(message, source=changed)
@@ -60,10 +60,13 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     raise InputError(f"found no '{name}', which the result was made from{cure}", source=where)
 
 
-def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[Path]:
+def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
+    """Where it may lie, and whether a file of that name there must be it: elsewhere others may share the name."""
     roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
+    last = PurePosixPath(name).name
     for root in roots:
-        yield root / name
-        yield root / PurePosixPath(name).name
-    if inputs is not None and inputs.is_dir():
-        yield from sorted(inputs.rglob(PurePosixPath(name).name))
+        yield root / name, True
+        yield root / last, True
+    for root in roots:
+        for path in sorted(root.rglob(last) if inputs else root.glob(f"*/{last}")):
+            yield path, False

@@ -17,6 +17,7 @@ from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import read_recording
+from gaitcal.recording.external_loads import loads_tables
 from gaitcal.recording.recording import Recording
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.settings import CalibrationSettings
@@ -172,7 +173,7 @@ def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[Marker
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     """The study file at `path`, its recordings and forces, and a marker set of one's own."""
-    forces = (trial.forces for trial in file.trials if trial.forces)
+    forces = (f for trial in file.trials if trial.forces for f in (trial.forces, *loads_tables(trial.forces)))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
     return (path, *(trial.file for trial in file.trials), *forces, *marker_set)
 
@@ -246,11 +247,17 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
         role=Role(trial.role),
         joint=trial.joint,
         recording=recording,
-        plates=dict(trial.plates),
+        plates={**recording.feet, **trial.plates},
         filter_hz=trial.filter_hz,
         file_labels=file_labels,
-        files={"file": trial.file} | ({"forces": trial.forces} if trial.forces else {}),
+        files={"file": trial.file} | _forces_files(trial),
     )
+
+
+def _forces_files(trial: Trial) -> dict[str, Path]:
+    if trial.forces is None:
+        return {}
+    return {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
 
 
 def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:

@@ -23,7 +23,7 @@ Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ank
 Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
-FORCES_SUFFIXES = (".mot", ".sto", ".csv")
+FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
 MAX_NAME = 80
 """Characters in a trial's name, which becomes a file name."""
 _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
@@ -134,7 +134,9 @@ class Trial(Table):
         strict=False, description="the recording, .c3d .trc or .csv"
     )
     forces: Annotated[Path, _with_suffix(FORCES_SUFFIXES)] | None = Field(
-        default=None, strict=False, description="ground reactions, .mot .sto or .csv; a C3D brings its own"
+        default=None,
+        strict=False,
+        description="ground reactions, .mot .sto .csv or ExternalLoads .xml; a C3D brings its own",
     )
     plates: dict[str, Side] = Field(
         default={}, description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of pressure"

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.recording import read_forces, read_table
+from gaitcal.recording import (
+    Recording,
+    read_forces,
+    read_recording,
+    read_table,
+    write_forces_csv,
+    write_forces_mot,
+    write_markers_csv,
+    write_trc,
+)
+from gaitcal.recording.axes import UP_TO_Y, Turn, turn_recording
+from gaitcal.recording.csv import write_plates_csv
+from tests.recording.recordings import loaded_body
 
 SCHEMES = {
     "opensim": [
@@ -162,3 +175,76 @@ def test_reference_results_are_read(data_dir: Path) -> None:
     assert found.in_degrees is True
     assert {"knee_angle_r", "pelvis_tx"} <= set(found.names)
     assert found.time[[0, -1]].tolist() == pytest.approx([0.4, 1.6])
+
+
+@pytest.mark.parametrize("turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])])
+@pytest.mark.parametrize("kind", ["mot", "csv"])
+def test_markers_and_forces_of_a_room_with_another_axis_up(tmp_path: Path, turn: Turn, kind: str) -> None:
+    """Both are turned alike, so that the feet stay on their plates; corners too."""
+    recording = standing_body()
+    back = Turn(
+        tuple(turn.source.index(k) for k in range(3)),  # type: ignore[arg-type]
+        tuple(turn.sign[turn.source.index(k)] for k in range(3)),  # type: ignore[arg-type]
+    )
+    np.testing.assert_array_equal(turn.apply(back.apply(np.array([1.0, 2, 3]))), [1, 2, 3])
+    away = turn_recording(recording, back)
+    if kind == "mot":
+        markers, forces = tmp_path / "w.trc", tmp_path / "w.mot"
+        write_trc(markers, away)
+        write_forces_mot(forces, away.plates)
+    else:
+        markers, forces = tmp_path / "w.csv", tmp_path / "w_forces.csv"
+        write_markers_csv(markers, away)
+        write_forces_csv(forces, away.plates)
+        write_plates_csv(tmp_path / "w_plates.csv", away.plates)
+    found = read_recording(markers, forces=forces)
+    np.testing.assert_array_equal(found.markers, recording.markers)
+    for plate, original in zip(found.plates, recording.plates, strict=True):
+        np.testing.assert_array_equal(plate.wrench(), original.wrench())
+        if kind == "csv":
+            np.testing.assert_array_equal(plate.corners, original.corners)
+    assert any(note.startswith("Vertical axis of the forces is +") for note in found.notes)
+
+
+def standing_body() -> Recording:
+    """A body of twelve markers over two plates, y up."""
+    recording = loaded_body()
+    more = recording.markers[:, :4] + [0.02, 0.1, 0.03]
+    return replace(
+        recording,
+        labels=(*recording.labels, *(f"M{k}" for k in range(4))),
+        markers=np.concatenate([recording.markers, more], axis=1),
+    )
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"{q}{a}{k}" for k in (1, 2) for q in ("F", "COP", "M") for a in "xyz"],
+        [f"{q}{a}_{k}" for k in (1, 2) for q in ("F", "CoP", "T") for a in "XYZ"],
+        [f"{q}{k}{a}" for k in (1, 2) for q in "FPM" for a in "XYZ"],
+        [f"ground_{q}{a}_{k}" for k in "rl" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
+        [f"ground_{q}{a}" for k in "rl" for q in (f"force_calcn_{k}_v", f"force_calcn_{k}_p", f"moment_calcn_{k}_m")
+         for a in "xyz"],
+        [f"{k}_ground_{q}{a}" for k in "RL" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
+    ],
+)  # fmt: skip
+def test_names_met_in_the_wild(tmp_path: Path, names: list[str]) -> None:
+    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
+    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
+    for start, plate in zip((1, 10), read_forces(tmp_path / "f.mot").plates, strict=True):
+        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
+        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
+        np.testing.assert_array_equal(plate.moment[0], np.arange(start + 6, start + 9))
+
+
+def test_a_free_moment_alone(tmp_path: Path) -> None:
+    names = ["Fx1", "Fy1", "Fz1", "COPx1", "COPy1", "COPz1", "Tz1"]
+    values = np.tile([10.0, 20, 700, 0.3, 0.4, 0, 6], (3, 1))
+    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
+    (plate,) = read_forces(tmp_path / "f.mot").plates
+    np.testing.assert_array_equal(plate.force[0], [10, 700, -20])
+    np.testing.assert_array_equal(plate.moment[0], [0, 6, 0])
+    (tmp_path / "f.mot").write_text(table([n.replace("Tz", "Tx") for n in names], values), encoding="utf-8")
+    with pytest.raises(InputError, match="found only x of the moment"):
+        read_forces(tmp_path / "f.mot")

@@ -64,7 +64,7 @@ def plates(draw: st.DrawFn) -> tuple[ForcePlate, ...]:
     found = []
     for name in names:
         force = values()
-        force[:, 1] = np.abs(force[:, 1])  # a force that points down would be turned round
+        force[:, 1] = np.abs(force).sum(axis=1)  # along another axis, or down, it would be turned
         found.append(ForcePlate(name=name, time=time, force=force, point=values(), moment=values()))
     return tuple(found)
 

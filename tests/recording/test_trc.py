@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
 from gaitcal.recording import read_recording, write_trc
@@ -149,3 +152,30 @@ def test_subject01(data_dir: Path) -> None:
     cycle = (left.time >= 0.4) & (left.time <= 1.6)
     total = (left.force + right.force)[cycle, 1].mean()
     assert total == pytest.approx(72.6 * 9.81, rel=0.03)  # over one cycle the plates carry the person
+
+
+@given(
+    doubled=st.sets(st.sampled_from(["keys", "values", "names", "axes", "rows"])),
+    between=st.integers(1, 7),
+    gap=st.booleans(),
+    tail=st.sampled_from(["", "\t", "\t\t\t"]),
+)
+def test_doubled_tabs(doubled: set[str], between: int, gap: bool, tail: str) -> None:
+    """Tabs doubled in any lines, any number of them between names: the same recording."""
+    lines = HEADER.format(rate=50, frames=3, markers=2, units="cm", names="A\t\t\tB\t\t").split("\n")
+    lines[3] = "Frame#\tTime\tA" + between * "\t" + "B"
+    rows = [row.replace("1.5\t900\t3", "\t\t" if gap else "1.5\t900\t3") + tail for row in ROWS.strip().split("\n")]
+    for place, name in enumerate(("keys", "values", "names", "axes"), start=1):
+        if name in doubled:
+            lines[place] = lines[place].replace("\t", "\t\t")
+    if "rows" in doubled:
+        rows = [row.replace("\t", "\t\t") for row in rows]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "t.trc"
+        path.write_text("\n".join([*lines[:-1], *rows]) + "\n", encoding="utf-8")
+        recording = parse_trc(path)
+    assert recording.labels == ("A", "B")
+    x = [0.01, np.nan if gap else 0.015, 0.02]
+    np.testing.assert_allclose(recording.markers[:, 0, 0], x)
+    np.testing.assert_allclose(recording.markers[:, 1], np.tile([0.04, 0.5, 0.06], (3, 1)))
+    np.testing.assert_array_equal(recording.time, [0, 0.01, 0.02])

@@ -172,7 +172,14 @@ def test_inputs_must_be_there_and_unchanged(folder: Path, monkeypatch: pytest.Mo
     result = folder / "result"
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
+    assert run("export", result, "--format", "c3d").exit_code == 0, "in a folder beside the result"
+    (folder / "other").mkdir()
+    (folder / "other/walk.c3d").write_bytes(b"of somebody else")
+    (folder / "away/deep").mkdir(parents=True)
+    shutil.move(folder / "study", folder / "away/deep/study")
+    assert run("export", result, "--format", "c3d", "--inputs", folder / "away").exit_code == 0
     missing = run("export", result, "--format", "c3d")
+    shutil.move(folder / "away/deep/study", folder / "study")
     assert missing.exit_code == 1 and "walk.c3d" in str(missing.exception) and "--inputs" in str(missing.exception)
     monkeypatch.chdir(folder / "study")
     assert run("export", result, "--format", "c3d").exit_code == 0
@@ -231,9 +238,13 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: Non
     }
     least |= {"HipMoment": (0.7, 0.8, 0.5), "KneeMoment": (0.8, 0.8), "AnkleMoment": (0.95,)}
     study, result = write_study("pig_c3d", data_dir.resolve(), tmp_path), tmp_path / "result"
+    study.write_text(study.read_text(encoding="utf-8") + "time = [3.6, 5.8]\n", encoding="utf-8")
     assert run("calibrate", study, "--out", result, "-q").exit_code == 0
     assert run("export", result, "--format", "c3d", "--inputs", data_dir / "pig_c3d").exit_code == 0
     found, _ = points(result / "export/gait.c3d")
+    time = read_recording(result / "export/gait.c3d").time
+    inside = np.isfinite(found["gcRHipAngles"][:, 0])
+    assert np.array_equal(inside, (time > 3.599) & (time < 5.801)), "only the frames that the study asks for"
     for name, floors in least.items():
         for side in "RL":
             ours, theirs = found[f"gc{side}{name}"], found[f"{side}{name}"]

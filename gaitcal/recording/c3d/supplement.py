@@ -8,6 +8,7 @@ Parameters that are not concerned are copied byte for byte (`parameter_section.p
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -92,7 +93,7 @@ def c3d_original(path: Path, frames: int) -> C3DOriginal:
     at = (content[0] - 1) * BLOCK
     try:
         section = parse_section(content[at : at + content[at + 2] * BLOCK])
-    except (ValueError, IndexError) as fault:
+    except (ValueError, IndexError, struct.error) as fault:
         raise InputError(f"damaged: {fault}", source=path) from None
     return C3DOriginal(path=path, content=content, header=header, section=section, frames=frames)
 
@@ -134,7 +135,7 @@ def supplement_c3d(
         out[13 if header.processor == DEC else 15] |= 0x80  # a negative scale: floats
         out[16:18] = (start // BLOCK + 1).to_bytes(2, "little")
         out += _data(original, points)
-    except (ValueError, OverflowError, IndexError) as fault:
+    except (ValueError, OverflowError, IndexError, StopIteration, struct.error) as fault:
         raise InputError(f"cannot be given further points: {fault}", source=original.path) from None
     target.write_bytes(bytes(out) + bytes(-len(out) % BLOCK))
 
