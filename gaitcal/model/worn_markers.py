@@ -20,6 +20,8 @@ from gaitcal.model.landmark_names import PARTNER, REQUIRED
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.recording.recording import Recording, seen_mask
 
+ROD_M = (0.05, 0.15)
+"""m, allowed length of a rod of a knee alignment device; the usual one has 0.095."""
 JOINT_WIDTH_M = (0.03, 0.2)
 """m, allowed distance between the lateral and the medial marker of a knee or an ankle."""
 
@@ -40,23 +42,31 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
             f"{', '.join(at_corner)}: not a marker of this trial, but the corner of a knee alignment device; the "
             "marker worn in walks may sit some mm from there"
         )
-    wanted = {m for name in marker_set.landmarks for group in marker_set.options(name) for m in group}
-    computed = static.computed
-    if computed is not None:
-        at = {label: i for i, label in enumerate(computed.labels)}
-        modelled = [label for label in at if label in wanted and label not in seen and label not in added]
-        modelled = [label for label in modelled if np.isfinite(computed.points[:, at[label]]).any()]
-        if modelled:
-            added |= {label: computed.points[:, at[label]] for label in modelled}
-            notes.append(
-                f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's program modelled"
-            )
+    modelled = _modelled(static, marker_set, seen | set(added))
+    if modelled:
+        added |= modelled
+        notes.append(f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's program modelled")
     if not added:
         return static
     kept = [i for i, label in enumerate(static.labels) if label not in added]
     markers = np.concatenate([static.markers[:, kept], np.stack(list(added.values()), axis=1)], axis=1)
     labels = (*(static.labels[i] for i in kept), *added)
     return replace(static, labels=labels, markers=markers).with_notes(*notes)
+
+
+def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[str, Array]:
+    """Marker -> (nf, 3) m, points that another program computed, for landmarks that no marker `seen` gives."""
+    computed = static.computed
+    if computed is None:
+        return {}
+    at = {label: i for i, label in enumerate(computed.labels) if np.isfinite(computed.points[:, i]).any()}
+    out: dict[str, Array] = {}
+    for name in marker_set.landmarks:
+        options = marker_set.options(name)
+        if not any(seen.issuperset(group) for group in options):
+            group = next((group for group in options if (seen | set(at)).issuperset(group)), ())
+            out |= {label: computed.points[:, at[label]] for label in group if label not in seen}
+    return out
 
 
 def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()) -> MarkerSet:
@@ -86,13 +96,16 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         if len(options) > 1 and seen.issuperset(chosen):
             instead = f", as {', '.join(options[0])} are not worn" if name in REQUIRED and chosen != options[0] else ""
             told.append(f"{name} is {', '.join(chosen)}{instead}")
-    for label in _devices(static, marker_set):
-        side = _side_of(marker_set, label)
-        landmarks[f"knee_axis_{side}"] = (marker_set.knee_device[label][0],)
-        notes.append(
-            f"knee, {'right' if side == 'r' else 'left'}: {', '.join(marker_set.knee_device[label])} taken as a "
-            "knee alignment device, whose rod is the direction of the knee's axis"
-        )
+    whole = _devices(static, marker_set)
+    for label, parts in marker_set.knee_device.items():
+        if label in whole or _on_rod(static, label, parts[0]):
+            side = _side_of(marker_set, label)
+            landmarks[f"knee_axis_{side}"] = (parts[0],)
+            of = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
+            notes.append(
+                f"knee, {'right' if side == 'r' else 'left'}: {of} taken as a knee alignment device, whose rod is the "
+                "direction of the knee's axis"
+            )
     made = replace(
         marker_set,
         landmarks=landmarks,
@@ -173,6 +186,18 @@ def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
         if is_device(axis, second, third):
             out[label] = corner(axis, second, third, middle)
     return out
+
+
+def _on_rod(static: Recording, label: str, end: str) -> bool:
+    """Whether a modelled knee marker and a measured one are as far apart as a rod of the device is long.
+
+    Its other markers were then seen by the program that modelled the knee, if not by us.
+    """
+    if static.computed is None or label not in static.computed.labels or not {label, end} <= _seen(static):
+        return False
+    apart = np.linalg.norm(_path(static, end) - _path(static, label), axis=1)
+    apart = apart[np.isfinite(apart)]
+    return bool(len(apart)) and ROD_M[0] <= float(np.median(apart)) <= ROD_M[1]
 
 
 def _side_of(marker_set: MarkerSet, label: str) -> str:

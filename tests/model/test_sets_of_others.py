@@ -1,5 +1,4 @@
-"""One real person, relabelled as other laboratories would: every built-in set makes the same legs of these "
-"markers."""
+"""One real person, relabelled as other laboratories would: all built-in sets make the same legs of these markers."""
 
 from __future__ import annotations
 
@@ -32,6 +31,8 @@ THEIRS = {
     "{s}_calc_study {s}_toe_study - {s}_5meta_study {s}_thigh1_study {s}_thigh2_study {s}_thigh3_study "
     "{s}_sh1_study {s}_sh2_study "
     "{s}_sh3_study",
+    "rajagopal": "{S}ASI {S}PSI {S}LFC {S}MFC {S}LMAL {S}MMAL {S}CAL {S}TOE - {S}MT5 {S}TH1 {S}TH2 {S}TH3 {S}TB1 "
+    "{S}TB2 {S}TB3",
     "ufabc": "{S}.ASIS {S}.PSIS {S}.Knee {S}.Knee.Medial {S}.Ankle {S}.Ankle.Medial {S}.Heel {S}.MT2 {S}.MT1 {S}.MT5 "
     "{S}.GTR - - {S}.HF {S}.TT -",
     "plug-in-gait": "{S}ASI {S}PSI {S}KNE {S}KNM {S}ANK {S}MED {S}HEE {S}TOE {S}MT1 {S}MT5 {S}THI {S}THAP {S}THAD "
