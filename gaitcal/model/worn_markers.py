@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.errors import InputError
 from gaitcal.model.knee_device import corner, is_device
 from gaitcal.model.landmark_names import PARTNER, REQUIRED
 from gaitcal.model.marker_roles import MarkerSet
@@ -30,7 +31,13 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
     """The static trial with the lateral knee markers, and others of landmarks, that it has in another way; with notes.
 
     `static`: its labels as the set spells them. A recording that lacks nothing comes back as it is.
+
+    Raises
+    ------
+    InputError
+        A marker of the device passes for the lateral knee marker.
     """
+    _check_no_rod_is_a_knee(static, marker_set)
     added: dict[str, Array] = {}
     notes: list[str] = []
     seen = _seen(static)
@@ -52,6 +59,22 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
     markers = np.concatenate([static.markers[:, kept], np.stack(list(added.values()), axis=1)], axis=1)
     labels = (*(static.labels[i] for i in kept), *added)
     return replace(static, labels=labels, markers=markers).with_notes(*notes)
+
+
+def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
+    """The end of a rod under the name of the knee marker would put the knee 95 mm outwards of where it is."""
+    seen = _seen(static)
+    for label, (axis, second, third) in marker_set.knee_device.items():
+        if {label, second, third} <= seen and axis not in seen:
+            paths = [_path(static, part) for part in (label, second, third)]
+            if is_device(*paths):
+                raise InputError(
+                    "found the end of a rod of a knee alignment device, as far from "
+                    f"'{second}' and '{third}' as they are from each other; allowed: a marker on the knee. "
+                    f"Leave its label as '{axis}': the set knows the device",
+                    source=static.source,
+                    field=f"marker '{label}'",
+                )
 
 
 def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[str, Array]:

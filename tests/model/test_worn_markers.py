@@ -105,6 +105,13 @@ def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None
     assert "knee_axis_r" not in worn(made, complete_static(child, made)).landmarks
 
 
+def test_a_rod_renamed_to_the_knee_is_refused(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "labs_c3d/multi/static.c3d")
+    renamed = replace(recording, labels=tuple(m.replace("KAX", "KNE") for m in recording.labels))
+    with pytest.raises(InputError, match="marker 'RKNE': found the end of a rod .* Leave its label as 'RKAX'"):
+        complete_static(renamed, load_marker_set(PIG))
+
+
 def test_what_markers_give_is_not_modelled(data_dir: Path) -> None:
     recording = static(data_dir)
     sacrum = path_of(recording, "RPSI", "LPSI")[:, None]
