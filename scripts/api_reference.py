@@ -29,6 +29,8 @@ MODULES = (
     "gaitcal.person.hold_out",
     "gaitcal.study.settings",
     "gaitcal.recording",
+    "gaitcal.recording.metadata",
+    "gaitcal.model.marker_coverage",
     "gaitcal.model.subject_model",
     "gaitcal.model.linkage",
     "gaitcal.model.joint_parameters",

@@ -15,11 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.errors import InputError
 from gaitcal.model.knee_device import corner, is_device
 from gaitcal.model.landmark_names import PARTNER, REQUIRED
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.recording.recording import Recording, seen_mask
 
+ROD_M = (0.05, 0.15)
+"""m, allowed length of a rod of a knee alignment device; the usual one has 0.095."""
 JOINT_WIDTH_M = (0.03, 0.2)
 """m, allowed distance between the lateral and the medial marker of a knee or an ankle."""
 
@@ -28,7 +31,13 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
     """The static trial with the lateral knee markers, and others of landmarks, that it has in another way; with notes.
 
     `static`: its labels as the set spells them. A recording that lacks nothing comes back as it is.
+
+    Raises
+    ------
+    InputError
+        A marker of the device passes for the lateral knee marker.
     """
+    _check_no_rod_is_a_knee(static, marker_set)
     added: dict[str, Array] = {}
     notes: list[str] = []
     seen = _seen(static)
@@ -40,23 +49,47 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
             f"{', '.join(at_corner)}: not a marker of this trial, but the corner of a knee alignment device; the "
             "marker worn in walks may sit some mm from there"
         )
-    wanted = {m for name in marker_set.landmarks for group in marker_set.options(name) for m in group}
-    computed = static.computed
-    if computed is not None:
-        at = {label: i for i, label in enumerate(computed.labels)}
-        modelled = [label for label in at if label in wanted and label not in seen and label not in added]
-        modelled = [label for label in modelled if np.isfinite(computed.points[:, at[label]]).any()]
-        if modelled:
-            added |= {label: computed.points[:, at[label]] for label in modelled}
-            notes.append(
-                f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's program modelled"
-            )
+    modelled = _modelled(static, marker_set, seen | set(added))
+    if modelled:
+        added |= modelled
+        notes.append(f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's program modelled")
     if not added:
         return static
     kept = [i for i, label in enumerate(static.labels) if label not in added]
     markers = np.concatenate([static.markers[:, kept], np.stack(list(added.values()), axis=1)], axis=1)
     labels = (*(static.labels[i] for i in kept), *added)
     return replace(static, labels=labels, markers=markers).with_notes(*notes)
+
+
+def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
+    """The end of a rod under the name of the knee marker would put the knee 95 mm outwards of where it is."""
+    seen = _seen(static)
+    for label, (axis, second, third) in marker_set.knee_device.items():
+        if {label, second, third} <= seen and axis not in seen:
+            paths = [_path(static, part) for part in (label, second, third)]
+            if is_device(*paths):
+                raise InputError(
+                    "found the end of a rod of a knee alignment device, as far from "
+                    f"'{second}' and '{third}' as they are from each other; allowed: a marker on the knee. "
+                    f"Leave its label as '{axis}': the set knows the device",
+                    source=static.source,
+                    field=f"marker '{label}'",
+                )
+
+
+def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[str, Array]:
+    """Marker -> (nf, 3) m, points that another program computed, for landmarks that no marker `seen` gives."""
+    computed = static.computed
+    if computed is None:
+        return {}
+    at = {label: i for i, label in enumerate(computed.labels) if np.isfinite(computed.points[:, i]).any()}
+    out: dict[str, Array] = {}
+    for name in marker_set.landmarks:
+        options = marker_set.options(name)
+        if not any(seen.issuperset(group) for group in options):
+            group = next((group for group in options if (seen | set(at)).issuperset(group)), ())
+            out |= {label: computed.points[:, at[label]] for label in group if label not in seen}
+    return out
 
 
 def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()) -> MarkerSet:
@@ -86,13 +119,16 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         if len(options) > 1 and seen.issuperset(chosen):
             instead = f", as {', '.join(options[0])} are not worn" if name in REQUIRED and chosen != options[0] else ""
             told.append(f"{name} is {', '.join(chosen)}{instead}")
-    for label in _devices(static, marker_set):
-        side = _side_of(marker_set, label)
-        landmarks[f"knee_axis_{side}"] = (marker_set.knee_device[label][0],)
-        notes.append(
-            f"knee, {'right' if side == 'r' else 'left'}: {', '.join(marker_set.knee_device[label])} taken as a "
-            "knee alignment device, whose rod is the direction of the knee's axis"
-        )
+    whole = _devices(static, marker_set)
+    for label, parts in marker_set.knee_device.items():
+        if label in whole or _on_rod(static, label, parts[0]):
+            side = _side_of(marker_set, label)
+            landmarks[f"knee_axis_{side}"] = (parts[0],)
+            of = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
+            notes.append(
+                f"knee, {'right' if side == 'r' else 'left'}: {of} taken as a knee alignment device, whose rod is the "
+                "direction of the knee's axis"
+            )
     made = replace(
         marker_set,
         landmarks=landmarks,
@@ -173,6 +209,18 @@ def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
         if is_device(axis, second, third):
             out[label] = corner(axis, second, third, middle)
     return out
+
+
+def _on_rod(static: Recording, label: str, end: str) -> bool:
+    """Whether a modelled knee marker and a measured one are as far apart as a rod of the device is long.
+
+    Its other markers were then seen by the program that modelled the knee, if not by us.
+    """
+    if static.computed is None or label not in static.computed.labels or not {label, end} <= _seen(static):
+        return False
+    apart = np.linalg.norm(_path(static, end) - _path(static, label), axis=1)
+    apart = apart[np.isfinite(apart)]
+    return bool(len(apart)) and ROD_M[0] <= float(np.median(apart)) <= ROD_M[1]
 
 
 def _side_of(marker_set: MarkerSet, label: str) -> str:

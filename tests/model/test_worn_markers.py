@@ -94,6 +94,33 @@ def test_a_modelled_knee_serves_the_static_trial_and_is_told(data_dir: Path) -> 
     assert "RTHI" not in complete_static(only_tracked, load_marker_set(PIG)).labels, "no landmark, not replaced"
 
 
+def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "labs_c3d/kad/static.c3d")
+    made = load_marker_set(PIG)
+    whole, less = (complete_static(r, made) for r in (recording, without(recording, "RKD1")))
+    assert any("RKNE" in note and "modelled" in note for note in less.notes)
+    assert worn(made, less).landmarks["knee_axis_r"] == worn(made, whole).landmarks["knee_axis_r"] == ("RKAX",)
+    assert np.nanmax(np.abs(path_of(less, "RKNE") - path_of(whole, "RKNE"))) < 1e-3
+    child = read_recording(data_dir / "children/HC002D/static.c3d")  # has a computed RKAX, and no device
+    assert "knee_axis_r" not in worn(made, complete_static(child, made)).landmarks
+
+
+def test_a_rod_renamed_to_the_knee_is_refused(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "labs_c3d/multi/static.c3d")
+    renamed = replace(recording, labels=tuple(m.replace("KAX", "KNE") for m in recording.labels))
+    with pytest.raises(InputError, match="marker 'RKNE': found the end of a rod .* Leave its label as 'RKAX'"):
+        complete_static(renamed, load_marker_set(PIG))
+
+
+def test_what_markers_give_is_not_modelled(data_dir: Path) -> None:
+    recording = static(data_dir)
+    sacrum = path_of(recording, "RPSI", "LPSI")[:, None]
+    both = replace(recording, computed=ComputedPoints(("SACR",), sacrum))
+    assert complete_static(both, load_marker_set(PIG)) is both
+    lost = without(both, "LPSI")
+    assert "SACR" in complete_static(lost, load_marker_set(PIG)).labels
+
+
 def test_a_measured_width_and_the_marker_place_the_knee(data_dir: Path) -> None:
     recording = static(data_dir)
     subject = replace(PEOPLE[PIG].subject, knee_width={"r": 0.12}, marker_diameter=0.010)

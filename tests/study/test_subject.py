@@ -1,0 +1,49 @@
+"""What files tell of the person where the study file says nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.recording import Recording
+from gaitcal.recording.metadata import Facts
+from gaitcal.study.study_file import SubjectTable
+from gaitcal.study.subject import subject_of
+
+TABLE = SubjectTable(name="S07", mass_kg=70, height_m=1.8, sex="male")
+
+
+def told(**facts: object) -> Recording:
+    return Recording(
+        source="f",
+        time=np.arange(2.0),
+        labels=("A",),
+        markers=np.zeros((2, 1, 3)),
+        facts=Facts(**facts),  # type: ignore[arg-type]
+    )
+
+
+def test_the_first_file_that_tells_is_believed() -> None:
+    files = [
+        told(name="P1", knee_width={"r": 0.11}),
+        told(name="P1", knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.010),
+    ]
+    subject = subject_of(TABLE, files)
+    assert subject.knee_width == {"r": 0.11, "l": 0.12}
+    assert subject.marker_diameter == 0.010
+
+
+def test_another_person_is_not_asked() -> None:
+    assert not subject_of(TABLE, [told(name="P1"), told(name="P2", knee_width={"r": 0.12})]).knee_width
+
+
+def test_the_study_comes_first() -> None:
+    table = TABLE.model_copy(update={"knee_width_mm": {"r": 105.0}, "marker_diameter_mm": 9.0})
+    subject = subject_of(table, [told(knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.014)])
+    assert subject.knee_width == {"r": 0.105, "l": 0.12}
+    assert subject.marker_diameter == pytest.approx(0.009)
+
+
+def test_nothing_told_is_nothing_known() -> None:
+    subject = subject_of(TABLE, [])
+    assert (subject.knee_width, subject.ankle_width, subject.marker_diameter) == ({}, {}, None)
