@@ -148,12 +148,10 @@ def report(lab: str, walks: Sequence[Walk]) -> list[str]:
         frames = ", ".join(str(a.frames[name]) for name in ("whole", "leg", "new"))
         lines.append(f"  {a.quantity.words:24}{a.sign:5.0f}{values}{a.correlation:8.3f}   {frames}")
     c = counted(walks)
-    lines += [
-        f"  strides by events: {c.strides}, {c.stepped} with a stance on a plate; valid throughout {c.whole} by the whole"
-        f" body's rule, {c.leg} by the leg's",
-        f"  frames of stances on a plate: {c.stance}; valid {c.stance_whole} by the whole body's rule, {c.stance_leg} by "
-        "the leg's",
-    ]
+    by = "valid {} by the whole body's rule, {} by the leg's"
+    strides, stances = by.format(c.whole, c.leg), by.format(c.stance_whole, c.stance_leg)
+    lines.append(f"  strides by events: {c.strides}, {c.stepped} with a stance on a plate; throughout {strides}")
+    lines.append(f"  frames of stances on a plate: {c.stance}; {stances}")
     return lines
 
 

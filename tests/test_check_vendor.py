@@ -1,4 +1,4 @@
-"""`scripts/check_vendor.py`: unit and sign are found, strides are counted by leg, a real walk agrees with its vendor."""
+"""`scripts/check_vendor.py`: unit and sign are found, strides counted by leg, a real walk agrees with its vendor."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_the_leg_of_a_real_walk_keeps_its_stride_and_agrees_with_the_vendor(
     assert check.main(["--lab", "kad"]) == 0
     said = capsys.readouterr().out
     assert "moments in N·mm/kg, internal" in said
-    assert "valid throughout 0 by the whole body's rule, 1 by the leg's" in said
+    assert "throughout valid 0 by the whole body's rule, 1 by the leg's" in said
     stance, whole, leg = map(int, re.findall(r"stances on a plate: (\d+); valid (\d+) .* rule, (\d+)", said)[0])
     assert whole < 0.6 * stance and leg == stance
     for row in re.findall(r"moment +-?1 +(\S+) +(\S+) +(\S+) +(\S+)", said):

@@ -7,7 +7,7 @@ that comes nearest to our own moments in size, the sign that of their correlatio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import ezc3d
@@ -15,7 +15,11 @@ import numpy as np
 
 from gaitcal.arrays import Array
 
-UNITS = {"N·mm/kg": lambda mass: 1e-3, "N·m/kg": lambda mass: 1.0, "N·mm": lambda mass: 1e-3 / mass}
+UNITS: dict[str, Callable[[float], float]] = {
+    "N·mm/kg": lambda mass: 1e-3,
+    "N·m/kg": lambda mass: 1.0,
+    "N·mm": lambda mass: 1e-3 / mass,
+}
 """Name -> factor to N·m/kg, of a body of this mass (kg)."""
 
 
