@@ -57,6 +57,15 @@ def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> 
     assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
 
 
+def test_each_leg_has_its_own_main_and_complete_strides() -> None:
+    """The right leg is valid in its third stride alone, the left nowhere, the whole body in the second right stride."""
+    legs = np.stack([TIME > 1.995, np.zeros_like(TIME, dtype=bool)], axis=1)
+    drawn = replace(layout(), valid_legs=legs)
+    assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
+    assert (drawn.complete("r"), drawn.complete("l")) == (1, 0)
+    assert layout().complete("r") == 1
+
+
 def test_against_time_a_long_trial_is_thinned() -> None:
     x, y = thinned(np.linspace(0.0, 50.0, 5001), np.linspace(0.0, 100.0, 5001))
     assert len(x) == MOST_POINTS and y == pytest.approx(2 * x)
