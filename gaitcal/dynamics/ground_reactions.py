@@ -205,10 +205,14 @@ def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fin
     findings = []
     for segments in lost_alike.values():
         lost, names = frames[segments[0]], ", ".join(segments)
-        severity, found, cure = Severity.WARNING, "no torque is valid", "label them, or leave the trial out"
+        sides = {segment[-1] for segment in segments}
+        leg = sides.pop() if len(sides) == 1 else ""
+        of_leg = " of this leg" if leg else ""
+        severity, found, cure = Severity.WARNING, f"no torque{of_leg} is valid", "label them, or leave the trial out"
         if not lost.all():
             severity, cure = Severity.INFO, "fill short gaps when labelling"
             found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
+            found += " for this leg" if leg else ""
         findings.append(
             Finding(
                 severity=severity,
@@ -217,6 +221,7 @@ def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fin
                 cause=f"no marker of {names} with weight is seen",
                 found=found,
                 cure=cure,
+                leg=leg,
             )
         )
     return findings

@@ -15,6 +15,7 @@ from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
+from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
@@ -38,6 +39,8 @@ from gaitcal.results.summary import summary
 
 REFUSED_HEADER = ("verdict: refused; these numbers are not to be used, summary.json has the reasons",)
 """Comment line of the tables of a trial that is refused."""
+REFUSED_LEG_HEADER = "verdict: the {leg} leg is refused; its numbers are not to be used, summary.json has the reasons"
+"""The same of one leg."""
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
@@ -133,7 +136,7 @@ def write_trial(
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, REFUSED_HEADER if trial.is_refused else ()
+    body, refused = trial.body, _refused(trial)
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
     header = COORDINATE_HEADER if relative_to is None else (*COORDINATE_HEADER, *relative_header(relative_to))
     coordinates = coordinate_table(body, trial.coordinate_errors, relative_to)
@@ -149,10 +152,16 @@ def write_trial(
         _write_loads(trial, trial.loads, model, out)
 
 
+def _refused(trial: TrialResult) -> tuple[str, ...]:
+    if trial.is_refused:
+        return REFUSED_HEADER
+    return tuple(REFUSED_LEG_HEADER.format(leg=SIDE_WORDS[side]) for side in trial.refused_legs)
+
+
 def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, REFUSED_HEADER if trial.is_refused else ()
+    body, refused = trial.body, _refused(trial)
     _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *MOMENT_HEADER))
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",

@@ -18,7 +18,7 @@ FOUND = {
     "subject01": [],
     "uf3": [],
     "functional_c3d": [],
-    "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (toes 51 mm outside)")],
+    "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (")],
 }
 """Trial, topic, words of warnings that are true of these recordings; there are no others."""
 NOTED = {

@@ -107,7 +107,7 @@ def test_moments_are_per_body_mass(whole: Calibration) -> None:
     assert view.moments is not None and view.trial.loads is not None
     hip = next(p for p in view.moments.panels if p.label.startswith("Hip flexion"))
     moment = moment_of(view.trial.loads.final, "hip_flexion_r") / whole.model.subject.mass
-    expected = view.layout.lay("r", np.where(view.trial.loads.reactions.valid, moment, np.nan))[1]
+    expected = view.layout.lay("r", np.where(view.trial.loads.reactions.valid_r, moment, np.nan))[1]
     assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, nan_ok=True)
 
 

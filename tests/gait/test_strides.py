@@ -61,12 +61,21 @@ def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> 
 def test_the_axis_says_what_told_the_strikes() -> None:
     plates, motion = (EventSource.PLATES,) * 2, (EventSource.FILE, EventSource.MOTION)
     of = {"r": (GaitCycle(1.0, 2.0, 1.6, plates),), "l": (GaitCycle(0.5, 1.5, 1.1, motion),)}
-    drawn = Layout(TIME, TIME > 0.9, DOWN, of)
+    drawn = replace(layout(), cycles=of)
     assert "strikes by force plates (right), the file's events and the motion of the feet (left)." in cycle_sentence(
         drawn
     )
     assert "; strikes by force plates." in cycle_sentence(replace(drawn, cycles={"r": of["r"], "l": of["r"]}))
     assert "strikes by" not in cycle_sentence(layout()), "not known"
+
+
+def test_each_leg_has_its_own_main_and_complete_strides() -> None:
+    """The right leg is valid in its third stride alone, the left nowhere, the whole body in the second right stride."""
+    legs = np.stack([TIME > 1.995, np.zeros_like(TIME, dtype=bool)], axis=1)
+    drawn = replace(layout(), valid_legs=legs)
+    assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
+    assert (drawn.complete("r"), drawn.complete("l")) == (1, 0)
+    assert layout().complete("r") == 1
 
 
 def test_against_time_a_long_trial_is_thinned() -> None:

@@ -164,7 +164,7 @@ def test_the_manifest_that_is_given_is_shown(whole: Calibration) -> None:
     [
         ({"gait": False}, {"gait", "residuals", "change"}, "that needs a walking trial"),
         ({"plates": False}, {"residuals", "change"}, "this trial has no force plates"),
-        ({"valid": False}, {"residuals", "change"}, "in no frame is every foot"),
+        ({"valid": False}, {"residuals", "change"}, "in no frame is a foot on the ground"),
         ({"errors": False}, set(), "curves have no bands"),
         ({"joint": False}, set(), "Joint parameters were not calibrated"),
         ({"cycles": False}, set(), "Drawn against time"),

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,6 +16,7 @@ from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.page.report import report_html
 from gaitcal.person.result import Calibration, withdrawn
+from gaitcal.person.tables import moment_table
 from gaitcal.results.calibration import REFUSED_HEADER
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import summary
@@ -77,9 +79,25 @@ def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severit
         assert [f.severity for f in told] == [severity]
 
 
-def test_one_refused_leg_leaves_no_valid_torque() -> None:
-    trial = with_finding(Severity.ERROR, "walk", "r").trial("walk")
-    assert trial.is_refused and trial.loads is not None and not trial.loads.reactions.valid.any()
+def test_one_refused_leg_leaves_the_other() -> None:
+    """Neither its torques count nor those that need both legs; the other leg keeps its frames and error bars."""
+    sound, result = fake_calibration().trial("walk"), with_finding(Severity.ERROR, "walk", "r")
+    trial = result.trial("walk")
+    assert trial.refused_legs == ("r",) and not trial.is_refused
+    assert trial.loads is not None and sound.loads is not None and trial.loads.errors is not None
+    reactions = trial.loads.reactions
+    assert not reactions.valid_r.any() and not reactions.valid.any()
+    np.testing.assert_array_equal(reactions.valid_l, sound.loads.reactions.valid_l)
+    table = moment_table(trial.loads)
+    before = moment_table(sound.loads)
+    for name in ("hip_flexion", "ankle_angle", "knee_adduction"):
+        assert table[f"{name}_r_se"].isna().all()
+        assert table[f"{name}_l_se"].equals(before[f"{name}_l_se"]) and table[f"{name}_l_se"].notna().all()
+    assert table["lumbar_extension_se"].isna().all()
+    told = summary(result)["trials"]["walk"]  # type: ignore[index, call-overload]
+    assert (told["verdict"], told["verdict_r"], told["verdict_l"]) == ("doubtful", "refused", "trustworthy")
+    assert told["valid_frames"] == told["valid_frames_r"] == 0 < told["valid_frames_l"]
+    assert "hip_flexion_r" not in told["torque_change_bwh"] and "hip_flexion_l" in told["torque_change_bwh"]
 
 
 def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) -> None:

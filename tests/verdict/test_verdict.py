@@ -27,6 +27,10 @@ def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weigh
     )
 
 
+def both_legs(where: str) -> list[Finding]:
+    return [found(Severity.ERROR, where, cause, leg) for cause, leg in (("a", "l"), ("b", "r"))]
+
+
 def legs_of(verdict: Verdict) -> dict[tuple[str, str], Judgement]:
     return {(walk, side): j for walk, trial in verdict.trials.items() for side, j in trial.legs.items()}
 
@@ -55,11 +59,17 @@ def test_what_concerns_one_walk_leaves_the_other_alone(severity: Severity) -> No
 def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
     verdict = judge([found(Severity.ERROR, "walk", leg="l")], WALKS)
     assert legs_of(verdict) == {("walk", "r"): GOOD, ("walk", "l"): REFUSED, ("walk2", "r"): GOOD, ("walk2", "l"): GOOD}
-    assert verdict.trials["walk"].judgement is REFUSED and verdict.refused == ("walk",)
-    both = judge([found(Severity.ERROR, "walk", "a", "l"), found(Severity.ERROR, "walk", "b", "r")], WALKS)
-    assert both.refused == ("walk",) and both.judgement is DOUBTFUL
+    assert verdict.trials["walk"].judgement is DOUBTFUL and verdict.refused == ()
+    assert verdict.refused_legs("walk") == ("l",) and verdict.refused_legs("walk2") == ()
+    assert verdict.judgement is DOUBTFUL and verdict.sentence.endswith("Refused: the left leg of walk.")
+    both = judge(both_legs("walk"), WALKS)
+    assert both.refused == ("walk",) and both.judgement is DOUBTFUL and both.refused_legs("walk") == ("r", "l")
+    assert judge(both_legs("walk"), ("walk",)).judgement is REFUSED
     of_the_model = judge([found(Severity.ERROR, "static", leg="l")], WALKS)
-    assert of_the_model.judgement is REFUSED
+    assert (
+        of_the_model.judgement is DOUBTFUL
+        and judge([found(Severity.ERROR, "static", leg="l")], ()).judgement is REFUSED
+    )
     assert {leg for leg, j in legs_of(of_the_model).items() if j is REFUSED} == {("walk", "l"), ("walk2", "l")}
 
 

@@ -1,0 +1,103 @@
+"""A recorded walk through the nominal model of its static trial, beside the vendor's curves and the file's events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from attacks.bases import EVERY, WALK
+
+from gaitcal import Study
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
+from gaitcal.gait.moments import moment_of
+from gaitcal.model.linkage import SIDES
+from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.person.prepare import measured_reactions, prepare_trial
+from gaitcal.recording.metadata import FootEvent, FootMoment
+from gaitcal.study.study import nominal_of
+from vendor.curves import Quantity, vendor_curves
+
+LABS = {
+    "kad": ("kad",),
+    "multi": ("multi", *(f"multi walk{k:02d}" for k in (4, 5, 6, 7))),
+    "children": (
+        "child",
+        "child HC002D turn",
+        *(f"child {child} {walk}" for child in ("HC030A", "HC031A", "HC032A") for walk in ("straight", "turn")),
+    ),
+    "pig": ("pig",),
+}
+"""Laboratory -> its walks, by the names of `attacks/bases.py`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """One walk, ours and theirs."""
+
+    name: str
+    mass: float
+    """kg."""
+    motion: Motion
+    moments: Moments
+    reactions: GroundReactions
+    theirs: dict[str, Array]
+    """(nf, 3) each, as the file has them."""
+    events: tuple[FootEvent, ...]
+
+    def pair(self, quantity: Quantity, side: str) -> tuple[Array, Array]:
+        """(nf,) ours, deg or N·m/kg, and (nf,) theirs as the file has it; NaN where the file says nothing."""
+        name = f"{quantity.ours}_{side}"
+        if quantity.is_moment:
+            ours = moment_of(self.moments, name) / self.mass
+        else:
+            ours = np.degrees(self.motion.q[:, self.motion.coordinates.index(name)])
+        curve = self.theirs.get(f"{side.upper()}{quantity.theirs}")
+        return ours, np.full(len(ours), np.nan) if curve is None else curve[:, quantity.axis]
+
+    def strides(self) -> Iterator[tuple[str, BoolArray]]:
+        """Side and (nf,) frames of every stride, from strike to strike of the file."""
+        for side in SIDES:
+            strikes = [e.time for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
+            for begin, end in pairwise(strikes):
+                yield side, self._between(begin, end)
+
+    def stances(self) -> Iterator[tuple[str, BoolArray]]:
+        """Side and (nf,) frames of every stance, from strike to off of the file."""
+        for side in SIDES:
+            told = [e for e in self.events if e.side == side]
+            for one, other in pairwise(told):
+                if (one.moment, other.moment) == (FootMoment.STRIKE, FootMoment.OFF):
+                    yield side, self._between(one.time, other.time)
+
+    def _between(self, begin: float, end: float) -> BoolArray:
+        time = self.motion.time
+        return np.asarray((time >= begin) & (time <= end))
+
+
+def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
+    """A gait trial of a study through its nominal model."""
+    model = nominal_of(study)
+    chosen = next(t for t in study.trials if t.name == trial)
+    prepared = prepare_trial(chosen, model, study.settings)
+    motion = tracked_motion(prepared.body, model.parameters)
+    reactions = measured_reactions(prepared, model, model.parameters, motion, study.settings)
+    theirs = vendor_curves(chosen.recording.source)
+    theirs = {key: curve for key, curve in theirs.items() if len(curve) == len(motion.time)}
+    return Walk(
+        name=name,
+        mass=model.subject.mass,
+        motion=motion,
+        moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
+        reactions=reactions,
+        theirs=theirs,
+        events=prepared.recording.events,
+    )
+
+
+def walks_of(lab: str) -> tuple[Walk, ...]:
+    """The walks of a laboratory."""
+    return tuple(walk_of(EVERY[name].study, name) for name in LABS[lab])

@@ -1,0 +1,78 @@
+"""`cycles.csv`: every stride of every walk over 0 to 100 %, with the validity of its leg."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.strides import strides_of
+from gaitcal.person.result import Calibration
+from gaitcal.results.cycles import CYCLE_COLUMNS, cycle_table
+from tests.fake_result import fake_calibration
+
+ROUNDED = 1e-6
+
+
+@pytest.fixture(scope="module")
+def whole() -> Calibration:
+    return fake_calibration()
+
+
+def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
+    rows: pd.DataFrame = table[(table["side"] == side) & (table["variable"] == variable) & (table["stride"] == 1)]
+    return rows
+
+
+def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibration) -> None:
+    table = cycle_table(whole.model, whole.trials)
+    assert tuple(table.columns) == CYCLE_COLUMNS
+    trial = whole.trial("walk")
+    assert trial.loads is not None
+    strides = strides_of(whole.model, trial.body, trial.loads.reactions)
+    for side, cycles in strides.items():
+        own = table[(table["trial"] == "walk") & (table["side"] == side)]
+        assert sorted(own["stride"].unique()) == list(range(1, len(cycles) + 1))
+        for _, rows in own.groupby(["stride", "variable"]):
+            assert rows["percent"].tolist() == list(range(POINTS))
+    names = set(table["variable"])
+    assert {
+        "hip_flexion",
+        "hip_flexion_moment",
+        "knee_adduction_moment",
+        "pelvis_tilt",
+        "lumbar_bending_moment",
+    } <= names
+    assert not any(name.endswith(("_r", "_l", "_r_moment", "_tx")) for name in names)
+
+
+def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> None:
+    """The left leg is not valid in the middle of its stride; the right leg knows nothing of that."""
+    trial = whole.trial("walk")
+    assert trial.loads is not None
+    reactions = trial.loads.reactions
+    stride = {side: cycles[0] for side, cycles in strides_of(whole.model, trial.body, reactions).items()}
+    time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)
+    middle = 0.5 * (stride["l"].start + stride["l"].stop)
+    left[np.abs(time - middle) < 0.05] = False
+    legs = np.stack([np.ones_like(left), left], axis=1)
+    changed = replace(trial, loads=replace(trial.loads, reactions=replace(reactions, valid=left, valid_legs=legs)))
+    table = cycle_table(whole.model, [changed])
+    assert one(table, "r", "hip_flexion_moment")["valid"].all()
+    of_left = one(table, "l", "hip_flexion_moment")
+    assert not of_left["valid"].iloc[50] and of_left["valid"].iloc[[0, 30, 70, 100]].all()
+    assert not one(table, "r", "lumbar_extension_moment")["valid"].all(), "the trunk needs both"
+    at = stride["l"].start + (stride["l"].stop - stride["l"].start) * np.arange(POINTS) / 100
+    k = trial.body.coordinates.index("hip_flexion_l")
+    expected = np.interp(at, time, np.degrees(trial.body.q[:, k]))
+    np.testing.assert_allclose(one(table, "l", "hip_flexion")["value"], expected, atol=ROUNDED)
+    np.testing.assert_allclose(of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED)
+    assert of_left["se"].notna().all()
+
+
+def test_a_trial_without_strides_has_no_rows(whole: Calibration) -> None:
+    table = cycle_table(whole.model, [t for t in whole.trials if t.joint])
+    assert tuple(table.columns) == CYCLE_COLUMNS and table.empty
