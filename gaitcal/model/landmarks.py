@@ -139,7 +139,8 @@ def _hips(
     for side, label in labelled_hips(tracks).items():
         mean = _mean(tracks[label][window])
         if np.isfinite(mean).all():
-            places[side], names[side] = mean, label
+            measured = label in recording.labels
+            places[side], names[side] = mean, label if measured else f"{label} (computed by another program)"
     for side in SIDES:
         if f"hjc_{side}" in landmarks:
             places[side], names[side] = landmarks[f"hjc_{side}"], f"landmark hjc_{side}"

@@ -48,7 +48,7 @@ class Facts:
     leg_length: dict[str, float] = field(default_factory=dict)
     """Side -> m, from the anterior superior iliac spine to the medial malleolus."""
     static_plantarflexion: dict[str, float] = field(default_factory=dict)
-    """Side -> rad, plantarflexion of the line from heel to toe marker in the static trial (`StaticPlantFlex`)."""
+    """Side -> rad, from the line ankle centre to toe marker up to the foot's long axis (`StaticPlantFlex`)."""
     is_static: bool | None = None
     """Whether the file calls itself a static trial."""
 

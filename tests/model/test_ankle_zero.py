@@ -19,6 +19,7 @@ from gaitcal.model.segment_frames import lower_body
 from gaitcal.motion.motion import track
 from gaitcal.motion.trial_problem import NodeRule
 from gaitcal.recording import read_recording, still_window
+from gaitcal.recording.c3d.metadata import facts_of
 from gaitcal.study.settings import CalibrationSettings
 from tests.model.people import published_static
 
@@ -166,3 +167,8 @@ def test_the_published_protocol_keeps_the_markers() -> None:
     assert CalibrationSettings().ankle_rule == "auto"
     assert CalibrationSettings(protocol="published").ankle_rule == "markers"
     assert CalibrationSettings(protocol="published", ankle_zero="sole").ankle_rule == "sole"
+
+
+def test_an_angle_that_nobody_filled_in_is_not_given() -> None:
+    group = {"LStaticPlantFlex": np.array([0.0]), "RStaticPlantFlex": np.array([0.2])}
+    assert facts_of({"PROCESSING": group}).static_plantarflexion == {"r": 0.2}

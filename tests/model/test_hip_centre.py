@@ -92,7 +92,7 @@ def test_hip_centres_of_the_file_are_offered() -> None:
     hips = hips_in_laboratory(static)
     model = made(with_points(static, {"RHJC": hips["r"], "LHJC": hips["l"]}, measured=False), HipCentre.HARRINGTON)
     (offer,) = [note for note in model.notes if "hip_centre = 'given'" in note]
-    assert "RHJC, LHJC" in offer
+    assert "RHJC (computed by another program), LHJC" in offer
     assert not any("'given'" in note for note in made(static, HipCentre.HARRINGTON).notes)
 
 

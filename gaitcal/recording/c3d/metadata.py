@@ -37,7 +37,7 @@ def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
     def number(names: Iterable[str], unit: float, allowed: tuple[float, float]) -> float | None:
         for name in names:
             value = _first_number(group.get(name.lower()))
-            if value is not None and allowed[0] <= value * unit <= allowed[1]:
+            if value and allowed[0] <= value * unit <= allowed[1]:  # 0 stands where nobody filled in the form
                 return value * unit
         return None
 
