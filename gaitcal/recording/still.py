@@ -117,7 +117,7 @@ def _whole(recording: Recording, markers: Array) -> StillWindow:
 
 def _scatter(markers: Array) -> float:
     """m, RMS distance of markers (nf, nm, 3) from their means over the frames; those seen once say nothing."""
-    seen = np.isfinite(markers).all(axis=2)
+    seen = seen_mask(markers)
     often = seen.sum(axis=0) > 1
     kept = np.where(seen[:, often, None], markers[:, often], 0.0)
     count = seen[:, often].sum(axis=0)
