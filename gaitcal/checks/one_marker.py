@@ -6,8 +6,8 @@ matrix of frame f the angles that markers with errors of NOISE_M leave are uncer
     s_f^2 = diag( (H_f / NOISE_M^2 + 1 / WIDEST^2)^-1 ).
 
 Without the second marker of both thighs, both shanks, or all four (9 Plug-in Gait walks of 5 people) hip, knee and
-ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; without the toes', s was 29 to 55 deg and
-angles were wrong by up to 31. With one marker on each of the three, s is no guide: a leg has two postures for them.
+ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; without the toes, s was 29 to 55 deg
+and angles were wrong by up to 31. With one marker on each of the three, s is no guide: a leg has two postures then.
 """
 
 from __future__ import annotations

@@ -27,15 +27,16 @@ def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, 
 
 
 def length(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the static trial is long enough to tell that anybody stands still."""
+    """Whether the static trial is long enough to tell that anybody stands still; one that is not is taken as it is."""
     time = trial.recording.time
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
-    yield trial.error(
-        "static trial",
-        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s; at least {FEWEST_FRAMES} frames over "
-        f"{SHORTEST_S:g} s are needed to tell standing still from moving",
-        "record the person standing still for some seconds",
+    yield trial.warning(
+        "still window",
+        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; at least {FEWEST_FRAMES} frames "
+        f"over {SHORTEST_S:g} s tell standing still from moving",
+        "make sure that the person stands still there, or give a longer part of the recording",
+        cause="the static trial is too short to tell whether the person stands still",
     )
 
 
@@ -48,11 +49,13 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     except InputError:
         return  # told as what keeps the nominal model from being made
     words = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
+    words += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
     if window.speed > RESTLESS * STILL_M_S:
         yield trial.warning(
             "still window",
             f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused",
             "let the person stand still for some seconds; segment frames come from this posture",
+            weight=window.speed / STILL_M_S,
         )
     else:
         yield trial.info("still window", words)

@@ -93,7 +93,11 @@ def nominal_model(
     marker_set = marker_set.with_weights(given_weights)
     static = complete_static(marker_set.renamed(static), marker_set)
     marker_set = worn(marker_set, static)
-    still = still_window(static, marker_set.labels).frames if window is None else window
+    stray = ""
+    if window is None:
+        found = still_window(static, marker_set.labels)
+        window, stray = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
+    still = window
     frames_used = range(*still.indices(len(static.time)))
     posture = static_posture(static, marker_set, still)
     check_plausible(posture, subject.height)
@@ -119,7 +123,7 @@ def nominal_model(
         landmarks=_landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
         notes=(
             *(f"static trial: {note}" for note in static.notes),
-            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s",
+            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{stray}",
             *marker_set.notes,
             *posture.notes,
             *legs.notes,

@@ -8,6 +8,7 @@ as 73 mm/s across the lag at 100 Hz, and as 12 mm/s after that; whoever walks or
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -24,6 +25,8 @@ window of 0.5 s at this speed a marker strays by 12 mm from its mean, at worst."
 RESTLESS_M_S = 0.1
 """Most of a window that is used with a doubt, where none is still: half of the slowest walk. The mean of a marker over
 0.5 s is within 12 mm of where it was for half of the time."""
+WALKS_M_S = 0.3
+"""The slowest walk moves a body at over 0.2 m/s, and noise of 1 mm moves two frames at 100 Hz at 0.2 m/s."""
 SMOOTH_S = 0.2
 SEEN = 0.7
 """Share of the frames averaged in which a marker must be seen: the mean of a part of a movement lies elsewhere."""
@@ -42,12 +45,16 @@ class StillWindow:
     """s."""
     stop: float
     """s, time of the last frame."""
+    scatter: float = 0.0
+    """m, RMS distance of the markers from their means over the window: how far a landmark of this posture is uncertain
+    because the person moved."""
 
 
 def still_window(recording: Recording, labels: Iterable[str], duration: float = DURATION_S) -> StillWindow:
     """The window of `duration` s in which most of the markers `labels` are seen, and of those the stillest.
 
-    Without a still one, the stillest that is merely restless. A recording shorter than `duration` is taken whole.
+    Without a still one, the stillest that is merely restless. A recording shorter than `duration` is taken whole, one
+    shorter than LAG_S even where it moves a little: noise moves it, too.
     InputError where none of the labels is ever seen, or where no window is slower than RESTLESS_M_S; it tells the
     smallest speed found.
     """
@@ -58,8 +65,8 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
         some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
         raise InputError(f"none of the markers {some} is seen", source=recording.source, field="static trial")
     frames = len(recording.time)
-    if frames == 1:
-        return StillWindow(slice(0, 1), 0.0, float(recording.time[0]), float(recording.time[0]))
+    if recording.time[-1] - recording.time[0] < LAG_S:
+        return _whole(recording, recording.markers[:, places])
     length = min(frames, max(2, round(duration * recording.rate) + 1))
     lag = min(length - 1, max(1, round(LAG_S * recording.rate)))
     markers = recording.markers[:, places]
@@ -84,7 +91,38 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
     window = slice(start, start + length)
     times = recording.time[window]
     speed = smooth[start] if np.isfinite(smooth[start]) else speeds[start]
-    return StillWindow(window, float(speed), float(times[0]), float(times[-1]))
+    return StillWindow(window, float(speed), float(times[0]), float(times[-1]), _scatter(markers[window]))
+
+
+def _whole(recording: Recording, markers: Array) -> StillWindow:
+    """All frames of a recording too short to tell noise from movement, unless it moves beyond all noise."""
+    time, half = recording.time, len(recording.time) // 2
+    speed = 0.0
+    if half > 0:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a marker seen in one half alone says nothing
+            way = np.nanmean(markers[half:], axis=0) - np.nanmean(markers[:half], axis=0)
+        lasts = float(time[half:].mean() - time[:half].mean())
+        known = np.isfinite(way).all(axis=1)
+        speed = float(np.sqrt((way[known] ** 2).sum() / max(int(known.sum()), 1))) / lasts
+    if speed > WALKS_M_S:
+        raise InputError(
+            f"no still window: {len(time)} frames in all, which move at {speed:.3g} m/s RMS; at most {WALKS_M_S:g} m/s "
+            "is allowed where there are so few",
+            source=recording.source,
+            field="static trial",
+        )
+    return StillWindow(slice(0, len(time)), speed, float(time[0]), float(time[-1]), _scatter(markers))
+
+
+def _scatter(markers: Array) -> float:
+    """m, RMS distance of markers (nf, nm, 3) from their means over the frames; those seen once say nothing."""
+    seen = seen_mask(markers)
+    often = seen.sum(axis=0) > 1
+    kept = np.where(seen[:, often, None], markers[:, often], 0.0)
+    count = seen[:, often].sum(axis=0)
+    away = np.where(seen[:, often, None], markers[:, often] - kept.sum(axis=0) / count[:, None], 0.0)
+    return float(np.sqrt((away**2).sum() / max(int(count.sum()), 1)))
 
 
 def _averaged(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:

@@ -114,3 +114,22 @@ def test_a_real_walk_holds_none(data_dir: Path) -> None:
     recording = read_recording(data_dir / "subject01/subject01_walk1.trc")
     with pytest.raises(InputError, match="0.53 m/s"):
         still_window(recording, recording.labels)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5])
+def test_noise_of_a_few_frames_is_no_movement_but_a_walk_is(frames: int) -> None:
+    noisy = body(frames, speed=0.0)
+    noisy = replace(noisy, markers=noisy.markers + np.random.default_rng(3).normal(0, 5e-4, noisy.markers.shape))
+    window = still_window(noisy, LABELS)
+    assert window.frames == slice(0, frames)
+    assert 0.0 < window.scatter < 2e-3
+    with pytest.raises(InputError, match="no still window"):
+        still_window(body(frames, speed=1.0), LABELS)
+
+
+def test_the_scatter_is_that_about_the_means_of_the_window() -> None:
+    recording = body(200, speed=0.08)
+    window = still_window(recording, LABELS)
+    path = recording.markers[window.frames][:, :3]
+    expected = np.sqrt(np.mean(np.sum((path - path.mean(axis=0)) ** 2, axis=2)))
+    assert window.scatter == pytest.approx(expected, rel=1e-6)
