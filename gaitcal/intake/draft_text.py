@@ -65,10 +65,8 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     choice = draft.choice
     if choice is None:
         raise InputError(draft.fault, source=draft.folder.path)
-    found = choice.coverage
-    reason = (
-        f"knows {len(found.known)} of {len(found.known) + len(found.left_over)} labels of {len(choice.members)} files"
-    )
+    found = choice.explained
+    reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
     if found.left_over:
         reason += f"; left over: {', '.join(found.left_over[:8])}"
         reason += f" and {len(found.left_over) - 8} more" if len(found.left_over) > 8 else ""
