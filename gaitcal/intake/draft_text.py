@@ -16,6 +16,7 @@ from typing import TypeGuard
 from gaitcal.errors import InputError
 from gaitcal.files.toml import toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
+from gaitcal.intake.folder import FileKind
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.study.study import Study, read_trial
@@ -39,7 +40,7 @@ def draft_text(draft: Draft, folder: Path | None) -> str:
     ]
     for trial in draft.trials:
         lines += _trial(trial, folder)
-    left = draft.left_out
+    left = [row for row in draft.left_out if row.kind != FileKind.STUDY.value]  # one of them is this text, later
     if left:
         lines += ["# Not used:", *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left)]
     return "\n".join(lines).rstrip() + "\n"

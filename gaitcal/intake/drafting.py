@@ -204,7 +204,7 @@ class _Drafting:
             recording = self.spelt[i]
             rank = statics.index(i) if i in statics else 0
             strange = len(explained(self.choice.marker_set, recording.labels).left_over)
-            return (not recording.plates, -len(recording.time), strange, rank, i)
+            return (i not in statics, not recording.plates, -len(recording.time), strange, rank, i)
 
         kept: list[int] = []
         copies = []

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
@@ -75,7 +76,13 @@ def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[s
 
 def candidates(own: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSet]]:
     """Entry of the study file and set: those of the folder first, then all built-in ones."""
-    return [*own, *((name, load_marker_set(name)) for name in built_in_sets())]
+    return [*own, *_built_in()]
+
+
+@cache
+def _built_in() -> tuple[tuple[str, MarkerSet], ...]:
+    """Read once: they come with the package."""
+    return tuple((name, load_marker_set(name)) for name in built_in_sets())
 
 
 def choose_set(
@@ -92,7 +99,7 @@ def choose_set(
     sets = candidates(own)
     spellings = [spelt_otherwise(marker_set, recordings) for _, marker_set in sets]
     legs = [
-        [explained(s, respelt(labels, rename), more).legs for labels, more in zip(recordings, points, strict=True)]
+        _legs(s, [respelt(labels, rename) for labels in recordings], points)
         for (_, s), (rename, _) in zip(sets, spellings, strict=True)
     ]
     best = [max(counts) for counts in zip(*legs, strict=True)]
@@ -109,6 +116,17 @@ def choose_set(
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
+
+
+def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]) -> list[int]:
+    """How many markers of pelvis and legs each recording has, as the set spells them; most have the same labels."""
+    forgiven = _forgiven(marker_set)
+    known: dict[tuple[tuple[str, ...], tuple[str, ...]], int] = {}
+    for key in zip(recordings, points, strict=True):
+        if key not in known:
+            some = sum(label.casefold() in forgiven for label in key[0]) >= FEWEST_LABELS
+            known[key] = explained(marker_set, *key).legs if some else 0
+    return [known[key] for key in zip(recordings, points, strict=True)]
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
@@ -140,6 +158,7 @@ def spelt_otherwise(
     """Label in the files -> label of the set that differs from it in case, separators or a prefix only; and labels
     that would become one that is taken. Of several spellings of one label the most frequent is renamed.
     """
+    forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
         by_key.setdefault(_key(label), []).append(label)
@@ -148,7 +167,7 @@ def spelt_otherwise(
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
         targets = by_key.get(_key(label), [])
-        if len(targets) != 1 or not marker_set.coverage((label,)).unknown:
+        if len(targets) != 1 or label.casefold() in forgiven:
             continue
         taken = any(label in labels and targets[0] in labels for labels in recordings)
         if taken or targets[0] in rename.values():
@@ -156,6 +175,12 @@ def spelt_otherwise(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _forgiven(marker_set: MarkerSet) -> frozenset[str]:
+    """Spellings that the set knows by itself, without capitals."""
+    others = (other for group in marker_set.aliases.values() for other in group)
+    return frozenset(label.casefold() for label in (*marker_set.labels, *others))
 
 
 def _key(label: str) -> str:
