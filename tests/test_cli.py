@@ -15,7 +15,19 @@ from gaitcal.cli import app
 from gaitcal.study.settings import CalibrationSettings
 
 ROOT = Path(__file__).parents[1]
-ORDER = ("demo", "check", "calibrate", "dynamics", "convert", "synthesize", "montecarlo", "reproduce", "export", "view")
+ORDER = (
+    "demo",
+    "init",
+    "check",
+    "calibrate",
+    "dynamics",
+    "convert",
+    "synthesize",
+    "montecarlo",
+    "reproduce",
+    "export",
+    "view",
+)
 FILES = (
     "summary.json",
     "parameters.csv",

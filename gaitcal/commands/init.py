@@ -166,10 +166,8 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
     choice = draft.choice
     if choice is not None:
-        found = choice.coverage
-        talk.line(
-            f"marker set: {choice.entry}, knows {len(found.known)} of {len(found.known) + len(found.left_over)} labels"
-        )
+        found = choice.explained
+        talk.line(f"marker set: {choice.entry}, knows {found.known} of {found.known + len(found.left_over)} labels")
     for role in ("static", "joint", "gait"):
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name

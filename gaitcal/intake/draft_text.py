@@ -16,6 +16,7 @@ from typing import TypeGuard
 from gaitcal.errors import InputError
 from gaitcal.files.toml import toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
+from gaitcal.intake.folder import FileKind
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.study.study import Study, read_trial
@@ -39,7 +40,7 @@ def draft_text(draft: Draft, folder: Path | None) -> str:
     ]
     for trial in draft.trials:
         lines += _trial(trial, folder)
-    left = draft.left_out
+    left = [row for row in draft.left_out if row.kind != FileKind.STUDY.value]  # one of them is this text, later
     if left:
         lines += ["# Not used:", *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left)]
     return "\n".join(lines).rstrip() + "\n"
@@ -65,10 +66,8 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     choice = draft.choice
     if choice is None:
         raise InputError(draft.fault, source=draft.folder.path)
-    found = choice.coverage
-    reason = (
-        f"knows {len(found.known)} of {len(found.known) + len(found.left_over)} labels of {len(choice.members)} files"
-    )
+    found = choice.explained
+    reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
     if found.left_over:
         reason += f"; left over: {', '.join(found.left_over[:8])}"
         reason += f" and {len(found.left_over) - 8} more" if len(found.left_over) > 8 else ""

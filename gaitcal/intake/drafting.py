@@ -10,7 +10,7 @@ from gaitcal.errors import InputError
 from gaitcal.intake.draft import Draft, DraftTrial
 from gaitcal.intake.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
 from gaitcal.intake.force_files import ForceChoice, pair_forces
-from gaitcal.intake.marker_sets import SetChoice, candidates, choose_set, coverage, respelt
+from gaitcal.intake.marker_sets import SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.intake.movement import Movement, Shows, movement
 from gaitcal.intake.people import Session, session_of
 from gaitcal.intake.person_facts import Known, Options, person_of, weighed
@@ -46,7 +46,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     if not recordings:
         return _refused(folder, _nothing_here(folder), {})
     own = [(str(f.path), f.marker_set) for f in _own_sets(folder) if f.marker_set is not None]
-    choices = choose_set([r.labels for r in recordings], own)
+    choices = _choices(recordings, own)
     if not choices:
         return _refused(folder, _no_set(recordings, own), {})
     for choice in choices:
@@ -67,14 +67,14 @@ def draft_study(folder: Folder, options: Options) -> Draft:
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
     """That recordings which are left over show a whole session of their own; empty where they do not."""
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
-    for choice in choose_set([recording.labels for recording in found.values()], own) if found else ():
+    for choice in _choices(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _spelt(found[i], choice) for i in numbers}
         session = session_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
         if session is None:
             continue
         reference = session.posture(session.statics[0]).stance
-        shown = (movement(spelt[i], choice.marker_set, session.postures.get(i), reference) for i in session.members)
+        shown = (movement(spelt[i], session.worn, session.postures.get(i), reference) for i in session.members)
         if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT) for found in shown):
             names = ", ".join(files[i].name for i in session.members)
             return (
@@ -82,6 +82,15 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
                 f"{files[session.statics[0]].name}: put each into a folder of its own"
             )
     return ""
+
+
+def _choices(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
+    """The marker sets that the recordings may be of; none of no recordings."""
+    return choose_set([r.labels for r in recordings], own, [_computed(r) for r in recordings]) if recordings else []
+
+
+def _computed(recording: Recording) -> tuple[str, ...]:
+    return () if recording.computed is None else recording.computed.labels
 
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
@@ -105,13 +114,13 @@ def _nothing_here(folder: Folder) -> str:
 def _no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
     labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
     nearest, found = max(
-        ((entry, coverage(s, labels)) for entry, s in candidates(own)),
+        ((entry, explained(s, labels)) for entry, s in candidates(own)),
         key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
     )
     lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
     shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
     return (
-        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {len(found.known)} of "
+        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
         f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
         "(models/markersets has examples), or put the labels right by 'rename' in a study file"
     )
@@ -180,7 +189,7 @@ class _Drafting:
         """Recording of the session -> what it shows."""
         reference = self.session.posture(self.session.statics[0]).stance
         return {
-            i: movement(self.spelt[i], self.choice.marker_set, self.session.postures.get(i), reference)
+            i: movement(self.spelt[i], self.session.worn, self.session.postures.get(i), reference)
             for i in self.session.members
         }
 
@@ -194,8 +203,8 @@ class _Drafting:
         def worth(i: int) -> tuple[object, ...]:
             recording = self.spelt[i]
             rank = statics.index(i) if i in statics else 0
-            strange = len(coverage(self.choice.marker_set, recording.labels).left_over)
-            return (not recording.plates, -len(recording.time), strange, rank, i)
+            strange = len(explained(self.choice.marker_set, recording.labels).left_over)
+            return (i not in statics, not recording.plates, -len(recording.time), strange, rank, i)
 
         kept: list[int] = []
         copies = []

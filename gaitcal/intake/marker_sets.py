@@ -1,7 +1,7 @@
 """Which marker set the labels of the files are: every built-in set, and those that lie in the folder, is scored.
 
-A label counts for a set where the set knows it; by another spelling (case, dots, blanks, a prefix) it counts too, and
-is offered as a `rename`. `coverage` is the one function that looks into a set.
+A label counts for a set where the set knows it; by another spelling (dots, blanks, a prefix) it counts too, and is
+offered as a `rename`; capitals a set forgives by itself. `explained` is the one function that looks into a set.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
+from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
@@ -23,11 +25,11 @@ MOST_MISSING = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coverage:
+class Explained:
     """How well a marker set explains labels."""
 
-    known: tuple[str, ...]
-    """Labels of the files that the set knows, in its spelling."""
+    known: int
+    """How many labels of the files the set knows."""
     left_over: tuple[str, ...]
     """Labels of the files that it does not know."""
     missing: tuple[str, ...]
@@ -35,7 +37,7 @@ class Coverage:
     legs: int
     """How many of the known labels are on pelvis or legs."""
     unused: int
-    """How many labels of the set are in no file."""
+    """How many markers that the set tracks are in no file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,7 @@ class SetChoice:
     """As the study names it: a built-in name, or the path of its file."""
     rename: Mapping[str, str] = field(default_factory=dict)
     """Label in the files -> label in the set."""
-    coverage: Coverage
+    explained: Explained
     """Of the labels of its recordings together."""
     members: tuple[int, ...]
     """Which recordings are of this set."""
@@ -55,36 +57,49 @@ class SetChoice:
     """Labels that could be renamed but for another one of the same name."""
 
 
-def coverage(marker_set: MarkerSet, labels: Iterable[str]) -> Coverage:
-    """How well a set explains labels, spelt as in the set."""
-    given = list(dict.fromkeys(labels))
-    alias = {other: label for label, others in marker_set.aliases.items() for other in others}
-    spelt = [alias.get(label, label) if label not in marker_set.labels else label for label in given]
-    in_set, present = set(marker_set.labels), set(spelt)
-    landmarks = marker_set.landmarks
-    on_legs = {m for m, segment in marker_set.segment_of.items() if segment in LOWER_BODY}
-    on_legs |= {m for name in REQUIRED for m in landmarks.get(name, ())}
-    known = tuple(label for label in spelt if label in in_set)
-    return Coverage(
-        known=known,
-        left_over=tuple(old for old, label in zip(given, spelt, strict=True) if label not in in_set),
-        missing=tuple(name for name in REQUIRED if not set(landmarks.get(name, ("",))) <= present),
-        legs=len(set(known) & on_legs),
-        unused=len(in_set - present),
+def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:
+    """How well a set explains labels, spelt as in the set, and those of points that another program computed."""
+    given = tuple(dict.fromkeys(labels))
+    told = marker_set.coverage(given, tuple(dict.fromkeys(computed)))
+    unknown = set(told.unknown)
+    on_legs = {m for segment in LOWER_BODY for m in told.tracked.get(segment, ())}
+    on_legs |= {m for name in REQUIRED for m in told.landmarks.get(name, ())}
+    tracked = {m for labels in told.tracked.values() for m in labels}
+    return Explained(
+        known=len(given) - len(unknown),
+        left_over=told.unknown,
+        missing=told.required_missing,
+        legs=len(on_legs),
+        unused=len({m for group in marker_set.tracking.values() for m in group} - tracked),
     )
 
 
 def candidates(own: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSet]]:
     """Entry of the study file and set: those of the folder first, then all built-in ones."""
-    return [*own, *((name, load_marker_set(name)) for name in built_in_sets())]
+    return [*own, *_built_in()]
 
 
-def choose_set(recordings: Sequence[tuple[str, ...]], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
-    """The marker sets that recordings with these labels may be of, the best first; empty where none fits."""
+@cache
+def _built_in() -> tuple[tuple[str, MarkerSet], ...]:
+    """Read once: they come with the package."""
+    return tuple((name, load_marker_set(name)) for name in built_in_sets())
+
+
+def choose_set(
+    recordings: Sequence[tuple[str, ...]],
+    own: Sequence[tuple[str, MarkerSet]] = (),
+    computed: Sequence[tuple[str, ...]] | None = None,
+) -> list[SetChoice]:
+    """The marker sets that recordings with these labels may be of, the best first; empty where none fits.
+
+    `own`: entry of the study file and set, of sets that are not built in; `computed`: labels of the computed points of
+    each recording.
+    """
+    points = computed or [()] * len(recordings)
     sets = candidates(own)
     spellings = [spelt_otherwise(marker_set, recordings) for _, marker_set in sets]
     legs = [
-        [coverage(s, respelt(labels, rename)).legs for labels in recordings]
+        _legs(s, [respelt(labels, rename) for labels in recordings], points)
         for (_, s), (rename, _) in zip(sets, spellings, strict=True)
     ]
     best = [max(counts) for counts in zip(*legs, strict=True)]
@@ -92,27 +107,38 @@ def choose_set(recordings: Sequence[tuple[str, ...]], own: Sequence[tuple[str, M
     for (entry, marker_set), (rename, clashes), counts in zip(sets, spellings, legs, strict=True):
         members = tuple(i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i]))
         union = [label for i in members for label in respelt(recordings[i], rename)]
-        found = coverage(marker_set, union)
+        found = explained(marker_set, union, [label for i in members for label in points[i]])
         if not members or len(found.missing) > MOST_MISSING:
             continue
         used = {old: new for old, new in rename.items() if any(old in recordings[i] for i in members)}
         choice = SetChoice(
-            marker_set=marker_set, entry=entry, rename=used, coverage=found, members=members, clashes=clashes
+            marker_set=marker_set, entry=entry, rename=used, explained=found, members=members, clashes=clashes
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
+
+
+def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]) -> list[int]:
+    """How many markers of pelvis and legs each recording has, as the set spells them; most have the same labels."""
+    forgiven = _forgiven(marker_set)
+    known: dict[tuple[tuple[str, ...], tuple[str, ...]], int] = {}
+    for key in zip(recordings, points, strict=True):
+        if key not in known:
+            some = sum(label.casefold() in forgiven for label in key[0]) >= FEWEST_LABELS
+            known[key] = explained(marker_set, *key).legs if some else 0
+    return [known[key] for key in zip(recordings, points, strict=True)]
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
     """Smallest first: more recordings, fewer landmarks missing, more labels explained, fewer of the set unused; a set
     of one's own before a built-in one; of sets with the same labels the one that gives reasons for its weights.
     """
-    found = choice.coverage
+    found = choice.explained
     built_in = choice.entry in built_in_sets()
     return (
         -len(choice.members),
         len(found.missing),
-        -len(found.known),
+        -found.known,
         len(choice.rename),
         found.unused,
         built_in,
@@ -132,7 +158,7 @@ def spelt_otherwise(
     """Label in the files -> label of the set that differs from it in case, separators or a prefix only; and labels
     that would become one that is taken. Of several spellings of one label the most frequent is renamed.
     """
-    exact = set(marker_set.labels) | {other for others in marker_set.aliases.values() for other in others}
+    forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
         by_key.setdefault(_key(label), []).append(label)
@@ -141,7 +167,7 @@ def spelt_otherwise(
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
         targets = by_key.get(_key(label), [])
-        if label in exact or len(targets) != 1:
+        if len(targets) != 1 or label.casefold() in forgiven:
             continue
         taken = any(label in labels and targets[0] in labels for labels in recordings)
         if taken or targets[0] in rename.values():
@@ -149,6 +175,12 @@ def spelt_otherwise(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _forgiven(marker_set: MarkerSet) -> frozenset[str]:
+    """Spellings that the set knows by itself, without capitals."""
+    others = (other for group in marker_set.aliases.values() for other in group)
+    return frozenset(label.casefold() for label in (*marker_set.labels, *others))
 
 
 def _key(label: str) -> str:

@@ -170,15 +170,15 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     heights = pelvis[np.isfinite(pelvis).all(axis=1), 1]
     crouch = float(np.diff(np.percentile(heights, (5, 95)))[0]) if len(heights) else 0.0
     lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
+    if crouch > CROUCH_M:
+        return Movement(
+            shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m"
+        )
     if turns[first] < 2 * MOVES_RAD:
         return Movement(
             shows=Shows.OTHER,
             turns=turns,
             evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)),
-        )
-    if crouch > CROUCH_M:
-        return Movement(
-            shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m"
         )
     if lead < LEAD or min(steps) > STEPS_RAD:
         return other

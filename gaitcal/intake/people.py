@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from gaitcal.intake.placing import placed_otherwise, segment_distances
 from gaitcal.intake.standing import Standing, standing
-from gaitcal.model.marker_set import REQUIRED, MarkerSet
+from gaitcal.model.landmark_names import REQUIRED
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording.recording import Recording
 
 STATIC_WORD = re.compile(
@@ -34,10 +35,15 @@ class Session:
     members: tuple[int, ...]
     postures: Mapping[int, Standing]
     """Recording -> how the person stands in it, where that is seen."""
-    worn: Mapping[int, tuple[str, ...]]
+    only_standing: Mapping[int, tuple[str, ...]]
     """Static trial -> markers of it that no other recording has."""
     others: Mapping[int, str]
     """Recordings of the same labels that are not of this session, and why."""
+
+    @property
+    def worn(self) -> MarkerSet:
+        """The marker set as the best static trial shows it worn."""
+        return self.postures[self.statics[0]].worn
 
     def posture(self, i: int) -> Standing:
         """How the person stands in a static trial."""
@@ -45,7 +51,7 @@ class Session:
 
     def worn_standing(self, i: int) -> tuple[str, ...]:
         """Markers of a static trial that no moving recording has."""
-        return self.worn.get(i, ())
+        return self.only_standing.get(i, ())
 
 
 def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], marker_set: MarkerSet) -> Session | None:
@@ -82,7 +88,7 @@ def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
         statics=(best, *(i for i in ranked if i != best and i in groups[best])),
         members=tuple(groups[best]),
         postures=postures,
-        worn=worn,
+        only_standing=worn,
         others=others,
     )
 

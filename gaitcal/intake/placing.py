@@ -40,7 +40,8 @@ def segment_distances(recording: Recording, marker_set: MarkerSet) -> dict[tuple
     column = {label: i for i, label in enumerate(recording.labels)}
     out: dict[tuple[str, str, str], float] = {}
     for segment in LOWER_BODY:
-        labels = [m for m in marker_set.tracking.get(segment, ()) if m in column and marker_set.weight(m) > LIGHT]
+        worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
+        labels = [m for m in dict.fromkeys(worn) if m in column and marker_set.weight(m) > LIGHT]
         for a, b in combinations(sorted(labels), 2):
             apart = np.linalg.norm(recording.markers[:, column[a]] - recording.markers[:, column[b]], axis=1)
             if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):

@@ -9,7 +9,7 @@ from pathlib import PureWindowsPath
 from gaitcal.intake.draft import Seen
 from gaitcal.intake.folder import FileKind, Folder, FolderFile
 from gaitcal.intake.force_files import ForceChoice
-from gaitcal.intake.marker_sets import SetChoice, coverage, respelt
+from gaitcal.intake.marker_sets import SetChoice, explained, respelt
 from gaitcal.intake.movement import Movement
 
 FIRST_LABELS = 8
@@ -62,8 +62,8 @@ def rows_of(folder: Folder, files: tuple[FolderFile, ...], choice: SetChoice, be
 
 def _recording(file: FolderFile, i: int, choice: SetChoice, became: Roles) -> Seen:
     labels = file.recording.labels if file.recording is not None else ()
-    found = coverage(choice.marker_set, respelt(labels, choice.rename))
-    counts = f"{len(found.known)} of {len(labels)} known"
+    found = explained(choice.marker_set, respelt(labels, choice.rename))
+    counts = f"{found.known} of {len(labels)} known"
     if i not in became.of_set:
         more = " ..." if len(labels) > FIRST_LABELS else ""
         reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"

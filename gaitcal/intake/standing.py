@@ -18,6 +18,7 @@ from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import across
+from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording
 
@@ -45,6 +46,8 @@ class Standing:
     """s."""
     stop: float
     """s."""
+    worn: MarkerSet
+    """The set as this recording shows it worn."""
     landmarks: dict[str, Array]
     """Name -> (3,) m."""
     stance: Stance | None
@@ -60,6 +63,8 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
     """The standing posture, or None and why there is none."""
     if len(recording.time) < 2:
         return None, "a single frame"
+    recording = complete_static(recording, marker_set)
+    marker_set = worn(marker_set, recording)
     try:
         window = still_window(recording, marker_set.labels)
     except InputError as fault:
@@ -74,6 +79,7 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
         sway=sway(recording, marker_set),
         start=window.start,
         stop=window.stop,
+        worn=marker_set,
         landmarks=landmarks,
         stance=rough_stance(points, landmarks, marker_set),
     ), ""

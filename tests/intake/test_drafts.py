@@ -1,0 +1,193 @@
+"""Which study follows from a folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.errors import InputError
+from gaitcal.intake.draft_text import draft_text, study_of
+from gaitcal.intake.drafting import draft_study
+from gaitcal.intake.folder import FileKind, Folder, FolderFile
+from gaitcal.intake.person_facts import Options
+from gaitcal.recording import write_trc
+from gaitcal.study.study import Study
+from tests.intake.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
+
+SNAPSHOT = """\
+# Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
+
+[subject]
+name = "person"  # sure: name of the folder
+mass_kg = 69.4  # sure: option
+# height_m =   # MISSING: no file says it; write body height in m, and take the first # away
+sex = "male"  # sure: option
+# age_years =   # no file says it; it may be left out
+
+[markers]
+set = "gait2354"  # sure: knows 49 of 49 labels of 3 files
+
+[[trial]]
+name = "static"  # after the file
+role = "static"  # sure: still to 0 mm/s, upright, 0.5 s; @
+file = "static.csv"  # 100 frames at 200 Hz
+
+[[trial]]
+name = "knee_r"  # after the file
+role = "joint"  # sure: joints turn by knee_r 28, ankle_r 0, ankle_l 0 deg RMS
+joint = "knee_r"  # the one that turns most, see role
+file = "knee_r.csv"  # 1200 frames at 200 Hz
+
+[[trial]]
+name = "walk"  # after the file
+role = "gait"  # sure: the feet go to and fro in turn (correlation -0.85), over 1.3 m
+file = "walk.csv"  # 208 frames at 200 Hz
+forces = "grf.csv"  # sure: covers the time, and under load acts 5 cm from the feet
+
+# Not used:
+#   photo.png: a file ending in '.png' holds no recording
+"""
+
+
+def test_the_text_of_a_draft(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", recordings("knee_r"), forces="grf")
+    (folder / "photo.png").touch()
+    made = draft(folder, Options(mass=69.4, sex="male"))
+    worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
+    assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
+    assert made.missing == ("height_m",)
+    study = tmp_path / "person/study.toml"
+    study.write_text(draft_text(made, folder), encoding="utf-8")
+    with pytest.raises(InputError, match=r"subject.height_m: missing: body height in m"):
+        Study.load(study)
+
+
+def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", recordings(*JOINTS), forces="walk_forces")
+    made = draft(folder)
+    assert roles(made) == {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}
+    text = draft_text(made, tmp_path / "elsewhere")
+    assert draft_text(draft(folder), tmp_path / "elsewhere") == text
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/study.toml").write_text(text, encoding="utf-8")
+    loaded, direct = Study.load(tmp_path / "elsewhere/study.toml"), study_of(made)
+    assert [t.name for t in loaded.trials] == [t.name for t in direct.trials]
+    assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
+    assert "study.toml" not in direct.inputs, "nobody wrote one"
+    assert direct.changed_inputs() == ()
+    assert set(direct.inputs) == {f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")}
+
+
+@settings(max_examples=3)
+@given(st.permutations(range(8)))
+def test_names_of_files_decide_nothing(order: list[int]) -> None:
+    files = RECORDINGS.items()
+    renamed = {f"{number:03d}": name for number, name in zip(order, RECORDINGS, strict=True)}
+    read = [
+        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=dict(files)[old])
+        for new, old in sorted(renamed.items())
+    ]
+    found = roles(draft_study(Folder(path=Path("x"), files=tuple(read), subfolders=()), SAID))
+    assert {renamed[new]: role for new, role in found.items()} == {"static": "static", "walk": "gait"} | {
+        joint: f"joint {joint}" for joint in JOINTS
+    }
+
+
+RECORDINGS = recordings(*JOINTS)
+
+
+def test_what_stands_walks_and_moves_one_joint_only(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", {**recordings(), "squat": squat()})
+    made = draft(folder)
+    assert "squat" not in roles(made)
+    assert any(row.name == "squat.csv" and "pelvis goes up and down" in row.reason for row in made.left_out)
+    assert "#   squat.csv: moves otherwise" in draft_text(made, folder)
+
+
+def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
+    files = recordings("hip_r")
+    folder = write(tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")})
+    made = draft(folder)
+    assert set(roles(made)) == {"static", "walk", "hip_r"}, "the one with more recordings"
+    assert "two people, or two sessions" in made.problem
+    assert "b_static.csv" in made.problem and "b_walk.csv" in made.problem
+    (folder / "b_static.csv").unlink()
+    alone = draft(folder)
+    assert alone.problem == "", "a stray recording of somebody else is left out"
+    assert any(row.name == "b_walk.csv" and "another person" in row.reason for row in alone.left_out)
+
+
+def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
+    files = recordings()
+    folder = write(tmp_path / "person", files, forces="walk_forces")
+    walk = files["walk"]
+    write_trc(folder / "a_walk.trc", replace(walk, markers=walk.markers[:, ::-1], labels=walk.labels[::-1]))
+    cut = walk.frames((walk.time > walk.time[20]) & (walk.time < walk.time[150]))
+    write(folder, {"part": cut})
+    made = draft(folder)
+    assert [t.role for t in made.trials] == ["static", "gait"]
+    reasons = {row.name: row.reason for row in made.left_out}
+    assert len([r for r in reasons.values() if "the same recording as" in r]) == 2
+
+
+def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path) -> None:
+    walk = recordings()["walk"]
+    waiting = np.repeat(walk.markers[:1], 150, axis=0)
+    slow = replace(walk, time=np.arange(358) / walk.rate, markers=np.concatenate([waiting, walk.markers]))
+    made = draft(write(tmp_path / "person", {"walk": walk, "start": slow}))
+    assert "a static trial is needed" in made.fault
+    assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
+    named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
+    assert named.fault == "", "what is called static may hold walking"
+    assert not named.trials[0].certain
+
+
+def test_labels_spelt_otherwise_are_renamed(tmp_path: Path) -> None:
+    def spelt(label: str) -> str:
+        return label.replace(".", "_")
+
+    files = {name: replace(r, labels=tuple(map(spelt, r.labels))) for name, r in recordings().items()}
+    folder = write(tmp_path / "person", files)
+    made = draft(folder)
+    assert made.choice is not None and made.choice.rename["R_ASIS"] == "R.ASIS"
+    study = study_of(made)
+    assert set(study.static.recording.labels) == set(recordings()["static"].labels)
+    assert not any(trial.certain is False for trial in made.trials)
+
+
+def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
+    files = recordings()
+    write(tmp_path / "person/standing", {"static": files["static"]})
+    write(tmp_path / "person/moving", {"walk": files["walk"]})
+    for name in ("standing", "moving"):  # subfolders are looked into for recordings of these endings
+        write_trc(tmp_path / f"person/{name}/{name}.trc", files["static" if name == "standing" else "walk"])
+    made = draft(tmp_path / "person")
+    assert sorted(t.role for t in made.trials) == ["gait", "static"]
+    assert 'file = "moving/' in draft_text(made, tmp_path / "person")
+    write_trc(tmp_path / "person/moving/other.trc", other_person(files["walk"], 1.2))
+    assert "folders in it do: moving (2), standing (1)" in draft(tmp_path / "person").fault
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
+)
+def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, bytes], words: str) -> None:
+    for name, data in content.items():
+        (tmp_path / name).write_bytes(data)
+    made = draft(tmp_path)
+    assert words in made.fault
+    assert len(made.seen) == len(content)
+
+
+def test_labels_that_no_set_knows(tmp_path: Path) -> None:
+    walk = recordings()["walk"]
+    strange = replace(walk, labels=tuple(f"M{i}" for i in range(len(walk.labels))))
+    made = draft(write(tmp_path / "x", {"walk": strange}))
+    assert "no marker set knows enough of the labels M0, M1" in made.fault
+    assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")

@@ -1,0 +1,51 @@
+"""What files, plates and the user say of the person."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.intake.person_facts import Options, person_of, weighed
+from gaitcal.intake.standing import standing
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.recording import ForcePlate
+from gaitcal.recording.metadata import Facts
+from tests.intake.folders import recordings
+
+
+def test_the_user_before_the_static_before_the_others() -> None:
+    files = [("static", Facts(mass=70.0)), ("walk", Facts(mass=80.0, height=1.7, name="Jane Doe"))]
+    found = person_of("p07", Options(), files, None)
+    assert found["name"].value == "p07", "never the patient's name"
+    assert found["mass_kg"].value == 70.0
+    assert not found["mass_kg"].certain and "walk 80 kg" in found["mass_kg"].reason
+    assert found["height_m"].value == 1.7 and found["height_m"].certain
+    assert "sex" not in found
+    said = person_of("p07", Options(mass=75.0, sex="female"), files, None)
+    assert said["mass_kg"].value == 75.0 and "but static 70 kg" in said["mass_kg"].reason
+
+
+def test_plates_weigh_where_no_file_says_and_contradict_where_one_does() -> None:
+    weighed_here = person_of("x", Options(), [("static", Facts())], ("static", 66.04))
+    assert weighed_here["mass_kg"].value == 66.0 and not weighed_here["mass_kg"].certain
+    against = person_of("x", Options(), [("static", Facts(mass=80.0))], ("static", 66.04))
+    assert against["mass_kg"].value == 80.0
+    assert not against["mass_kg"].certain and "plates weigh 66.0 kg" in against["mass_kg"].reason
+
+
+@pytest.mark.parametrize(("reach", "expected"), [(1.0, 70.0), (0.05, None)])
+def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: float | None) -> None:
+    static, marker_set = recordings()["static"], load_marker_set("gait2354")
+    posture, _ = standing(static, marker_set)
+    assert posture is not None
+    middle = static.markers[0].mean(axis=0)
+    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * reach + [middle[0], 0.0, middle[2]]
+    force = np.tile([0.0, 70.0 * GRAVITY, 0.0], (len(static.time), 1))
+    plate = ForcePlate(name="1", time=static.time, force=force, point=0 * force, moment=0 * force, corners=corners)
+    mass = weighed(replace(static, plates=(plate,)), marker_set, posture)
+    assert mass == (None if expected is None else pytest.approx(expected))
+    without_corners = replace(plate, corners=None)
+    assert weighed(replace(static, plates=(without_corners,)), marker_set, posture) is None
