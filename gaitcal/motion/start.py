@@ -24,7 +24,9 @@ from gaitcal.motion.spline import SplineBasis
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""
 STRAIGHT = 0.02
-"""Weight of the straight joint against the one marker of a segment: it tells what that marker cannot, hardly more."""
+"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit: it tells what they do
+not, the turn about the line from the joint through one marker, or through two that lie 40 mm off a line of 300 mm and
+less. Without it a thigh marker near the line from hip to knee turned a child's leg about itself by 150 degrees."""
 ROOT_COORDINATES = 6
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
@@ -67,10 +69,9 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
             else:
                 centre, local_centre = so_far.centre(own), _local_centre(constants, s)
                 spread, known = moments.about(s, centre, local_centre)
-                if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
-                    scale = np.sqrt((spread**2).sum(axis=(1, 2)))
-                    straight = before @ _straight(constants, own) @ constants.segment_rotation[s]
-                    spread, known = spread + STRAIGHT * scale[:, None, None] * straight, scale > 0
+                scale = np.sqrt((spread**2).sum(axis=(1, 2)))
+                straight = before @ _straight(constants, own) @ constants.segment_rotation[s]
+                spread, known = spread + STRAIGHT * scale[:, None, None] * straight, scale > 0
             if known.any():
                 target = before.transpose(0, 2, 1) @ spread @ constants.segment_rotation[s].T
                 angles = _turns(chain, constants, own, target)
