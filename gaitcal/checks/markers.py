@@ -158,11 +158,14 @@ def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
             wanted.setdefault(segment, []).append(label)
     bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
     if bare:
-        torques = "; no torque is valid" if not set(LEG_SEGMENTS).isdisjoint(bare) else ""
+        sides = {segment[-1] for segment in bare if segment in LEG_SEGMENTS}
+        leg = next(iter(sides)) if len(sides) == 1 and set(bare) <= set(LEG_SEGMENTS) else ""
+        torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
         yield trial.warning(
             "labels",
             f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
             "label them in this trial, or see [markers] rename and weights of the study",
+            leg=leg,
         )
 
 

@@ -248,8 +248,8 @@ def test_frames_without_a_leg_segment_are_not_valid(role: str, folder: Path) -> 
         result, now = folder / "result", moments(folder / "result/moments/walk.csv")
     inside = before["time"].between(*gap)
     assert before["valid"][inside].any(), "valid while the foot was seen"
-    assert not now["valid"][inside].any()
-    assert (now["valid"] == before["valid"])[~inside].all()
+    assert not now["valid"][inside].any() and not now["valid_l"][inside].any()
+    assert (now["valid"] == before["valid"])[~inside].all() and (now["valid_r"] == before["valid_r"]).all()
     notes = json.loads((result / "summary.json").read_text(encoding="utf-8"))["notes"]
     (note,) = [note for note in notes if "no marker of foot_l with weight is seen" in note]
     assert f"{int(inside.sum())} frames are not valid" in note
