@@ -42,6 +42,10 @@ forces = "walk_forces.csv"
 """
 
 
+AS_PUBLISHED = 'hip_centre = "bell"\nankle_zero = "markers"\n'
+"""As the published subject was made, so that its nominal model is the truth."""
+
+
 def made_recording(motion: TrueMotion, parameters: Parameters | None = None, *, static: bool = False) -> Recording:
     """The published markers of a motion."""
     model = published_model(static_only=static)
@@ -74,5 +78,7 @@ def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = 
         write_markers_csv(folder / f"{joint}.csv", made_recording(isolated_motion(joint)))
         text += f'\n[[trial]]\nname = "{joint}"\nrole = "joint"\njoint = "{joint}"\nfile = "{joint}.csv"\n'
     path = folder / "study.toml"
-    path.write_text(text + more, encoding="utf-8")
+    table = "[calibration]\n"
+    more = more if table in more else f"{more}\n{table}"
+    path.write_text(text + more.replace(table, table + AS_PUBLISHED), encoding="utf-8")
     return path
