@@ -189,6 +189,9 @@ class TrialEvidence:
         """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands still in it."""
         if not self.is_static:
             return None
+        if self.rebuilding is not None and self.rebuilding.markers:  # the others are judged beside what was rebuilt
+            whole = replace(self.trial, recording=self.rebuilding.static)
+            return replace(self, trial=whole, rebuilding=None).posture
         try:
             still = still_window(self.recording, self.marker_set.labels).frames
         except InputError:
