@@ -15,10 +15,11 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
 from gaitcal.intake.draft import NEEDED, Draft
-from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words
+from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
 from gaitcal.intake.drafting import draft_of, draft_study
 from gaitcal.intake.folder import FileKind, Folder, read_folder
 from gaitcal.intake.person_facts import Options
+from gaitcal.study.study import nominal_of
 
 NOTHING_SAID = Options()
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
@@ -64,6 +65,7 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
         options_now = f"write it there, or run again with --force {missing_options(draft)}"
         raise InputError(f"is written, but {missing_words(draft)}: {options_now}", source=target)
     _stop_on_problem(draft, target)
+    nominal_of(study_of(draft))  # an error of the static trial is told now
     talk.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
 

@@ -151,7 +151,7 @@ class _Drafting:
         for i, j in self._copies(statics):
             out[i] = f"the same recording as {self.files[j].name}"
         statics = [i for i in statics if i not in out]
-        statics, problem = self._with_model(statics)
+        statics = self._with_model(statics)
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
             if i in roles or i in out:
@@ -169,8 +169,8 @@ class _Drafting:
             self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
         )
-        if all(trial.role == "static" for trial in trials):
-            problem = problem or "no recording shows walking, or one joint that moves alone"
+        moving = any(trial.role != "static" for trial in trials)
+        problem = "" if moving else "no recording shows walking, or one joint that moves alone"
         person = self._person(statics, order)
         seen = rows_of(
             self.folder, self.files, self.choice, Roles(roles, out, moves, forces, unpaired, frozenset(self.spelt))
@@ -216,24 +216,19 @@ class _Drafting:
                 copies.append((i, twin))
         return copies
 
-    def _with_model(self, statics: list[int]) -> tuple[list[int], str]:
-        """Static trials, one that gives a model first; and why none does."""
+    def _with_model(self, statics: list[int]) -> list[int]:
+        """Static trials, one that gives a model by itself first; where none does, the study's other trials may help."""
         person = person_of("", self.options, self._facts(statics), None)
-        mass, height = (
-            float(str(person[f].value)) if f in person else d for f, d in (("mass_kg", 70.0), ("height_m", None))
-        )
-        if height is None:
-            return statics, ""
-        subject = Subject("", mass or 70.0, height, self.options.sex or "female")
-        fault = ""
+        if len(statics) < 2 or "height_m" not in person:
+            return statics
+        subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "female")
         for i in statics:
             try:
                 nominal_model(self.spelt[i], self.choice.marker_set, subject)
-            except InputError as error:
-                fault = fault or str(error)
-            else:
-                return [i, *(j for j in statics if j != i)], ""
-        return statics, fault
+            except InputError:
+                continue
+            return [i, *(j for j in statics if j != i)]
+        return statics
 
     def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
         rest = [i for i in self.session.members if i not in order]

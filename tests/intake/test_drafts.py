@@ -147,6 +147,17 @@ def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path
     assert not named.trials[0].certain
 
 
+def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) -> None:
+    files = recordings()
+    static = files["static"]
+    markers = static.markers.copy()
+    markers[:, static.labels.index("R.Heel")] = np.nan
+    shifted = np.random.default_rng(1).normal(0, 0.0005, static.markers.shape)  # another take
+    lame = replace(static, markers=markers + shifted)
+    made = draft(write(tmp_path / "person", {"a_static": lame, "static_cal": static, "walk": files["walk"]}))
+    assert [t.name for t in made.trials] == ["static_cal", "a_static", "walk"]
+
+
 def test_labels_spelt_otherwise_are_renamed(tmp_path: Path) -> None:
     def spelt(label: str) -> str:
         return label.replace(".", "_")
