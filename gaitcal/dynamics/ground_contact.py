@@ -39,7 +39,8 @@ class GroundReactions:
     wrench: Array
     """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
     valid: BoolArray
-    """(nf,) whole body: both legs are valid, and a plate carries the body."""
+    """(nf,) whole body: both legs are valid, by their motion alone, too, and a plate carries the body. Masses are
+    fitted to these frames: no event that somebody set decides on them."""
     valid_legs: BoolArray
     """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, or in the air."""
     loaded: BoolArray
@@ -129,15 +130,15 @@ def ground_reactions_on_feet(
             notes.append(f"{step.words}: {SIDE_WORDS[step.foot]} foot, {how}")
         steps += found
     resting = feet.resting
-    floor = on_the_floor(resting, loaded, time, events)
+    floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
     used = [plate for plate in plates if (assigned or {}).get(plate.name) != "none"]
     partly, beside = beside_plates(steps, used, time, feet, loaded)
-    shared, both = shared_plates(steps, time, feet, floor)
+    shared, both = shared_plates(steps, time, feet, at_most)
     inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
         wrench=wrench,
-        valid=legs.all(axis=1) & loaded.any(axis=1),
+        valid=legs.all(axis=1) & loaded.any(axis=1) & ~at_most.any(axis=1),
         valid_legs=legs,
         loaded=loaded,
         resting=resting,

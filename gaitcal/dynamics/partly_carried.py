@@ -150,9 +150,7 @@ def _no_outline(step: Step) -> Finding:
 
 def _beside(carriers: Sequence[Step], foot: int, times: Array, share: float) -> Finding:
     names = " and ".join(dict.fromkeys(step.plate.name for step in carriers))
-    found = (
-        f"plate {names}: {100 * share:.0f} % of the sole of the {SIDE_WORDS[foot]} foot lie beside it; not valid for "
-    )
+    found = f"{100 * share:.0f} % of the sole of the {SIDE_WORDS[foot]} foot lie beside it; not valid for "
     found += f"this leg, {times[0]:.2f}-{times[-1]:.2f} s"
     return _note(f"a foot rests partly beside plate {names}", found, SIDES[foot])
 
