@@ -20,7 +20,7 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.recording import read_recording
 from gaitcal.recording.csv import CORNER_HEADER, is_force_header, read_header
 from gaitcal.recording.force_tables import Forces
-from gaitcal.recording.formats import read_forces
+from gaitcal.recording.formats import FORCE_READERS, read_forces
 from gaitcal.recording.recording import Recording
 
 MOST_FILES = 2000
@@ -206,7 +206,16 @@ def _xml(path: Path) -> FolderFile:
         return FolderFile(
             path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
         )
-    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table)
+    forces = _forces(path) if ".xml" in FORCE_READERS and not _tells_itself(path.parent / table) else None
+    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
+
+
+def _tells_itself(table: Path) -> bool:
+    """Whether a table of forces can be read without the XML that names its columns."""
+    try:
+        return bool(_forces(table).plates)
+    except InputError:
+        return False
 
 
 def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
