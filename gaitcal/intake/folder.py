@@ -206,16 +206,18 @@ def _xml(path: Path) -> FolderFile:
         return FolderFile(
             path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
         )
-    forces = _forces(path) if ".xml" in FORCE_READERS and not _tells_itself(path.parent / table) else None
+    forces = None
+    if ".xml" in FORCE_READERS and _readable(path.parent / table) is None:
+        forces = _readable(path)  # the table has columns that only the XML explains
     return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
 
 
-def _tells_itself(table: Path) -> bool:
-    """Whether a table of forces can be read without the XML that names its columns."""
+def _readable(path: Path) -> Forces | None:
+    """The forces of a table or of an XML that names one; None where they cannot be read."""
     try:
-        return bool(_forces(table).plates)
+        return _forces(path)
     except InputError:
-        return False
+        return None
 
 
 def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
