@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +16,7 @@ from gaitcal.intake.person_facts import Known, Options, person_of, weighed
 from gaitcal.intake.placing import same_recording
 from gaitcal.intake.seen import Roles, row_of, rows_of
 from gaitcal.intake.standing import standing
+from gaitcal.intake.trial_names import name_contradicts, trial_names
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
@@ -164,7 +164,7 @@ class _Drafting:
                 out[i] = f"{found.shows.value}: {found.evidence}; neither standing, walking, nor one joint alone"
         forces, unpaired = self._forces(roles)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
-        names = _trial_names([self.files[i].path.stem for i in order])
+        names = trial_names([self.files[i].path.stem for i in order])
         trials = tuple(
             self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
@@ -276,7 +276,7 @@ class _Drafting:
                 reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
             if extra := self.session.worn_standing(i):
                 reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
-        elif said := _name_contradicts(self.files[i].path.stem, role):
+        elif said := name_contradicts(self.files[i].path.stem, role):
             reason, certain = f"{reason}; {said}", False
         return DraftTrial(
             name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
@@ -284,30 +284,3 @@ class _Drafting:
 
 
 _ORDER = {"static": 0, "joint": 1, "gait": 2}
-_JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
-
-
-def _name_contradicts(stem: str, role: tuple[str, str]) -> str:
-    """What a file's name says against its role; empty where it says nothing."""
-    word = _JOINT_WORD.search(stem)
-    if word is None:
-        return ""
-    name = word.group(1).lower()
-    if role[0] == "joint" and role[1].startswith(name):
-        return ""
-    return f"though its name says {name}"
-
-
-def _trial_names(stems: Sequence[str]) -> list[str]:
-    """Names of trials from those of files: safe as file names, and each once whatever the case."""
-    out: list[str] = []
-    for stem in stems:
-        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "trial"
-        if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)", plain, re.IGNORECASE):
-            plain += "_"
-        name, count = plain, 1
-        while name.lower() in {other.lower() for other in out}:
-            count += 1
-            name = f"{plain}_{count}"
-        out.append(name)
-    return out

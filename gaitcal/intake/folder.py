@@ -20,7 +20,7 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.recording import read_recording
 from gaitcal.recording.csv import CORNER_HEADER, is_force_header, read_header
 from gaitcal.recording.force_tables import Forces
-from gaitcal.recording.formats import read_forces
+from gaitcal.recording.formats import FORCE_READERS, read_forces
 from gaitcal.recording.recording import Recording
 
 MOST_FILES = 2000
@@ -206,7 +206,18 @@ def _xml(path: Path) -> FolderFile:
         return FolderFile(
             path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
         )
-    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table)
+    forces = None
+    if ".xml" in FORCE_READERS and _readable(path.parent / table) is None:
+        forces = _readable(path)  # the table has columns that only the XML explains
+    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
+
+
+def _readable(path: Path) -> Forces | None:
+    """The forces of a table or of an XML that names one; None where they cannot be read."""
+    try:
+        return _forces(path)
+    except InputError:
+        return None
 
 
 def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:

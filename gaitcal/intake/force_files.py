@@ -10,6 +10,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PureWindowsPath
 
 import numpy as np
 
@@ -56,8 +57,9 @@ def pair_forces(
     """Recording -> its forces, and table -> why it is nobody's. `recordings`: number -> file name without ending, and
     recording with the set's labels; those of which forces are wanted.
     """
-    tables = [file for file in files if file.kind is FileKind.FORCES]
-    loads = {file.names.replace("\\", "/").rsplit("/", 1)[-1].lower(): file for file in files if file.names}
+    tables = [file for file in files if file.forces is not None]
+    named = [file for file in files if file.kind is FileKind.EXTERNAL_LOADS]
+    loads = {PureWindowsPath(file.names).name.lower(): file for file in named}  # takes / and \\ alike
     matches: list[_Match] = []
     why: dict[str, str] = {}
     for t, table in enumerate(tables):
@@ -78,9 +80,9 @@ def pair_forces(
         if unsure and (rivals or len(recordings) > 1):
             why[table.name] = "nothing tells whose forces these are: no foot is loaded, and no name is alike"
             continue
-        named = loads.get(table.name.lower())
+        by = loads.get(table.path.name.lower())
         out[match.recording] = ForceChoice(
-            file=table, reason=_words(match, named), certain=match.away is not None, time=match.time
+            file=table, reason=_words(match, by), certain=match.away is not None, time=match.time
         )
         used.add(match.table)
     for t, table in enumerate(tables):

@@ -130,18 +130,17 @@ def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: 
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
-    """Smallest first: more recordings, fewer landmarks missing, more labels explained, fewer of the set unused; a set
-    of one's own before a built-in one; of sets with the same labels the one that gives reasons for its weights.
+    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, more labels explained, fewer of
+    the set unused; of sets with the same labels the one that gives reasons for its weights.
     """
     found = choice.explained
-    built_in = choice.entry in built_in_sets()
     return (
         -len(choice.members),
         len(found.missing),
+        choice.entry in built_in_sets(),
         -found.known,
         len(choice.rename),
         found.unused,
-        built_in,
         -len(choice.marker_set.reasons),
         choice.entry,
     )

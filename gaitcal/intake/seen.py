@@ -76,7 +76,7 @@ def _recording(file: FolderFile, i: int, choice: SetChoice, became: Roles) -> Se
 
 def _other(file: FolderFile, choice: SetChoice, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
     """A row of a file that is no recording."""
-    if file.kind is FileKind.FORCES:
+    if file.forces is not None:
         used = f"forces of {owner[file.name]}" if file.name in owner else ""
         return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
     if file.kind is FileKind.EXTERNAL_LOADS:
