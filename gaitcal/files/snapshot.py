@@ -70,7 +70,8 @@ def listed(folder: Path) -> dict[str, str]:
         The manifest is not as it was written.
     """
     manifest = read_object(folder / MANIFEST)
-    if (SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest):
+    unreadable = not manifest and (folder / MANIFEST).exists()
+    if unreadable or ((SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest)):
         message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
         raise InputError(message, source=folder / MANIFEST)
     hashes = manifest.get(HASHES)

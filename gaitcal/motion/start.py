@@ -24,9 +24,11 @@ from gaitcal.motion.spline import SplineBasis
 SWEEPS = 2
 """Visits to the turns of a joint of several, until they settle; tracking does the rest."""
 STRAIGHT = 0.02
-"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit: it tells what they do
-not, the turn about the line from the joint through one marker, or through two that lie 40 mm off a line of 300 mm and
-less. Without it a thigh marker near the line from hip to knee turned a child's leg about itself by 150 degrees."""
+"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit: it outweighs one that
+lies within 40 mm of a line of 300 mm from the joint through another."""
+BELIEVED = np.deg2rad(60.0)
+"""Two markers are believed where they turn the joint by at most so much from where they and a straight joint have it: a
+thigh marker 30 mm off the line from hip to knee turned a child's leg about itself by 150 degrees."""
 ROOT_COORDINATES = 6
 SAMPLES_PER_NODE = 3
 """Frames looked at per spline node: a start needs no more."""
@@ -64,17 +66,22 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
         fit = fits.get(s)
         if own and fit is not None:
             before = so_far.rotation(chain.parents[own[0]])
+            to_joint = constants.segment_rotation[s]
+            straight: Array | None = None
             if fit.determined.any():
                 spread, known = fit.rotation, fit.determined
             else:
                 centre, local_centre = so_far.centre(own), _local_centre(constants, s)
                 spread, known = moments.about(s, centre, local_centre)
                 scale = np.sqrt((spread**2).sum(axis=(1, 2)))
-                straight = before @ _straight(constants, own) @ constants.segment_rotation[s]
-                spread, known = spread + STRAIGHT * scale[:, None, None] * straight, scale > 0
+                straight = spread + STRAIGHT * scale[:, None, None] * (before @ _straight(constants, own) @ to_joint)
+                if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
+                    spread, known, straight = straight, scale > 0, None
             if known.any():
-                target = before.transpose(0, 2, 1) @ spread @ constants.segment_rotation[s].T
-                angles = _turns(chain, constants, own, target)
+                inverse = before.transpose(0, 2, 1)
+                angles = _turns(chain, constants, own, inverse @ spread @ to_joint.T)
+                if straight is not None:
+                    angles = _or_straight(angles, _turns(chain, constants, own, inverse @ straight @ to_joint.T), known)
                 if known.all():
                     q[:, own] = angles
                     wrapped += own
@@ -99,6 +106,12 @@ def _carried_root(
             rotation = fit.rotation @ turned.T
             return RigidFit(rotation, fit.origin - rotation @ shift, fit.determined), _path(chain, s)
     return None, []
+
+
+def _or_straight(angles: Array, straight: Array, known: BoolArray) -> Array:
+    """(nf, n) the angles, or those with the straight joint for the whole trial if in any known frame they are apart."""
+    apart = np.abs(np.angle(np.exp(1j * (angles - straight)[known])))
+    return straight if (apart > BELIEVED).any() else angles
 
 
 def _straight(constants: ChainConstants, own: list[int]) -> Array:

@@ -16,6 +16,7 @@ from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.motion.motion import track
 from gaitcal.motion.trial_problem import NodeRule
 from gaitcal.recording import read_recording, still_window
@@ -142,18 +143,18 @@ def test_only_the_zero_of_the_ankle_changes() -> None:
 
 VENDOR = {
     "pig_c3d/static.c3d": ("plug-in-gait", 1.79),
-    **{f"children/{c}/static.c3d": ("single_sacral.toml", h) for c, h in (("HC002D", 1.45), ("HC030A", 1.48))},
-    **{f"children/{c}/static.c3d": ("single_sacral.toml", h) for c, h in (("HC031A", 1.33), ("HC032A", 1.58))},
+    **{f"children/{c}/static.c3d": ("plug-in-gait", h) for c, h in (("HC002D", 1.45), ("HC030A", 1.48))},
+    **{f"children/{c}/static.c3d": ("plug-in-gait", h) for c, h in (("HC031A", 1.33), ("HC032A", 1.58))},
 }
-OWN_SETS = Path(__file__).parents[2] / "scripts" / "attacks"
 
 
 @pytest.mark.parametrize("file", VENDOR)
 def test_standing_ankles_as_the_laboratory_has_them(file: str, data_dir: Path) -> None:
     """Within a few degrees of the ankle angles that Plug-in Gait computed of the same static trial."""
     name, height = VENDOR[file]
-    marker_set = load_marker_set(OWN_SETS / name if name.endswith("toml") else name)
-    static = marker_set.renamed(read_recording(data_dir / file))
+    marker_set = load_marker_set(name)
+    static = complete_static(marker_set.renamed(read_recording(data_dir / file)), marker_set)
+    marker_set = worn(marker_set, static)
     posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
     legs = lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO))

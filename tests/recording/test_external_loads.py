@@ -151,6 +151,9 @@ def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:
     study = Study.load(path)
     assert study.trials[1].plates == {"right": "r", "left": "l"}
     assert {"grf.xml", "grf.mot"} <= set(study.inputs)
-    path.write_text(path.read_text(encoding="utf-8") + 'plates = { right = "none" }\n', encoding="utf-8")
+    of_walk = 'forces = "grf.xml"\n'
+    text = path.read_text(encoding="utf-8")
+    assert of_walk in text
+    path.write_text(text.replace(of_walk, of_walk + 'plates = { right = "none" }\n'), encoding="utf-8")
     assert Study.load(path).trials[1].plates == {"right": "none", "left": "l"}
     assert study.input_names(study.trials[1]) == {"file": "walk.csv", "forces": "grf.xml", "table0": "grf.mot"}

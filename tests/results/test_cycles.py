@@ -32,7 +32,7 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
     assert trial.loads is not None
-    strides = strides_of(whole.model, trial.body, trial.loads.reactions)
+    strides = strides_of(trial.events)
     for side, cycles in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]
         assert sorted(own["stride"].unique()) == list(range(1, len(cycles) + 1))
@@ -54,7 +54,7 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     trial = whole.trial("walk")
     assert trial.loads is not None
     reactions = trial.loads.reactions
-    stride = {side: cycles[0] for side, cycles in strides_of(whole.model, trial.body, reactions).items()}
+    stride = {side: cycles[0] for side, cycles in strides_of(trial.events).items()}
     time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)
     middle = 0.5 * (stride["l"].start + stride["l"].stop)
     left[np.abs(time - middle) < 0.05] = False
