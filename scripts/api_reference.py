@@ -25,6 +25,7 @@ MODULES = (
     "gaitcal.verdict.verdict",
     "gaitcal.files.snapshot",
     "gaitcal.study.study",
+    "gaitcal.study.study_trial",
     "gaitcal.person.result",
     "gaitcal.person.hold_out",
     "gaitcal.study.settings",

@@ -22,7 +22,7 @@ import gaitcal
 from gaitcal import Calibration, InputError, Study
 from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.study.study import Role
+from gaitcal.study.study_trial import Role
 
 DIRECTIONS = ("ant", "sup", "lat")
 NEAR = 2.0

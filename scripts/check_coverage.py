@@ -25,8 +25,9 @@ from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_p
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion

@@ -32,7 +32,8 @@ from gaitcal.person.prepare import measured_reactions, prepare_trial
 from gaitcal.recording.force_plate import LOADED_N
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Role, nominal_of
+from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
 
 SAME = 0.2
 """s within which an event of the motion means one of the truth."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.recording.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion

@@ -30,7 +30,7 @@ from gaitcal.checks.study import evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.recording import Recording
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study_trial import StudyTrial
 from gaitcal.synthetic.subject import synthesize
 
 TOPICS = ("one body", "body size", "left its place", "joint", "exchanged", "frozen", "sides", "axes")

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.person.calibrate import calibrate
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.measurements import marker_noise
 from gaitcal.synthetic.subject import synthesize
 

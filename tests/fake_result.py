@@ -27,7 +27,8 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.verdict.verdict import judge
 
 FRAMES, RATE = 241, 100.0

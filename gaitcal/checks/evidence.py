@@ -21,7 +21,7 @@ from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial
 
 LIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""

@@ -24,7 +24,8 @@ from gaitcal.findings import Finding, listed
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, joint_segments
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.labels import is_unlabelled
 

@@ -12,8 +12,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
+from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.roughness import HALF_POWER
-from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, cutoff
+from gaitcal.motion.trial_problem import FEWEST_FRAMES
 from gaitcal.recording.axes import net_progression
 from gaitcal.recording.filters import filterable
 from gaitcal.recording.text_file import UNEVEN

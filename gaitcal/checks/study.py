@@ -41,8 +41,9 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study, StudyTrial, read_trial
+from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_trial import StudyTrial, read_trial
 
 OTHER_RATE = 2.5
 """Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""

@@ -22,8 +22,8 @@ from gaitcal.person.result import TrialResult
 from gaitcal.person.trial_result import analyse
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
-from gaitcal.study.study import StudyTrial, read_trial
 from gaitcal.study.study_file import Side, Trial
+from gaitcal.study.study_trial import StudyTrial, read_trial
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.verdict import judge
 

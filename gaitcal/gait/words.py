@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from gaitcal.model.inertial_parameters import IP_INDEX
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.study.study import Role
+from gaitcal.study.study_trial import Role
 
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
 SIDE_WORDS = {"r": "right", "l": "left", "": ""}

@@ -19,8 +19,9 @@ from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
 from gaitcal.intake.folder import FileKind
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
-from gaitcal.study.study import Study, read_trial
+from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_trial import read_trial
 
 STUDY = "study.toml"
 WIDEST = 70

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 from gaitcal.checks import check_study
 from gaitcal.findings import Finding, Severity
-from gaitcal.study.study import Role, Study
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 
 
 def without_faulty_trials(

@@ -19,8 +19,9 @@ from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
 from gaitcal.montecarlo.settings import MonteCarloSettings
 from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.spline import SplineBasis, spline_basis
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 

@@ -20,11 +20,12 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
-from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
+from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trunk_support import telling
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.runtime import keep_freed_memory
@@ -213,40 +214,9 @@ class TrialProblem:
         return out
 
 
-NODES_PER_SECOND = 20.0
-"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
-about 0.48 / h (see `cutoff`).
-"""
-FRAMES_PER_SPAN = 3.0
-"""Least number of frames for one span; slow cameras get longer spans."""
 FEWEST_FRAMES = 12
 CARRIES_ITSELF = 0.5
 """Share of the frames from which a root is tracked by its own markers."""
-
-
-@dataclass(frozen=True)
-class NodeRule:
-    """How many spline nodes a trial gets."""
-
-    per_second: float = NODES_PER_SECOND
-    fixed: int | None = None
-    """A fixed number of nodes a coordinate (20 in the published protocol), whatever the length."""
-
-    def nodes(self, time: Array) -> int:
-        """Number of nodes for frames at `time` (s)."""
-        if self.fixed is not None:
-            return self.fixed
-        spans = min(float(time[-1] - time[0]) * self.per_second, len(time) / FRAMES_PER_SPAN)
-        return max(round(spans), 1) + MINIMUM_NODES - 1
-
-
-def cutoff(time: Array, nodes: int) -> float:
-    """Hz at which a least-squares quintic spline passes 71 % (-3 dB) of an oscillation.
-
-    For spans h the amplitude kept at frequency f is 1 / (1 + sum_k (f h / (f h + k))^12), k = -1, 1, -2, ...
-    (Unser, Aldroubi and Eden 1993): 0.4816 / h.
-    """
-    return 0.4816 * (nodes - MINIMUM_NODES + 1) / float(time[-1] - time[0])
 
 
 def trial_problem(

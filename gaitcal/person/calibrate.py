@@ -40,7 +40,8 @@ from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unme
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, nominal_of
+from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study_trial import Role
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.verdict import judge
 

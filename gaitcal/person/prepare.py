@@ -21,14 +21,15 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import TRUNK_SUPPORT
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
+from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.trial_problem import FEWEST_FRAMES, NODES_PER_SECOND, NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_problem
 from gaitcal.person.trial_bandwidth import Bandwidth, bandwidth_of
 from gaitcal.recording import still_window, turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial
 
 
 @dataclass(frozen=True, kw_only=True)

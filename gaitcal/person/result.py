@@ -27,7 +27,8 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.trial_bandwidth import Bandwidth
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Role, Study
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 from gaitcal.verdict.verdict import Judgement, Verdict
 
 

@@ -25,7 +25,8 @@ from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Role, Study
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 
 SETTLED = 5e-4
 """m and rad: largest change of a joint parameter from round to round at which the rounds end."""

@@ -37,7 +37,7 @@ from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import LOADED_N
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study_trial import StudyTrial
 
 PLATES_HZ = 50.0
 """Of the plates while they choose."""

@@ -32,7 +32,7 @@ from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_tr
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.person.trial_findings import trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study_trial import StudyTrial
 from gaitcal.verdict.force_diagnosis import ForceDiagnosis
 
 

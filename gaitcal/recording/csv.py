@@ -7,7 +7,8 @@ have another axis up are turned by quarters, as their other files are.
 
 The corners have no place in the table of forces, and without them nobody can tell whether a foot was wholly on its
 plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
-with `#` are comments.
+with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events
+(`told_lines.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,8 +28,10 @@ from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.recording.labels import clean, unique
+from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing, to_cells
+from gaitcal.recording.told_lines import COMPUTED, computed_kept, told_by, told_lines
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
@@ -38,9 +42,12 @@ CORNERS = 4
 
 def read_markers_csv(path: Path) -> Recording:
     """Markers of a wide table, every number as written."""
-    names, table = _table(path)
+    lines = read_lines(path)
+    names, start = _header(path, lines)
     if is_force_header(names):
         raise InputError("this is a table of forces; give it as the forces of a trial", source=path)
+    table = parse_rows(lines, start, 1 + len(names), source=path, separator=",")
+    facts, events = told_by(lines[:start], path)
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
@@ -56,13 +63,29 @@ def read_markers_csv(path: Path) -> Recording:
             raise InputError(f"found only {axes}; x, y and z are needed", source=path, field=f"marker {name[:40]}")
     if not places:
         raise InputError("found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path)
+    of_models = {name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)}
+    places = {key: columns for key, columns in places.items() if key[0] not in of_models}
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
-    order = [columns[axis] for columns in places.values() for axis in range(3)]
-    markers, gap_notes = zeros_to_missing(table.values[:, 1:][:, order].reshape(len(table.values), len(places), 3))
-    notes = repetition_notes + gap_notes
-    recording = Recording(source=str(path), time=_time(path, table), labels=labels, markers=markers, notes=notes)
+    markers, gap_notes = zeros_to_missing(_points(table, places.values()))
+    modelled = tuple(clean(name.removeprefix(COMPUTED)) or "?" for name in of_models)
+    recording = Recording(
+        source=str(path),
+        time=_time(path, table),
+        labels=labels,
+        markers=markers,
+        notes=repetition_notes + gap_notes,
+        events=events,
+        facts=facts,
+        computed=ComputedPoints(modelled, _points(table, of_models.values())) if of_models else None,
+    )
     vertical = body_vertical(markers)
     return recording if vertical is None or vertical.axis == 1 else turn_up(recording, vertical)
+
+
+def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
+    """(nf, np, 3) m of the columns (axis -> column after time) of points."""
+    order = [of_point[axis] for of_point in columns for axis in range(3)]
+    return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
 
 
 def read_forces_csv(path: Path) -> Forces:
@@ -105,8 +128,13 @@ def read_header(path: Path) -> list[str]:
 def write_markers_csv(path: Path, recording: Recording) -> None:
     """Markers as a wide table that reads back bit for bit."""
     require_plain_labels(recording, path)
-    names = [f"{label}_{axis}" for label in recording.labels for axis in "xyz"]
-    _write(path, names, recording.time, recording.markers.reshape(len(recording.time), -1))
+    labels, values = list(recording.labels), recording.markers
+    if recording.computed is not None and (kept := computed_kept(recording.computed)):
+        at = [recording.computed.labels.index(label) for label in kept]
+        labels += [COMPUTED + label for label in kept]
+        values = np.concatenate([values, recording.computed.points[:, at]], axis=1)
+    names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
+    _write(path, names, recording.time, values.reshape(len(recording.time), -1), told_lines(recording))
 
 
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
@@ -116,8 +144,9 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     _write(path, names, time, values)
 
 
-def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
+def _write(path: Path, names: list[str], time: Array, values: Array, comments: Sequence[str] = ()) -> None:
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(f"{line}\n" for line in comments)
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
         for row in np.column_stack([time, values]).tolist():
             file.write(",".join(to_cells(row)) + "\n")

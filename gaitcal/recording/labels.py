@@ -71,13 +71,17 @@ def is_number(label: str) -> bool:
     return NUMBER.fullmatch(label) is not None
 
 
-def computed_points(labels: Sequence[str]) -> set[str]:
-    """Those of `labels` that name computed points, judged by their spelling."""
+def axes_points(labels: Sequence[str]) -> set[str]:
+    """Those of `labels` that are the four points of a segment's axes."""
     matches = {label: SEGMENT_POINT.fullmatch(label) for label in labels}
     points: dict[str, set[str]] = {}
     for match in matches.values():
         if match:
             points.setdefault(match["stem"], set()).add(match["point"])
     whole = {stem for stem, found in points.items() if len(found) == 4}
-    axes = {label for label, match in matches.items() if match and match["stem"] in whole}
-    return axes | {label for label in labels if COMPUTED.fullmatch(label)}
+    return {label for label, match in matches.items() if match and match["stem"] in whole}
+
+
+def computed_points(labels: Sequence[str]) -> set[str]:
+    """Those of `labels` that name computed points, judged by their spelling."""
+    return axes_points(labels) | {label for label in labels if COMPUTED.fullmatch(label)}

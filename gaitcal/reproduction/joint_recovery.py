@@ -33,8 +33,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import motion_of
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.reproduction.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers

@@ -24,8 +24,9 @@ from gaitcal.reproduction.published import SIDE
 from gaitcal.reproduction.tables import RESIDUALS, SCALES, Cell, TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, read_trial
+from gaitcal.study.study import Study
 from gaitcal.study.study_file import Joint, Trial
+from gaitcal.study.study_trial import read_trial
 
 STAGES = {Stage.NOMINAL: "anatomical", Stage.JP: "phase 1", Stage.JP_IP: "phase 2", Stage.COMBINED: "third step"}
 """In the words of the paper."""

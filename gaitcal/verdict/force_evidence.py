@@ -29,7 +29,7 @@ from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.axes import ABOUT_Y
 from gaitcal.recording.filters import filterable
 from gaitcal.recording.recording import ForcePlate, Recording
-from gaitcal.study.study import StudyTrial
+from gaitcal.study.study_trial import StudyTrial
 from gaitcal.verdict.force_standing import as_walked_on, off_feet, side_carried, standing_feet
 from gaitcal.verdict.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.verdict.plate_forces import PlateForces

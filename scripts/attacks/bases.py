@@ -14,8 +14,8 @@ from pathlib import Path
 
 from gaitcal import Recording, Study, synthesize
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import StudyTrial
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial, load_study_file
+from gaitcal.study.study_trial import StudyTrial
 
 SEED = 1
 """Of the synthetic person."""

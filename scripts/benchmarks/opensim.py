@@ -16,7 +16,7 @@ from benchmarks.folder import temporary_folder
 from gaitcal.export import write_osim
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.recording import write_trc
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from benchmarks.trials import GAIT_JPS, calibrated, first_frames, problem, recor
 from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 
 FRAMES = (200, 1000, 5000, 25_000, 100_000)
 MEMORY_FRAMES = (5000, 25_000, 100_000)

@@ -22,7 +22,7 @@ from gaitcal.model.joint_parameters import isolated_parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 

@@ -12,8 +12,9 @@ from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, isolated_motion

@@ -19,7 +19,8 @@ from gaitcal.person.prepare import PreparedTrial, forward_direction, measured_re
 from gaitcal.recording import turn_to_progression
 from gaitcal.recording.recording import Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, StudyTrial, nominal_of
+from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.verdict.force_evidence import ForceEvidence, force_evidence
 

@@ -15,9 +15,10 @@ from gaitcal.model.inertial_parameters import symmetric_set, table
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion

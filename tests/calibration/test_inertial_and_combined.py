@@ -18,8 +18,9 @@ from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_s
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Stage
 from gaitcal.recording import Recording

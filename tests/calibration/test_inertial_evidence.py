@@ -29,9 +29,10 @@ from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import spline_basis
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.measurements import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_recording

@@ -18,9 +18,10 @@ from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_p
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import DescentSettings
-from gaitcal.motion.trial_problem import NodeRule, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion

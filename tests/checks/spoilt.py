@@ -14,7 +14,8 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording import ForcePlate, Recording
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion, static_motion
 from tests.synthetic_studies import made_plates, made_recording
 

@@ -26,7 +26,8 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.recording import Recording
-from gaitcal.study.study import Study, StudyTrial
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import StudyTrial
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import static_motion
 from gaitcal.synthetic.subject import synthesize

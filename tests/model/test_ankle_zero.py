@@ -18,7 +18,7 @@ from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.segment_frames import lower_body
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.recording import read_recording, still_window
 from gaitcal.recording.c3d.metadata import facts_of
 from gaitcal.study.settings import CalibrationSettings

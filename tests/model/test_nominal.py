@@ -18,7 +18,7 @@ from gaitcal.model.nominal import PUBLISHED, RAISED, AnkleZero, HipCentre, nomin
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, track
-from gaitcal.motion.trial_problem import NodeRule
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.recording import Recording, still_window
 from tests.model.people import ARMS_HANG, PEOPLE, mirrored, moved, published_static, standing, without
 

@@ -13,7 +13,8 @@ from gaitcal.montecarlo.case import case_from, case_of
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.results.calibration import write_results
-from gaitcal.study.study import Role, Study
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 from tests.synthetic_studies import write_synthetic_study
 
 QUICK = '[calibration]\njp = false\nip = "none"\nnodes = 20\n'

@@ -9,7 +9,8 @@ import pytest
 
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import track
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.motion.trunk_support import TRUNK, telling
 from gaitcal.recording import Recording
 from gaitcal.synthetic.motion import gait_motion

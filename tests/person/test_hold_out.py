@@ -16,7 +16,8 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.hold_out import FOLDS, fold_of_frame, hold_out, without
 from gaitcal.person.joint_parameters import parameters_for
 from gaitcal.person.prepare import PreparedTrial, prepare_trial
-from gaitcal.study.study import Role, Study, nominal_of
+from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.measurements import marker_noise
 from tests.checks.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study

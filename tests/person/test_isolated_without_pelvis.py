@@ -14,7 +14,8 @@ from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import joint_segments
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.person.prepare import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from tests.real_studies import write_study

@@ -14,7 +14,8 @@ from gaitcal.dynamics.plate_errors import DEFAULT
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.study.study import Study

@@ -21,7 +21,8 @@ from gaitcal.person.trial_result import analyse
 from gaitcal.recording import ForcePlate, Recording
 from gaitcal.results.summary import summary, trial_summary
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Role, Study, StudyTrial
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion
 from tests.derivatives import Array
 from tests.synthetic_studies import made_plates, made_recording, write_synthetic_study

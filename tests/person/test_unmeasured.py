@@ -12,7 +12,8 @@ from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
-from gaitcal.study.study import Role, Study
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 from gaitcal.verdict.verdict import Judgement
 from tests.real_studies import write_study
 

@@ -15,6 +15,7 @@ from gaitcal.errors import InputError
 from gaitcal.recording import (
     ForcePlate,
     Recording,
+    convert,
     read_forces,
     read_recording,
     write_c3d,
@@ -195,3 +196,28 @@ def test_names_that_no_table_can_hold_are_refused(tmp_path: Path, label: str) ->
         with pytest.raises(InputError, match="cannot be written"):
             write(tmp_path / name, recording)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("file", ["pig_c3d/gait.c3d", "labs_c3d/kad/static.c3d", "children/HC002D/straight.c3d"])
+def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path: Path) -> None:
+    """Facts but the person's name, events, and computed points but those of segments' axes."""
+    original = read_recording(data_dir / file)
+    convert(data_dir / file, tmp_path / "x.csv")
+    found = read_recording(tmp_path / "x.csv")
+    assert found.facts == replace(original.facts, name=None) and found.facts.knee_width
+    assert found.events == original.events
+    assert original.computed is not None and found.computed is not None
+    kept = [original.computed.labels.index(label) for label in found.computed.labels]
+    np.testing.assert_array_equal(found.computed.points, original.computed.points[:, kept])
+    assert "PELO" in original.computed.labels and "PELO" not in found.computed.labels
+    assert original.facts.name not in (tmp_path / "x.csv").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['#: mass = "x"', "#: mass = NaN", '#: event = [1, "x", "foot strike"]', "#: nobody = 1", "#: knee_width = {"],
+)
+def test_a_damaged_line_of_what_was_said_is_named(line: str, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text(f"{line}\n# plain words\ntime,A_x,A_y,A_z\n0,1,2,3\n", encoding="utf-8")
+    with pytest.raises(InputError, match="allowed after '#:': mass, height"):
+        read_recording(tmp_path / "x.csv")

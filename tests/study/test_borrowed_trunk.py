@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.study.study import Role, Study, nominal_of
+from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study_trial import Role
 from tests.real_studies import write_study
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")

@@ -12,9 +12,10 @@ from gaitcal.dynamics.ground_reactions import FORCE_HZ, reactions_of_motion
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.trial_problem import NodeRule, trial_problem
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording.recording import Recording
-from gaitcal.study.study import Role, StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.motion import gait_motion
 from gaitcal.verdict.force_evidence import ForceEvidence, force_evidence
 from tests.synthetic_studies import made_plates, made_recording
