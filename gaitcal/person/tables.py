@@ -24,15 +24,17 @@ COORDINATE_HEADER = (
 
 def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
     """Comment lines of a file whose joint angles are counted from the static posture, coordinate -> rad."""
-    static = ", ".join(f"{n} {np.rad2deg(relative_to[n]):.2f}" for n in FILE_COORDINATES if _counted(n, relative_to))
+    off = taken_off(relative_to)
+    static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
     return (
         "joint angles are relative: those of the static trial are taken off; pelvis coordinates are as they are",
         f"static trial, deg: {static}",
     )
 
 
-def _counted(name: str, relative_to: Mapping[str, float]) -> bool:
-    return name in relative_to and not name.startswith("pelvis")
+def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
+    """Coordinate -> rad of the static posture that is taken off a table's angles: of joints, not of the pelvis."""
+    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
 
 
 MOMENT_HEADER = (
@@ -103,7 +105,7 @@ def coordinate_table(
     names = [name for name in FILE_COORDINATES if name in motion.coordinates]
     order = [motion.coordinates.index(name) for name in names]
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    static = {n: value for n, value in (relative_to or {}).items() if _counted(n, relative_to or {})}
+    static = taken_off(relative_to)
     still = np.array([static.get(name, 0.0) for name in motion.coordinates])
     parts = {"": motion.q - still, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
     if errors is not None:

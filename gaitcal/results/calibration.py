@@ -80,7 +80,9 @@ def write_results(
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        _csv(cycle_table(calibration.model, calibration.trials), out / "cycles.csv", CYCLE_HEADER)
+        relative = calibration.relative_to
+        header = CYCLE_HEADER if relative is None else (*CYCLE_HEADER, *relative_header(relative))
+        _csv(cycle_table(calibration.model, calibration.trials, relative), out / "cycles.csv", header)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from gaitcal.gait.strides import strides_of
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
+from gaitcal.person.tables import taken_off
 
 CYCLE_COLUMNS = ("trial", "side", "stride", "percent", "variable", "value", "se", "valid")
 CYCLE_HEADER = (
@@ -38,18 +39,23 @@ class _Signal:
     valid: BoolArray
 
 
-def cycle_table(model: SubjectModel, trials: Sequence[TrialResult]) -> pd.DataFrame:
-    """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row where there is none."""
+def cycle_table(
+    model: SubjectModel, trials: Sequence[TrialResult], relative_to: Mapping[str, float] | None = None
+) -> pd.DataFrame:
+    """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row where there is none.
+
+    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
+    """
     parts = []
     for trial in trials:
         if trial.joint is None:
             for side, cycles in strides_of(trial.events).items():
-                signals = list(_signals(model, trial, side))
+                signals = list(_signals(model, trial, side, taken_off(relative_to)))
                 parts += [_rows(trial, side, k, cycle, signals) for k, cycle in enumerate(cycles, start=1)]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(CYCLE_COLUMNS))
 
 
-def _signals(model: SubjectModel, trial: TrialResult, side: str) -> Iterator[_Signal]:
+def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping[str, float]) -> Iterator[_Signal]:
     """Of the leg of one side, and of what belongs to neither; arms are left out."""
     body, frozen, loads = trial.body, set(model.frozen), trial.loads
     other = next(s for s in SIDES if s != side)
@@ -58,7 +64,7 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str) -> Iterator[_Si
         if name in wanted and name not in frozen and not is_translation(name):
             error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, k])
             usable = np.full(len(body.time), leg_of(name) not in trial.refused_legs)
-            yield _Signal(_plain(name), np.degrees(body.q[:, k]), error, usable)
+            yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, usable)
     if loads is None:
         return
     for name in moment_names(model):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.motion.marker_residual import marker_positions
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
@@ -84,3 +85,30 @@ def test_a_segment_lost_for_a_while_is_bridged() -> None:
     start = starting_nodes(gappy.chain, constants, gappy.data, gappy.basis)
     result = track_nodes(gappy, constants, start)
     np.testing.assert_allclose(problem.basis.evaluate(result.nodes), problem.basis.evaluate(true), atol=1e-8)
+
+
+def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
+    """Two thigh markers, 30 mm off the line from the hip and displaced by more than that: the leg starts unturned."""
+    rng = np.random.default_rng(22)
+    parameters = perturbed_parameters(rng)
+    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    thigh = problem.chain.segments.index("thigh_r")
+    of_thigh = np.flatnonzero(problem.data.segment == thigh)
+    constants = problem.constants(parameters)
+    local = problem.data.local.copy()
+    local[of_thigh[:2]] = [[0.0, -0.2, 0.03], [0.0, -0.4, 0.0]]
+    measured = marker_positions(
+        problem.chain, constants, PlacedMarkers(problem.data.segment, local), problem.basis.evaluate(true)
+    )
+    axes, _ = segment_poses(problem.chain, constants, forward(problem.chain, constants, problem.basis.evaluate(true)))
+    measured[of_thigh[0]] -= 0.06 * axes[thigh][:, 2]
+    kept = np.setdiff1d(np.arange(len(local)), of_thigh[2:])
+    data = replace(
+        problem.data,
+        placed=PlacedMarkers(problem.data.segment[kept], local[kept]),
+        measured=measured[kept],
+        weight=problem.data.weight[kept],
+    )
+    found = starting_coordinates(problem.chain, constants, data)
+    k = list(problem.chain.coordinates).index("hip_rotation_r")
+    assert np.abs(found[:, k] - problem.basis.evaluate(true)[:, k]).max() < np.deg2rad(60.0)

@@ -76,3 +76,11 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
 def test_a_trial_without_strides_has_no_rows(whole: Calibration) -> None:
     table = cycle_table(whole.model, [t for t in whole.trials if t.joint])
     assert tuple(table.columns) == CYCLE_COLUMNS and table.empty
+
+
+def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration) -> None:
+    off = {"hip_flexion_l": np.radians(4.0), "pelvis_tilt": np.radians(9.0)}
+    plain, relative = (cycle_table(whole.model, whole.trials, static) for static in (None, off))
+    for variable, less in (("hip_flexion", 4.0), ("pelvis_tilt", 0.0), ("hip_flexion_moment", 0.0)):
+        gap = one(plain, "l", variable)["value"].to_numpy() - one(relative, "l", variable)["value"].to_numpy()
+        np.testing.assert_allclose(gap, less, atol=ROUNDED)
