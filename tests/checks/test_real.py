@@ -14,14 +14,10 @@ from gaitcal.study.study import Study
 from tests.checks.spoilt import with_trial
 from tests.real_studies import REAL, write_study
 
-FOUND = {
-    "subject01": [],
-    "uf3": [],
-    "functional_c3d": [],
-    "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (")],
-}
+FOUND = {"subject01": [], "uf3": [], "functional_c3d": [], "pig_c3d": []}
 """Trial, topic, words of warnings that are true of these recordings; there are no others."""
 NOTED = {
+    "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (")],
     "uf3": [("ankle_r", "time", "CameraRate 100"), ("knee_r", "jumps", "the recording has a seam")],
     "functional_c3d": [
         ("hip_r", "exchanged", "'RLFE' and 'RMFE' carry each other's label in 958 frames, 7.49-17.06 s")
