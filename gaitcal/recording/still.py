@@ -109,8 +109,8 @@ def _whole(recording: Recording, markers: Array) -> StillWindow:
         speed = float(np.median(ways)) / lasts if len(ways) else 0.0
     if speed > WALKS_M_S:
         raise InputError(
-            f"no still window: {len(time)} frames in all, half of its markers at {speed:.3g} m/s or more; at most {WALKS_M_S:g} m/s "
-            "is allowed where there are so few",
+            f"no still window: {len(time)} frames in all, half of the markers move at {speed:.3g} m/s or more; at most "
+            f"{WALKS_M_S:g} m/s is allowed where there are so few",
             source=recording.source,
             field="static trial",
         )
