@@ -102,16 +102,31 @@ def _share_of_three(trial: TrialEvidence, labels: list[str]) -> float:
 
 
 def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers with weight whose label is in the file without a single position."""
+    """Markers whose label is in the file without a single position: as if it had no such label.
+
+    An error where pelvis or leg lose all that they have: then somebody meant these columns.
+    """
     empty = [m for m in trial.present if not trial.ever_seen(m)]
-    if empty:
-        names = listed([f"'{m}'" for m in empty])
-        yield trial.error(
-            "labels",
-            f"{names} named in the file, but never seen: found 0 of {len(trial.seen)} frames; allowed: at least 1",
-            f'take the empty columns out of the file, or give the marker no weight: weights = {{ "{empty[0]}" = 0 }} '
-            "under [markers]",
-        )
+    if not empty:
+        return
+    segment_of = trial.marker_set.segment_of
+    left = {segment_of[m]: 0 for m in empty}
+    for label in trial.present:
+        if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
+            left[segment_of[label]] += 1
+    lost = [s for s in left if s in ("pelvis", *LEG_SEGMENTS) and not left[s]]
+    harmless = trial.is_isolated or all(
+        trial.weight(m) <= LIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty
+    )
+    severity = Severity.ERROR if lost else Severity.INFO if harmless else Severity.WARNING
+    found = f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of {len(trial.seen)} frames"
+    yield trial.finding(
+        severity,
+        "labels",
+        f"{found}; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker" if lost else found,
+        f'label {"it" if len(empty) == 1 else "them"}, or give no weight: weights = {{ "{empty[0]}" = 0 }} '
+        "under [markers]",
+    )
 
 
 def unknown(trial: TrialEvidence) -> Iterator[Finding]:

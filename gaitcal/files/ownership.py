@@ -46,21 +46,12 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
 
 _TRIAL_FILES = (
     *("motion/*.mot", "motion/*.csv", "moments/*.sto", "moments/*.csv", "marker_errors/*.csv", "markers/*.trc"),
-    *("forces/*.mot", "forces/*.xml", "summary.json"),
+    *("forces/*.mot", "forces/*.xml", "cycles.csv", "summary.json"),
 )
 _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.CALIBRATION: (
         *_TRIAL_FILES,
-        *(
-            "parameters.csv",
-            "cycles.csv",
-            "model.toml",
-            "model.osim",
-            "model.urdf",
-            "model.xml",
-            "report.html",
-            "view.html",
-        ),
+        *("parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "report.html", "view.html"),
         *("splines.npz", "scene.npz", "uncertainty.npz", "figures/*.png", "figures/*.svg"),
     ),
     ResultKind.DYNAMICS: _TRIAL_FILES,

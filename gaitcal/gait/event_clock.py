@@ -4,10 +4,14 @@ Every event that lies inside the trial is held against the nearest moment of the
 motion show. Where most of them do not fit, the faults that are known are undone in turn: times that are counted from
 the file's first frame, or once too often from frame 0; left and right exchanged; one offset common to all. Only times
 that are counted otherwise are used after all: there the right ones are known to the millisecond.
+
+Where most of them fit, an offset common to one foot or to one kind is looked for, too, and every event that a plate
+under its own foot contradicts gives way to that plate.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -26,12 +30,17 @@ RIVAL: Final = 0.4
 """s: where the motion has the event this near, but does not agree, the file's is at the wrong place."""
 FEWEST: Final = 4
 """Events from which a fault common to all can be told."""
+SAME_EVENT: Final = 0.2
+"""s: an event of one foot this near to another of its kind is the same event."""
 PLATE_OFFSET: Final = 0.04
-"""s common to all events against the forces: who sets events by eye stays within that (laboratories seen: 0.014)."""
+"""s against the forces, of one event or common to several: who sets events by eye stays within that (laboratories
+seen: 0.014)."""
 MOTION_OFFSET: Final = 0.06
 """s common to strikes and offs against the motion: its own faults have opposite signs for the two."""
 SCATTER: Final = 0.02
 """s, median distance from the common offset, above which it is no common one."""
+ALIKE: Final = 0.03
+"""s, most distance of one event of a foot or a kind from the offset that these are to have in common."""
 WHOLE: Final = 0.9
 """Share of the events that lie inside the trial where they are counted otherwise."""
 EDGE: Final = 0.2
@@ -62,6 +71,14 @@ def checked_events(
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     """The events of the file that may be used, inside the trial `time` (nf,) s, and what is said of the rest."""
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    file, twice = _once(file, plates, motion)
+    used, findings = _checked(file, plates, motion, time, half)
+    return used, (*twice, *findings)
+
+
+def _checked(
+    file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array, half: float
+) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     inside = [e for e in file if time[0] - half <= e.time <= time[-1] + half]
     if not file or not (plates or motion):
         return inside, ()
@@ -70,7 +87,9 @@ def checked_events(
     if fit.good:
         used, findings = _without_offset(inside, plates, motion)
         astray = [e for e in used if AGREE < abs(_nearest(e, shown)) < RIVAL]
-        return [e for e in used if e not in astray], (*findings, *(_astray(astray) if astray else ()))
+        apart = [e for e in used if e not in astray and PLATE_OFFSET < abs(_from_plate(e, plates, motion)) < SAME_EVENT]
+        findings += (*(_astray(astray) if astray else ()), *(_apart(apart, plates) if apart else ()))
+        return [e for e in used if e not in astray and e not in apart], findings
     if len(file) < FEWEST:
         if fit.judged == 0:
             return inside, ()
@@ -110,29 +129,92 @@ def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, f
     return _finding(Severity.INFO, cause, f"{_stand(fit)}; {unused}", "")
 
 
+def _once(
+    file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
+) -> tuple[list[FootEvent], tuple[Finding, ...]]:
+    """The events without those that stand there twice: of two, the one that plates, else the motion, have nearer."""
+    kept: list[FootEvent] = []
+    named: list[str] = []
+    for event in sorted(file, key=lambda e: e.time):
+        alike = next((e for e in kept if _same(e, event) and event.time - e.time < SAME_EVENT), None)
+        if alike is None:
+            kept.append(event)
+            continue
+        named.append(f"{_name(alike)} and {event.time:.2f} s")
+        shown = next((by for by in (plates, motion) if abs(_nearest(event, by)) < SAME_EVENT), ())
+        if abs(_nearest(event, shown)) < abs(_nearest(alike, shown)):
+            kept[kept.index(alike)] = event
+    if not named:
+        return list(file), ()
+    found = f"{', '.join(named)}; of two, the one nearer to forces or motion is used"
+    return kept, (_finding(Severity.INFO, "events stand in the file more than once", found, ""),)
+
+
 def _without_offset(
     inside: list[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
-    """The events, unless all of them come early or late by as much."""
-    against = _differences(inside, plates)
-    if len(against) >= FEWEST - 1:
-        offset, by = float(np.median(against)), "force plates"
-        common = abs(offset) > PLATE_OFFSET
-    else:
+    """The events without those that come early or late by as much: all, those of a foot, or those of a kind."""
+    if len(_differences(inside, plates)) < FEWEST - 1:
         against = _differences(inside, motion)
         kinds = [_differences([e for e in inside if e.moment is m], motion) for m in FootMoment]
         middles = [float(np.median(d)) if len(d) > 1 else 0.0 for d in kinds]
-        offset, by = min(middles, key=abs), "the motion of the feet"
-        common = abs(offset) > MOTION_OFFSET and middles[0] * middles[1] > 0
-    if not common or float(np.median(np.abs(np.array(against) - np.median(against)))) > SCATTER:
-        return inside, ()
-    cause = f"the file's events come {1e3 * abs(offset):.0f} ms too {'late' if offset > 0 else 'early'}"
-    found = f"median of {len(against)} against {by}; not used; strides are those of forces and motion"
-    return [], (_finding(Severity.WARNING, cause, found, "correct the events, or the clock that they were set with"),)
+        offset = min(middles, key=abs)
+        if abs(offset) > MOTION_OFFSET and middles[0] * middles[1] > 0 and _scatter(against) <= SCATTER:
+            return [], (_offset_finding("", offset, f"{len(against)} against the motion of the feet"),)
+    groups = {"": inside}
+    groups |= {f"{m.value} ": [e for e in inside if e.moment is m] for m in FootMoment}
+    groups |= {f"{word} ": [e for e in inside if e.side == side] for side, word in SIDE_WORDS.items()}
+    used, findings = inside, []
+    for one_speaks, word in itertools.product((False, True), groups):
+        group = groups[word]
+        from_plate = [-_from_plate(e, plates, motion) for e in group if e in used]
+        against, beside = [d for d in from_plate if abs(d) <= AGREE], _differences(group, motion)
+        enough = len(against) >= (2 if word else FEWEST - 1)
+        if one_speaks:  # one event on a plate, for those that the motion has late by as much
+            enough = bool(against and word) and len(beside) >= FEWEST - 1 and _range(beside) <= 2 * SCATTER
+        if enough and abs(float(np.median(against))) > PLATE_OFFSET and _range(against) <= ALIKE:
+            used = [e for e in used if e not in group]
+            findings.append(_offset_finding(word, float(np.median(against)), f"{len(against)} against force plates"))
+    return used, tuple(findings)
+
+
+def _range(differences: Sequence[float]) -> float:
+    """s, largest distance from their median."""
+    return float(np.max(np.abs(np.array(differences) - np.median(differences))))
+
+
+def _scatter(differences: Sequence[float]) -> float:
+    """s, median distance from their median."""
+    return float(np.median(np.abs(np.array(differences) - np.median(differences))))
+
+
+def _offset_finding(of: str, offset: float, by: str) -> Finding:
+    cause = f"the file's {of}events come {1e3 * abs(offset):.0f} ms too {'late' if offset > 0 else 'early'}"
+    found = f"median of {by}; not used; strides are those of forces and motion"
+    return _finding(Severity.WARNING, cause, found, "correct the events, or the clock that they were set with")
+
+
+def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[FootEvent]) -> float:
+    """Time (s) from an event to that of the plate under the foot; infinite where the plate need not be right.
+
+    A foot that comes down in front of a plate loads it late, one that rolls over its edge unloads it early: there the
+    plate is right only where the motion does not have the event of the file. It is never loaded without a foot.
+    """
+    from_plate, from_motion = _nearest(event, plates), _nearest(event, motion)
+    beside = from_plate > 0 if event.moment is FootMoment.STRIKE else from_plate < 0
+    if beside and abs(from_motion) < abs(from_plate - from_motion):
+        return float("inf")
+    return from_plate
+
+
+def _apart(events: Sequence[FootEvent], plates: Sequence[FootEvent]) -> tuple[Finding, ...]:
+    named = ", ".join(f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in events)
+    cause = "single events of the file do not fit the plate under their foot"
+    return (_finding(Severity.INFO, cause, f"{named}; not used, the plates tell them", ""),)
 
 
 def _astray(events: Sequence[FootEvent]) -> tuple[Finding, ...]:
-    named = ", ".join(f"{SIDE_WORDS[e.side]} {e.moment.value} {e.time:.2f} s" for e in events)
+    named = ", ".join(_name(e) for e in events)
     cause = "single events of the file do not fit its forces and motion"
     return (_finding(Severity.INFO, cause, f"{named}; not used, forces or motion tell them", ""),)
 
@@ -163,13 +245,21 @@ def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: 
 
 def _nearest(event: FootEvent, shown: Sequence[FootEvent]) -> float:
     """Time (s) from an event to the nearest one of the same foot and kind; infinite where there is none."""
-    steps = [s.time - event.time for s in shown if s.side == event.side and s.moment is event.moment]
+    steps = [s.time - event.time for s in shown if _same(s, event)]
     return min(steps, key=abs) if steps else float("inf")
 
 
 def _differences(events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> list[float]:
     """Times (s) by which events come after the nearest shown ones, of those that agree."""
     return [-d for d in (_nearest(e, shown) for e in events) if abs(d) <= AGREE]
+
+
+def _same(one: FootEvent, other: FootEvent) -> bool:
+    return one.side == other.side and one.moment is other.moment
+
+
+def _name(event: FootEvent) -> str:
+    return f"{SIDE_WORDS[event.side]} {event.moment.value} {event.time:.2f} s"
 
 
 def _moved(events: Sequence[FootEvent], offset: float) -> list[FootEvent]:

@@ -20,7 +20,7 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import FootEvents, steady
-from gaitcal.gait.event_clock import checked_events
+from gaitcal.gait.event_clock import SAME_EVENT, checked_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.swing import OFF, STRIKE, swing_events
 from gaitcal.model.subject_model import SubjectModel
@@ -31,8 +31,6 @@ from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.recording.recording import ForcePlate, Recording
 
 SIDES = ("r", "l")
-SAME_EVENT = 0.2
-"""s: an event of one foot this near to another of its kind is the same event."""
 PLATE_AGREES = 0.1
 """s between a plate's loading and the motion's strike: more, and the foot came onto the plate otherwise."""
 UNSEEN = 0.2

@@ -8,14 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
-from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
@@ -32,15 +30,12 @@ from gaitcal.person.tables import (
     relative_header,
 )
 from gaitcal.recording import write_trc
-from gaitcal.results.cycles import CYCLE_HEADER, cycle_table
+from gaitcal.results.cycles import CYCLES, write_cycles
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.summary import summary
+from gaitcal.results.table_file import refused_lines, write_csv
 
-REFUSED_HEADER = ("verdict: refused; these numbers are not to be used, summary.json has the reasons",)
-"""Comment line of the tables of a trial that is refused."""
-REFUSED_LEG_HEADER = "verdict: the {leg} leg is refused; its numbers are not to be used, summary.json has the reasons"
-"""The same of one leg."""
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
@@ -74,15 +69,13 @@ def write_results(
         (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        _csv(parameter_table(calibration), out / "parameters.csv")
+        write_csv(parameter_table(calibration), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        relative = calibration.relative_to
-        header = CYCLE_HEADER if relative is None else (*CYCLE_HEADER, *relative_header(relative))
-        _csv(cycle_table(calibration.model, calibration.trials, relative), out / "cycles.csv", header)
+        write_cycles(out / CYCLES, calibration.model, calibration.trials, calibration.relative_to)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)
@@ -114,12 +107,6 @@ def json_text(content: Json) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _csv(table: pd.DataFrame, path: Path, comments: tuple[str, ...] = ()) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.writelines(f"# {line}\n" for line in comments)
-        table.to_csv(stream, index=False, lineterminator="\n")
-
-
 def _models(model: SubjectModel, out: Path) -> None:
     save_model(model, out / MODEL)
     write_osim(model, out / "model.osim")
@@ -138,13 +125,13 @@ def write_trial(
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, _refused(trial)
+    body, refused = trial.body, refused_lines(trial)
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
     header = COORDINATE_HEADER if relative_to is None else (*COORDINATE_HEADER, *relative_header(relative_to))
     coordinates = coordinate_table(body, trial.coordinate_errors, relative_to)
-    _csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
+    write_csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
     part = "the segments of its joint alone" if trial.joint else "the whole body"
-    _csv(
+    write_csv(
         marker_error_table(trial),
         out / "marker_errors" / f"{trial.name}.csv",
         (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
@@ -154,17 +141,11 @@ def write_trial(
         _write_loads(trial, trial.loads, model, out)
 
 
-def _refused(trial: TrialResult) -> tuple[str, ...]:
-    if trial.is_refused:
-        return REFUSED_HEADER
-    return tuple(REFUSED_LEG_HEADER.format(leg=SIDE_WORDS[side]) for side in trial.refused_legs)
-
-
 def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, _refused(trial)
-    _csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *MOMENT_HEADER))
+    body, refused = trial.body, refused_lines(trial)
+    write_csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *MOMENT_HEADER))
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,

@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of
 from gaitcal.gait.strides import strides_of
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
-from gaitcal.person.tables import taken_off
+from gaitcal.person.tables import relative_header, taken_off
+from gaitcal.results.table_file import refused_lines, write_csv
 
 CYCLE_COLUMNS = ("trial", "side", "stride", "percent", "variable", "value", "se", "valid")
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
     "degrees; with _moment its internal moment in N m; se: standard error, empty where unknown",
-    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both",
+    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
+    "where markers show the segments that they are between; nothing of a leg that is refused, nor of the trunk with it",
 )
 """Comment lines above the header."""
+CYCLES = "cycles.csv"
+SHOWN_BY = {"hip": ("thigh",), "knee": ("thigh", "shank"), "ankle": ("shank", "foot"), "subtalar": ("shank", "foot")}
+"""First word of a coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
 DIGITS = 6
 
 
@@ -37,6 +44,23 @@ class _Signal:
     value: Array
     error: Array | None
     valid: BoolArray
+
+
+def write_cycles(
+    path: Path,
+    model: SubjectModel,
+    trials: Sequence[TrialResult],
+    relative_to: Mapping[str, float] | None = None,
+    earlier: pd.DataFrame | None = None,
+    earlier_lines: Iterable[str] = (),
+) -> None:
+    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials, as text."""
+    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
+    relative = () if relative_to is None else relative_header(relative_to)
+    table = cycle_table(model, trials, relative_to)
+    if earlier is not None and not earlier.empty:
+        table = pd.concat([earlier, table], ignore_index=True) if len(table) else earlier
+    write_csv(table, path, (*earlier_lines, *refused, *CYCLE_HEADER, *relative))
 
 
 def cycle_table(
@@ -57,13 +81,13 @@ def cycle_table(
 
 def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping[str, float]) -> Iterator[_Signal]:
     """Of the leg of one side, and of what belongs to neither; arms are left out."""
-    body, frozen, loads = trial.body, set(model.frozen), trial.loads
+    body, frozen, loads, unseen = trial.body, set(model.frozen), trial.loads, unseen_frames(trial.body)
     other = next(s for s in SIDES if s != side)
     wanted = [name for name in body.coordinates if leg_of(name) == side or name.startswith(("pelvis", "lumbar"))]
     for k, name in enumerate(body.coordinates):
         if name in wanted and name not in frozen and not is_translation(name):
             error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, k])
-            usable = np.full(len(body.time), leg_of(name) not in trial.refused_legs)
+            usable = _angle_counts(trial, name, unseen)
             yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, usable)
     if loads is None:
         return
@@ -73,6 +97,16 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
         error = None if loads.errors is None else moment_of(loads.errors, name)
         valid = loads.reactions.valid_for(name)
         yield _Signal(f"{_plain(name)}_moment", moment_of(loads.final, name), error, valid)
+
+
+def _angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
+    """(nf,) where an angle may be used: not refused, and between segments that some marker shows."""
+    side = leg_of(name)
+    refused = side in trial.refused_legs if side else bool(trial.refused_legs)
+    out = np.full(len(trial.body.time), not refused)
+    for part in SHOWN_BY[name.partition("_")[0]] if side else ():
+        out &= ~unseen.get(f"{part}_{side}", np.zeros(len(out), dtype=bool))
+    return out
 
 
 def _plain(name: str) -> str:

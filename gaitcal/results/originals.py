@@ -1,7 +1,8 @@
 """Where the recordings lie that a result was made from: found by name, known by their SHA-256.
 
 A result does not say in which folder its study was, as it may be given away. So recordings are looked for beside the
-result, in the folder of the command, or where the user says; whatever is found must be what was read then.
+result, in the folder of the command, where the study that was drafted for it has them, or where the user says; whatever
+is found must be what was read then.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from pathlib import Path, PurePosixPath
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import sha256_of
+from gaitcal.files.toml import read_toml
+
+STUDY = "study.toml"
 
 
 def trial_files(folder: Path) -> dict[str, dict[str, str]]:
@@ -36,7 +40,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was read.
 
     `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
-    for beside the result, in it, in the working folder, and in the folders there.
+    for beside the result, in it, in the working folder, where its `study.toml` says, and in the folders there.
 
     Raises
     ------
@@ -67,6 +71,21 @@ def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path
     for root in roots:
         yield root / name, True
         yield root / last, True
+    for path in () if inputs else _of_study(folder):
+        if path.name == last:
+            yield path, False
     for root in roots:
         for path in sorted(root.rglob(last) if inputs else root.glob(f"*/{last}")):
             yield path, False
+
+
+def _of_study(folder: Path) -> Iterator[Path]:
+    """Files of the trials of the study that was drafted into a result; none where it says nothing."""
+    try:
+        content = read_toml(folder / STUDY)
+    except InputError:
+        return
+    trials = content.get("trial")
+    for trial in trials if isinstance(trials, list) else ():
+        named = (trial.get(key) for key in ("file", "forces")) if isinstance(trial, Mapping) else ()
+        yield from (folder / name for name in named if isinstance(name, str))

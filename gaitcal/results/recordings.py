@@ -19,7 +19,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
-from gaitcal.gait.events import SAME_EVENT
+from gaitcal.gait.event_clock import SAME_EVENT
 from gaitcal.recording import read_recording, write_c3d
 from gaitcal.recording.axes import Turn
 from gaitcal.recording.c3d.reader import PER_METRE

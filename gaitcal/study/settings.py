@@ -102,8 +102,9 @@ class CalibrationSettings(Table):
     )
     angles: Literal["anatomical", "relative"] = Field(
         default="anatomical",
-        description="joint angles of motion/TRIAL.csv from the anatomical zero, or from the posture of the static "
-        "trial; the fit, torques, pages and the .mot for model.osim always have the anatomical one",
+        description="joint angles of motion/TRIAL.csv and cycles.csv from the anatomical zero, or from the posture of "
+        "the static trial; the fit, torques, pages, the .mot for model.osim and exported C3D files always have the "
+        "anatomical one",
     )
     ip: Literal["consistent", "published", "none"] = Field(
         default="consistent",

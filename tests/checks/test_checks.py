@@ -71,7 +71,7 @@ CASES: dict[str, tuple[str, Change, str, Severity, tuple[str, ...]]] = {
         ("R.Thigh.Front", "RThighFront"),
     ),
     "pelvis not labelled": ("walk", relabelled("V.Sacral", "x"), "labels", ERROR, ("found 2 markers of the pelvis",)),
-    "never seen": ("walk", gone(slice(None)), "labels", ERROR, ("R.Thigh.Front", "0 of 208 frames")),
+    "never seen": ("walk", gone(slice(None)), "labels", WARNING, ("R.Thigh.Front", "0 of 208 frames")),
     "landmark not labelled": (
         "static",
         relabelled("V.Sacral", "Sacrum"),
@@ -210,6 +210,22 @@ def test_fault_is_found(case: str, sound: Study) -> None:
     text = " | ".join(f"{f.evidence} {f.cure}" for f in found)
     for word in words:
         assert word in text
+
+
+def test_an_empty_column_is_no_more_than_an_absent_label(sound: Study) -> None:
+    """A template of labels names markers that nobody wore: only what loses all its markers is an error."""
+
+    def findings_without(*starts: str) -> list[Severity]:
+        def emptied(r: Recording) -> Recording:
+            columns = [k for k, label in enumerate(r.labels) if label.startswith(starts)]
+            return replace(r, markers=put(r.markers.copy(), (slice(None), columns), np.nan))
+
+        spoilt = with_trial(sound, "walk", emptied)
+        return [f.severity for f in check_study(spoilt) if "never seen" in f.found]
+
+    assert findings_without("R.Temple", "R.Heel") == [INFO]
+    assert findings_without("L.Shank.Front", "L.Shank.Rear") == [WARNING]
+    assert findings_without("L.Shank", "L.Ankle") == [ERROR]
 
 
 @pytest.mark.parametrize(("frames", "step"), [(1, 0.005), (2, 0.005), (15, 0.005)])

@@ -95,9 +95,11 @@ def landmark_not_there(study: Path) -> None:
     change_table(study.parent / "static.csv", lambda t: t.drop(columns=[f"R.ASIS_{a}" for a in "xyz"]))
 
 
-def _emptied(name: str, marker: str) -> Callable[[Path], None]:
+def _emptied(name: str, *starts: str) -> Callable[[Path], None]:
+    """No position of the markers whose names start so."""
+
     def spoil(study: Path) -> None:
-        change_table(study.parent / name, lambda t: t.assign(**{f"{marker}_{a}": np.nan for a in "xyz"}))
+        change_table(study.parent / name, lambda t: t.assign(**{c: np.nan for c in t if c.startswith(starts)}))
 
     return spoil
 
@@ -141,7 +143,10 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
     "renamed marker not there": (renamed_marker_not_there, ("study.toml", "markers.rename", "RASIS", "R.ASIS")),
     "landmark not there": (landmark_not_there, ("static.csv", "asis_r", "R.ASIS")),
     "landmark never seen": (_emptied("static.csv", "R.ASIS"), ("static.csv", "R.ASIS")),
-    "marker never seen": (_emptied("walk.csv", "L.Thigh.Front"), ("walk.csv", "L.Thigh.Front", "weight")),
+    "segment never seen": (
+        _emptied("walk.csv", "L.Thigh", "L.Knee"),
+        ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "weight"),
+    ),
     "no still window": (static_walks, ("static.csv", "still window", "m/s")),
     "mass 0": (no_mass, ("study.toml", "subject.mass_kg", "0", "greater than 0")),
     "negative height": (negative_height, ("study.toml", "subject.height_m", "-1.7", "0.3 to 2.6")),

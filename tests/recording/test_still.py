@@ -127,6 +127,20 @@ def test_noise_of_a_few_frames_is_no_movement_but_a_walk_is(frames: int) -> None
         still_window(body(frames, speed=1.0), LABELS)
 
 
+@pytest.mark.parametrize("frames", [2, 5])
+def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
+    """It stays in the scatter; the person has not moved."""
+    jumping = body(frames, speed=0.0)
+    jumping.markers[frames // 2 :, 3] += [0.0, 0.05, 0.0]
+    window = still_window(jumping, LABELS)
+    assert window.speed < 1e-9 and window.scatter > 0.005
+    for speed in (0.4, 1.0):
+        walking = body(frames, speed=speed)
+        walking.markers[:, :3] = walking.markers[:1, :3]  # a foot on the ground
+        with pytest.raises(InputError, match="no still window"):
+            still_window(walking, LABELS)
+
+
 def test_the_scatter_is_that_about_the_means_of_the_window() -> None:
     recording = body(200, speed=0.08)
     window = still_window(recording, LABELS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,8 @@ import pytest
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.strides import strides_of
 from gaitcal.person.result import Calibration
-from gaitcal.results.cycles import CYCLE_COLUMNS, cycle_table
+from gaitcal.results.cycles import CYCLE_COLUMNS, CYCLE_HEADER, cycle_table, write_cycles
+from gaitcal.results.table_file import read_csv
 from tests.fake_result import fake_calibration
 
 ROUNDED = 1e-6
@@ -84,3 +86,42 @@ def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration
     for variable, less in (("hip_flexion", 4.0), ("pelvis_tilt", 0.0), ("hip_flexion_moment", 0.0)):
         gap = one(plain, "l", variable)["value"].to_numpy() - one(relative, "l", variable)["value"].to_numpy()
         np.testing.assert_allclose(gap, less, atol=ROUNDED)
+
+
+def test_nothing_of_a_refused_leg_counts_nor_of_pelvis_and_trunk(whole: Calibration) -> None:
+    for legs in (("r",), ("r", "l")):
+        table = cycle_table(whole.model, [whole.trial("walk").refused(legs)])
+        counting = set(table.loc[table["valid"] == 1, "side"])
+        assert counting == {"r", "l"} - set(legs)
+        assert not table.loc[table["variable"].str.startswith(("pelvis", "lumbar")), "valid"].any()
+
+
+def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration) -> None:
+    """No marker of the left shank in the middle of the stride: its knee and ankle are guessed there, not its hip."""
+    trial = whole.trial("walk")
+    stride, errors = strides_of(trial.events)["l"][0], trial.body.errors
+    middle = np.abs(trial.body.time - 0.5 * (stride.start + stride.stop)) < 0.05
+    distance, shank = errors.distance.copy(), np.array(errors.segments) == "shank_l"
+    distance[np.ix_(middle, shank)] = np.nan
+    body = replace(trial.body, errors=replace(errors, distance=distance))
+    table = cycle_table(whole.model, [replace(trial, body=body)])
+    for variable in ("knee_angle", "ankle_angle"):
+        own = one(table, "l", variable)["valid"]
+        assert not own.iloc[50] and own.iloc[[0, 30, 70, 100]].all()
+        assert one(table, "r", variable)["valid"].all()
+    assert one(table, "l", "hip_flexion")["valid"].all() and shank.any()
+
+
+def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
+    whole: Calibration, tmp_path: Path
+) -> None:
+    walk = whole.trial("walk")
+    write_cycles(tmp_path / "first.csv", whole.model, [walk.refused(("r",))], {"hip_flexion_r": 0.1})
+    rows, lines = read_csv(tmp_path / "first.csv")
+    assert lines[0].startswith("walk: verdict: the right leg is refused") and "joint angles are relative" in lines[-2]
+    later = [replace(walk, name="later")]
+    write_cycles(tmp_path / "both.csv", whole.model, later, None, rows, lines[:1])
+    both, comments = read_csv(tmp_path / "both.csv")
+    assert comments == (lines[0], *CYCLE_HEADER)
+    pd.testing.assert_frame_equal(both[both["trial"] == "walk"], rows)
+    assert (both["trial"] == "later").sum() == len(cycle_table(whole.model, later))

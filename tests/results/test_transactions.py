@@ -8,9 +8,12 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
 from gaitcal.cli import app
 from gaitcal.commands import calibrate as calibrate_command
@@ -21,6 +24,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.lock import locked
 from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.results.saved import load_result
+from gaitcal.results.table_file import read_csv
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
 from tests.synthetic_studies import write_synthetic_study
@@ -218,6 +222,27 @@ def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -
     with pytest.raises(InputError, match=r"summary\.json: is damaged.*move the folder away"):
         run("dynamics", result, second_trial(folder))
     assert content(result / "dynamics") == before
+
+
+def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows of kept trials stay as they were written; of a damaged table they are left out, and told."""
+    result = folder / "result"
+    table = result / "dynamics/cycles.csv"
+    assert read_csv(table)[1] == read_csv(result / "cycles.csv")[1], "the same comment lines"
+    row = {"side": "r", "stride": 1, "percent": 0, "variable": "knee_angle", "value": 0.1, "se": np.nan, "valid": 1}
+    monkeypatch.setattr(
+        cycles_module,
+        "cycle_table",
+        lambda model, trials, static: pd.DataFrame([{"trial": t.name} | row for t in trials]),
+    )
+    run("dynamics", result, folder / "study/walk.csv")
+    first = table.read_text(encoding="utf-8")
+    run("dynamics", result, second_trial(folder))
+    assert table.read_text(encoding="utf-8") == f"{first}walk2,r,1,0,knee_angle,0.1,,1\n"
+    table.write_text(f"{first}walk,r,9,0,knee_angle,0.1,,1\n", encoding="utf-8")
+    told = "walk: cycles.csv is damaged, or was edited: its rows of this trial are left out"
+    assert told in run("dynamics", result, second_trial(folder)).stdout
+    assert set(read_csv(table)[0]["trial"]) == {"walk2"}
 
 
 def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,9 +17,9 @@ from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.page.report import report_html
 from gaitcal.person.result import Calibration, withdrawn
 from gaitcal.person.tables import moment_table
-from gaitcal.results.calibration import REFUSED_HEADER
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import summary
+from gaitcal.results.table_file import REFUSED_HEADER
 from gaitcal.results.verdict import of_the_model, require_not_refused
 from gaitcal.verdict.verdict import judge
 from tests.fake_result import fake_calibration
@@ -117,6 +117,7 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     assert told["verdict"] == "refused"
     text = (result / "moments/walk.csv").read_text(encoding="utf-8")
     assert text.startswith(f"# {REFUSED_HEADER[0]}\n")
+    assert (result / "cycles.csv").read_text(encoding="utf-8").startswith(f"# walk: {REFUSED_HEADER[0]}\n")
     moments = pd.read_csv(result / "moments/walk.csv", comment="#")
     assert not moments["valid"].any() and moments["hip_flexion_r_se"].isna().all()
     assert load_result(result).uncertainty.joint is None
