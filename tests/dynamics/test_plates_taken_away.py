@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from gaitcal import Study
-from gaitcal.checks import check_study
+from gaitcal.checks import body_mass, check_study
+from gaitcal.checks.contacts import feet_of
+from gaitcal.checks.study import evidence_of
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.findings import Severity
 from gaitcal.motion.motion import tracked_motion
@@ -65,5 +67,22 @@ def test_a_missing_plate_accuses_no_mass(study_of: Callable[[str], Study]) -> No
     """The heel of a foot stands on it while the rest of the foot is on the next one."""
     study = study_of("multi")
     spoilt = tuple(replace(t, recording=without(t.recording, "2")) if t.role is Role.GAIT else t for t in study.trials)
-    found = check_study(replace(study, trials=spoilt))
+    study = replace(study, trials=spoilt)
+    found = check_study(study)
     assert not [f for f in found if f.topic == "body mass" and f.severity is not Severity.INFO]
+
+
+def test_a_body_is_not_weighed_while_a_heel_stands_beside_the_plate_that_it_is_about_to_load(
+    study_of: Callable[[str], Study],
+) -> None:
+    """A heel bears 315 N of 525 on the plate that is missing, 40 ms before the next plate reads."""
+    study = study_of("multi")
+    model = nominal_of(study)
+    spoilt = tuple(replace(t, recording=without(t.recording, "2")) for t in study.trials if t.role is Role.GAIT)
+    missed, whole = (
+        evidence_of(replace(study, trials=(study.static, *t)), model)[-1] for t in (spoilt, study.trials[1:])
+    )
+    early = (missed.recording.time > 2.325) & (missed.recording.time < 2.365)
+    for trial, weighed in ((missed, False), (whole, True)):
+        feet = feet_of(trial)
+        assert feet is not None and body_mass._measured(trial, feet)[early].any() == weighed
