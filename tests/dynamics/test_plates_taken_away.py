@@ -19,7 +19,8 @@ from gaitcal.findings import Severity
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.person.prepare import measured_reactions, prepare_trial
 from gaitcal.recording import Recording, resample_wrench
-from gaitcal.study.study import Role, nominal_of
+from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
 
 MATTERS = 0.05
 """Of body weight. A strike or off of the file may miss the first or last frame in which a plate reads."""
@@ -58,7 +59,7 @@ def test_what_a_missing_plate_bore_is_not_valid(study_of: Callable[[str], Study]
         own = reactions(replace(recording, plates=(plate,))).loaded & bore[:, None]
         if own.any(axis=0).all():
             continue  # two feet on it, one after the other: which bore how much is not known
-        asked |= own.any()
+        asked |= bool(own.any())
         assert not (own & reactions(without(recording, plate.name)).valid_legs).any()
     assert asked
 
