@@ -132,6 +132,7 @@ def _measured(trial: TrialEvidence, feet: Feet) -> BoolArray:
             loaded[step.frames, step.foot] = True
         if step.distance >= UNDER_FOOT or any(overhang(trial, feet, step)):
             doubtful[step.frames] = True
+    doubtful = near(doubtful, feet.time)  # beside a plate a foot may bear before and after that plate is loaded
     for foot in range(2):
         beside = feet.resting(foot) & ~near(loaded[:, foot], feet.time)
         doubtful |= near(beside, feet.time) | ~feet.seen[:, foot]

@@ -208,8 +208,9 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
     still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
     if still.sum() < 3:
         return
-    share = float(np.median(sole.share_of(sole.beside(surface) & sole.resting)[still]))
-    if share > MOST_BESIDE:
+    beside = sole.beside(surface) & sole.resting
+    if float(np.median(sole.share_of_halves(beside)[still].max(axis=1))) > MOST_BESIDE:
+        share = float(sole.share_of(beside)[still].max())
         yield trial.warning(
             "plate to foot",
             f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}: the {FEET[step.foot]} foot rests "

@@ -133,7 +133,7 @@ def ground_reactions_on_feet(
     floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
     used = [plate for plate in plates if (assigned or {}).get(plate.name) != "none"]
     partly, beside = beside_plates(steps, used, time, feet, loaded)
-    shared, both = shared_plates(steps, time, feet, at_most)
+    shared, both = shared_plates(steps, used, time, feet, at_most)
     inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(

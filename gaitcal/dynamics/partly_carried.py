@@ -3,12 +3,15 @@
 **Beside.** What of a sole rests beside all plates presses on the floor, and no plate tells how much. Two things speak
 for a loss that matters, each by itself:
 
-- more than a tenth of the sole rests there (`MOST_BESIDE`). In a walk with a sixth of the sole beside (toes that hang
-  54 mm over the edge) a sixth of the force that the body needs is lost in mid-stance already, with the centre of
-  pressure 150 mm from the edge, and 40 % before push-off;
+- more than a tenth of the half that rests, heel or toes, lies there (`MOST_BESIDE`). In a walk with 39 mm of the heel
+  beside (9 % of the sole) they bear 60 % of the body as the other foot leaves the ground and 20 % in mid-stance, with
+  the centre of pressure of what is measured far ahead. Where the plates read nothing yet, or no more, all that the foot
+  bears may be on any part of it that lies beside;
 - the centre of pressure comes near to what lies beside (`REACH_ALONG`, `REACH_ACROSS`). A heel whose marker is 26 mm
   beside the plate, 3 % of the sole, loses 12 % while the centre of pressure is within 40 mm of the edge, and nothing to
   speak of afterwards.
+
+A foot bears a little before it is seen to rest, and after: as much of it is lost there as in the next resting frame.
 
 Forces measured elsewhere play no part: these figures come from walks whose body's acceleration was asked afterwards.
 
@@ -23,7 +26,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import FootPoints, near
+from gaitcal.dynamics.foot_contact import LANDING, LEAVING, FootPoints, near
 from gaitcal.dynamics.plate_outline import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, meeting
 from gaitcal.dynamics.sole import SoleCells, sole_of
@@ -34,7 +37,7 @@ from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
 
 MOST_BESIDE = 0.10
-"""Of the sole's area, less than that of the toes."""
+"""Of the area of a half of the sole: 17 mm of a heel."""
 REACH_ALONG, REACH_ACROSS = 0.04, 0.02
 """m along and across the foot within which the pressure is spread round its centre."""
 OFF_SOLE_M = 0.03
@@ -46,7 +49,7 @@ OFTEN = 0.1
 def beside_plates(
     steps: Sequence[Step], plates: Sequence[ForcePlate], time: Array, feet: FootPoints, loaded: BoolArray
 ) -> tuple[BoolArray, list[Finding]]:
-    """(nf, 2) frames in which a loaded foot rests partly beside its plates, and what to say of them.
+    """(nf, 2) frames in which a foot rests partly beside its plates, and what to say of them.
 
     Parameters
     ----------
@@ -55,21 +58,47 @@ def beside_plates(
     """
     partly, findings = np.zeros_like(loaded), []
     surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
+    down: BoolArray = loaded | feet.resting
     for foot in range(loaded.shape[1]):
-        for stance in runs(loaded[:, foot]):
-            carriers = meeting(steps, foot, stance)
+        for contact in runs(down[:, foot]):
+            carriers = meeting(steps, foot, contact)
+            if not carriers:
+                continue
             unknown = [step for step in carriers if not outline_known(step.plate, LOADED_N)]
             if unknown:
                 findings += [_no_outline(step) for step in unknown if step.plate.corners is not None]
                 continue
-            sole = sole_of(feet, foot, stance)
+            sole = sole_of(feet, foot, contact)
             beside = sole.beside(surface)
-            resting = sole.share_of(beside & sole.resting)
-            lost = (resting > MOST_BESIDE) | _reached(sole, beside, carriers, stance)
+            lost = _bears_beside(sole, beside, loaded[contact, foot]) | _reached(sole, beside, carriers, contact)
             if lost.any():
-                partly[stance, foot] = lost
-                findings.append(_beside(carriers, foot, time[stance][lost], float(sole.share_of(beside)[lost].max())))
+                around = _around(lost, contact, time)
+                partly[:, foot] |= around
+                share = float(sole.share_of(beside)[lost].max())
+                findings.append(_beside(carriers, foot, time[around], share))
     return partly, findings
+
+
+def _bears_beside(sole: SoleCells, beside: BoolArray, loaded: BoolArray) -> BoolArray:
+    """(nf,) what rests beside the plates may bear much, judged by motion; before and after resting as next to it."""
+    resting = beside & sole.resting
+    lost = (sole.share_of_halves(resting) > MOST_BESIDE).any(axis=1)
+    lost |= resting.any(axis=1) & ~loaded  # all that the foot bears may be there
+    down = np.flatnonzero(sole.resting.any(axis=1))
+    if len(down):
+        lost[: down[0]], lost[down[-1] + 1 :] = lost[down[0]], lost[down[-1]]
+    return np.asarray(lost)
+
+
+def _around(lost: BoolArray, contact: slice, time: Array) -> BoolArray:
+    """(nf,) lost frames of a contact (its own), and those around it in which the foot may bear already, or still."""
+    out = np.zeros(len(time), dtype=bool)
+    out[contact] = lost
+    if lost[0]:
+        out |= (time < time[contact.start]) & (time > time[contact.start] - LANDING)
+    if lost[-1]:
+        out |= (time >= time[contact.stop - 1]) & (time < time[contact.stop - 1] + LEAVING)
+    return out
 
 
 def _reached(sole: SoleCells, beside: BoolArray, carriers: Sequence[Step], frames: slice) -> BoolArray:
@@ -94,20 +123,22 @@ def _own(step: Step, frames: slice) -> Array:
 
 
 def shared_plates(
-    steps: Sequence[Step], time: Array, feet: FootPoints, on_floor: BoolArray
+    steps: Sequence[Step], plates: Sequence[ForcePlate], time: Array, feet: FootPoints, on_floor: BoolArray
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf,) frames in which one plate carries both feet, and what to say of them.
 
     Parameters
     ----------
+    plates : all that may carry a foot.
     on_floor : (nf, 2) a foot is on the ground and no plate was given to it.
     """
     shared, findings = np.zeros(len(time), dtype=bool), []
+    surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
     for step in steps:
         other, frames = 1 - step.foot, step.frames
         if outline_known(step.plate, LOADED_N):
             sole = sole_of(feet, other, frames)
-            here = sole.share_of(sole.resting & ~sole.beside([step.plate])) > MOST_BESIDE
+            here = (sole.share_of_halves(_only_on(step.plate, sole, surface)) > MOST_BESIDE).any(axis=1)
             both = np.zeros(len(time), dtype=bool)
             both[frames] = here
             both = near(both, time) & _within(frames, len(time))
@@ -117,6 +148,12 @@ def shared_plates(
             shared |= both
             findings.append(_shared(step, time[both]))
     return shared, findings
+
+
+def _only_on(plate: ForcePlate, sole: SoleCells, surface: Sequence[ForcePlate]) -> BoolArray:
+    """(nf, n) resting cells on this plate, and on no other one: an edge between two is not known to the millimetre."""
+    others = [other for other in surface if other is not plate]
+    return sole.resting & ~sole.beside([plate]) & sole.beside(others)
 
 
 def _leaves_sole(step: Step, steps: Sequence[Step], feet: FootPoints, floor: BoolArray) -> bool:

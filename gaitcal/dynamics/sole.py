@@ -39,6 +39,8 @@ class SoleCells:
     """(n,) of the sole's area; they sum to 1."""
     resting: BoolArray
     """(nf, n) the half of the sole to which a cell belongs is on the ground, as heel or toe moves with it."""
+    rear: BoolArray
+    """(n,) cells of the half that belongs to the heel; the others belong to the toes."""
     forward: Array
     """(nf, 2) unit vectors from heel to tip, x and z of the laboratory."""
 
@@ -52,6 +54,15 @@ class SoleCells:
     def share_of(self, chosen: BoolArray) -> Array:
         """(nf,) share of the sole's area in the chosen cells (nf, n)."""
         out: Array = chosen @ self.share
+        return out
+
+    def share_of_halves(self, chosen: BoolArray) -> Array:
+        """(nf, 2) share of the heel's half, and of the toes', in the chosen cells (nf, n).
+
+        A heel is a small part of a sole, and bears the whole body where it alone rests.
+        """
+        halves = np.stack([self.rear, ~self.rear], axis=1) * self.share[:, None]
+        out: Array = chosen @ (halves / halves.sum(axis=0))
         return out
 
     def offsets(self, point: Array) -> tuple[Array, Array]:
@@ -82,4 +93,4 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
     rear = np.repeat(part < 0.5, ACROSS)
     heel_rests, toe_rests = (speed[frames, foot] < RESTING for speed in (feet.heel_speed, feet.toe_speed))
     resting = np.where(rear, heel_rests[:, None], toe_rests[:, None])
-    return SoleCells(cells=cells, share=area / area.sum(), resting=resting, forward=forward)
+    return SoleCells(cells=cells, share=area / area.sum(), resting=resting, rear=rear, forward=forward)
