@@ -49,6 +49,8 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     choices = _choices(recordings, own)
     if not choices:
         return _refused(folder, _no_set(recordings, own), {})
+    if choices[0].people:
+        return _refused(folder, *_several_people(files, choices[0].people))
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
@@ -62,6 +64,14 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         told[files[i].name] = f"of marker set {choices[0].entry}; nobody stands in it: {why}"
     message = "in no recording does the person stand still, upright, on both feet: a static trial is needed"
     return _refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, ...]]) -> tuple[str, dict[str, str]]:
+    """That files hold the markers of several people, in one line, and file -> of whom."""
+    told = {files[i].name: f"markers of {len(found)} people ({', '.join(found)})" for i, found in people.items()}
+    name, words = next(iter(told.items()))
+    more = f", and {len(told) - 1} more files too" if len(told) > 1 else ""
+    return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
 
 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:

@@ -55,6 +55,8 @@ class SetChoice:
     """Which recordings are of this set."""
     clashes: tuple[str, ...] = ()
     """Labels that could be renamed but for another one of the same name."""
+    people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """Recording -> prefixes under which it has the same markers more than once: those of several people."""
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:
@@ -112,7 +114,13 @@ def choose_set(
             continue
         used = {old: new for old, new in rename.items() if any(old in recordings[i] for i in members)}
         choice = SetChoice(
-            marker_set=marker_set, entry=entry, rename=used, explained=found, members=members, clashes=clashes
+            marker_set=marker_set,
+            entry=entry,
+            rename=used,
+            explained=found,
+            members=members,
+            clashes=clashes,
+            people={i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))},
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
@@ -155,18 +163,26 @@ def spelt_otherwise(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Label in the files -> label of the set that differs from it in case, separators or a prefix only; and labels
-    that would become one that is taken. Of several spellings of one label the most frequent is renamed.
+    that would become one that is taken. Of several spellings of one label the most frequent is renamed. Of several
+    prefixes in one recording only the one with most labels of the set: a body has one, another is somebody else's.
     """
     forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
         by_key.setdefault(_key(label), []).append(label)
     count = Counter(label for labels in recordings for label in labels)
+    theirs = {
+        label
+        for labels in recordings
+        for prefix, own in _by_prefix(marker_set, labels)[1:]
+        for label in labels
+        if _prefix(label) == prefix and _key(label) in own
+    }
     rename: dict[str, str] = {}
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
         targets = by_key.get(_key(label), [])
-        if len(targets) != 1 or label.casefold() in forgiven:
+        if len(targets) != 1 or label.casefold() in forgiven or label in theirs:
             continue
         taken = any(label in labels and targets[0] in labels for labels in recordings)
         if taken or targets[0] in rename.values():
@@ -174,6 +190,27 @@ def spelt_otherwise(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
+    """Prefixes under which labels of the set occur that occur under another prefix, too; empty for one person."""
+    groups = _by_prefix(marker_set, labels)
+    return tuple(p for p, own in groups if any(own & other for prefix, other in groups if prefix != p))
+
+
+def _by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, set[str]]]:
+    """Prefix -> keys of the set's labels that occur under it, the prefix with most of them first."""
+    known = {_key(label) for label in _forgiven(marker_set)}
+    out: dict[str, set[str]] = {}
+    for label in labels:
+        if (prefix := _prefix(label)) and (key := _key(label)) in known:
+            out.setdefault(prefix, set()).add(key)
+    return sorted(out.items(), key=lambda item: (-len(item[1]), item[0]))
+
+
+def _prefix(label: str) -> str:
+    """`Anna` of `Anna:RASI`; empty where there is none."""
+    return label.rpartition(":")[0]
 
 
 def _forgiven(marker_set: MarkerSet) -> frozenset[str]:

@@ -202,3 +202,13 @@ def test_labels_that_no_set_knows(tmp_path: Path) -> None:
     made = draft(write(tmp_path / "x", {"walk": strange}))
     assert "no marker set knows enough of the labels M0, M1" in made.fault
     assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")
+
+
+def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
+    files = recordings()
+    for name, recording in files.items():
+        markers = np.concatenate([recording.markers, recording.markers + [0.0, 0.0, 1.5]], axis=1)
+        labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in recording.labels)
+        files[name] = replace(recording, markers=markers, labels=labels)
+    made = draft(write(tmp_path / "person", files))
+    assert made.fault.startswith("markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.intake.marker_sets import choose_set
+from gaitcal.intake.marker_sets import choose_set, people_in
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 
 NAMES = ("gait2354", "rcnl", "conventional73", "plug-in-gait")
@@ -58,3 +58,16 @@ def test_every_built_in_set_is_scored() -> None:
     for name in built_in_sets():
         found = [choice.entry for choice in choose_set([load_marker_set(name).labels])]
         assert name in found, name
+
+
+def test_one_body_has_one_prefix() -> None:
+    own = load_marker_set("plug-in-gait")
+    anna = ("RASI", "LASI", "RPSI", "LPSI", "RKNE", "LKNE", "RANK", "LANK", "RTOE", "LTOE", "RHEE", "LHEE")
+    ben = ("RKNE", "RTIB", "LTIB", "RTHI")
+    both = tuple(f"Anna:{m}" for m in anna) + tuple(f"Ben:{m}" for m in ben)
+    assert people_in(own, both) == ("Anna", "Ben")
+    assert people_in(own, [f"Anna:{m}" for m in anna] + ["Box:1", "Wand:1"]) == ()
+    apart = tuple(f"Anna:{m}" for m in anna) + ("Ben:RTIB", "Ben:RTHI")
+    best = choose_set([apart])[0]
+    assert best.people == {} and set(best.rename) == {f"Anna:{m}" for m in anna}
+    assert set(best.explained.left_over) == {"Ben:RTIB", "Ben:RTHI"}
