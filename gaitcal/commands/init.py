@@ -61,20 +61,17 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
         raise InputError(draft.fault, source=path)
     atomic_text(target, draft_text(draft, real_path(target).parent))
     talk.line(f"study: {target}")
-    if draft.missing:
-        options_now = f"write it there, or run again with --force {missing_options(draft)}"
-        raise InputError(f"is written, but {missing_words(draft)}: {options_now}", source=target)
-    _stop_on_problem(draft, target)
+    _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft))  # an error of the static trial is told now
     talk.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
 
-def _stop_on_problem(draft: Draft, source: Path) -> None:
-    """InputError for what keeps a drafted study from being run."""
-    if draft.missing:
-        raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=source)
+def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
+    """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
     if draft.problem:
-        raise InputError(draft.problem, source=None if str(draft.folder.path) in draft.problem else source)
+        raise InputError(before + draft.problem, source=source)
+    if draft.missing:
+        raise InputError(f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source)
 
 
 def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
@@ -120,7 +117,13 @@ def _no_options_beside(study: Path, options: Options) -> None:
 def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
     draft = draft_of(folder, options)
-    if draft.fault or not draft.missing or talk.quiet or not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if (
+        draft.fault
+        or draft.problem
+        or not draft.missing
+        or talk.quiet
+        or not (sys.stdin.isatty() and sys.stderr.isatty())
+    ):
         return draft
     for field in draft.missing:
         while field not in draft.person:

@@ -54,7 +54,8 @@ def _subject(draft: Draft) -> list[str]:
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
-            lines.append(f"# {field} =   # MISSING: no file says it; write {MISSING[field]}, and take the first # away")
+            write = f"write {MISSING[field]}, and take the first # away"
+            lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
     for field in ("knee_width_mm", "ankle_width_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
@@ -137,7 +138,13 @@ def _path(path: Path, folder: Path | None) -> Path:
 
 def missing_words(draft: Draft) -> str:
     """What nobody tells."""
-    return "no file says " + ", ".join(f"subject.{field}" for field in draft.missing)
+    doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
+    return f"{_nobody(draft)} says " + ", ".join(f"subject.{field}" for field in draft.missing) + doubts
+
+
+def _nobody(draft: Draft) -> str:
+    """Who says nothing; a file of another person may say something."""
+    return "no file that is used" if draft.strangers else "no file"
 
 
 def missing_options(draft: Draft) -> str:
