@@ -15,7 +15,7 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
 from gaitcal.intake.draft import NEEDED, Draft
-from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
+from gaitcal.intake.draft_text import STUDY, draft_text, left_over_words, missing_options, missing_words, study_of
 from gaitcal.intake.drafting import draft_of, draft_study
 from gaitcal.intake.folder import FileKind, Folder, read_folder
 from gaitcal.intake.person_facts import Options
@@ -172,7 +172,9 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
     choice = draft.choice
     if choice is not None:
         found = choice.explained
-        talk.line(f"marker set: {choice.entry}, knows {found.known} of {found.known + len(found.left_over)} labels")
+        known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
+        likely = "" if choice.certain else "likely, to be looked at: "
+        talk.line(f"{likely}marker set: {choice.entry}, {known}{left_over_words(choice)}")
     for role in ("static", "joint", "gait"):
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
@@ -188,9 +190,12 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
                     " :", ":"
                 )
             )
-    for field, known in draft.person.items():
-        if field != "name" and not known.certain:
-            talk.line(f"likely, to be looked at: {field} = {known.value}: {known.reason}")
+        if trial.forces is not None and not trial.forces.certain:
+            name = trial.forces.file.name
+            talk.line(f"likely, to be looked at: {name} as forces of {trial.name}: {trial.forces.reason}")
+    for field, fact in draft.person.items():
+        if field != "name" and not fact.certain:
+            talk.line(f"likely, to be looked at: {field} = {fact.value}: {fact.reason}")
     for row in draft.left_out:
         talk.line(f"not used: {row.name}: {row.reason or row.kind}")
 

@@ -13,10 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeGuard
 
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, alike
 from gaitcal.files.toml import toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
 from gaitcal.intake.folder import FileKind
+from gaitcal.intake.marker_sets import SetChoice
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.study.study import Study
@@ -70,15 +71,13 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
         raise InputError(draft.fault, source=draft.folder.path)
     found = choice.explained
     reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
-    if found.left_over:
-        reason += f"; left over: {', '.join(found.left_over[:8])}"
-        reason += f" and {len(found.left_over) - 8} more" if len(found.left_over) > 8 else ""
+    reason += left_over_words(choice)
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
     built_in = choice.entry in built_in_sets()
     lines = [
         "[markers]",
-        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, not found.missing),
+        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
     ]
     if choice.rename:
         lines += _line(
@@ -87,6 +86,17 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
     return [*lines, ""]
+
+
+def left_over_words(choice: SetChoice) -> str:
+    """`; left over: ...`, and which labels of the set they look like; empty where the set knows all labels."""
+    left = choice.explained.left_over
+    if not left:
+        return ""
+    more = f" and {len(left) - 8} more" if len(left) > 8 else ""
+    meant = {label: alike(label, choice.marker_set.labels) for label in left[:8]}
+    hints = ", ".join(f"{label} like {like[0]}" for label, like in meant.items() if like)
+    return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
 
 
 def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:

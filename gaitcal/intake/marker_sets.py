@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
+from gaitcal.errors import other_side
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
@@ -20,6 +21,8 @@ FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
 NEARLY = 0.8
 """A file is of a set where it shares at least so many of the labels that it shares with the set that fits it best."""
+SURE = 0.8
+"""Share of the labels that a set knows from which it is beyond doubt."""
 MOST_MISSING = 4
 """Required landmarks without markers, of 11, with which a set is still offered, for a person to look at."""
 
@@ -36,6 +39,8 @@ class Explained:
     """Required landmarks that none of the labels gives."""
     legs: int
     """How many of the known labels are on pelvis or legs."""
+    single: int
+    """How many segments of pelvis and legs are followed by one marker only."""
     unused: int
     """How many markers that the set tracks are in no file."""
 
@@ -57,6 +62,17 @@ class SetChoice:
     """Labels that could be renamed but for another one of the same name."""
     people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     """Recording -> prefixes under which it has the same markers more than once: those of several people."""
+    sided_unknown: tuple[str, ...] = ()
+    """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing speaks against the set: all landmarks there, most labels known, none left over that only
+        some recordings have on one side of the body, as landmarks of a static trial are.
+        """
+        found = self.explained
+        known = found.known / max(found.known + len(found.left_over), 1)
+        return not found.missing and known >= SURE and not self.sided_unknown
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:
@@ -72,6 +88,7 @@ def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[s
         left_over=told.unknown,
         missing=told.required_missing,
         legs=len(on_legs),
+        single=sum(len(told.tracked.get(segment, ())) == 1 for segment in LOWER_BODY),
         unused=len({m for group in marker_set.tracking.values() for m in group} - tracked),
     )
 
@@ -120,6 +137,7 @@ def choose_set(
             explained=found,
             members=members,
             clashes=clashes,
+            sided_unknown=_sided_unknown(found.left_over, [respelt(recordings[i], rename) for i in members]),
             people={i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))},
         )
         choices.append(choice)
@@ -138,14 +156,16 @@ def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: 
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
-    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, more labels explained, fewer of
-    the set unused; of sets with the same labels the one that gives reasons for its weights.
+    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, fewer segments with one marker,
+    more labels explained, fewer of the set unused; of sets with the same labels the one that gives reasons for its
+    weights.
     """
     found = choice.explained
     return (
         -len(choice.members),
         len(found.missing),
         choice.entry in built_in_sets(),
+        found.single,
         -found.known,
         len(choice.rename),
         found.unused,
@@ -169,7 +189,9 @@ def spelt_otherwise(
     forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
-        by_key.setdefault(_key(label), []).append(label)
+        for spelling in (label, *marker_set.aliases.get(label, ())):
+            if label not in (same := by_key.setdefault(_key(spelling), [])):
+                same.append(label)
     count = Counter(label for labels in recordings for label in labels)
     theirs = {
         label
@@ -190,6 +212,12 @@ def spelt_otherwise(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _sided_unknown(left_over: Sequence[str], recordings: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Labels left over that some recordings have and others not, once for each side."""
+    some = [label for label in left_over if not all(label in labels for labels in recordings)]
+    return tuple(label for label in some if any(other_side(label, other) for other in some))
 
 
 def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:

@@ -71,3 +71,23 @@ def test_one_body_has_one_prefix() -> None:
     best = choose_set([apart])[0]
     assert best.people == {} and set(best.rename) == {f"Anna:{m}" for m in anna}
     assert set(best.explained.left_over) == {"Ben:RTIB", "Ben:RTHI"}
+
+
+LONG_NAMES = {"ASI": "ASIS", "PSI": "PSIS", "THI": "THIGH", "KNE": "KNEE", "TIB": "TIBIA", "ANK": "ANKLE"}
+
+
+def test_long_names_with_a_side_before_are_of_plug_in_gait() -> None:
+    stems = (*LONG_NAMES, "HEE", "TOE", "SHO", "ELB", "FIN")
+    labels = tuple(f"{side}_{LONG_NAMES.get(stem, stem)}" for side in "RL" for stem in stems)
+    best = choose_set([(*labels, "C7", "T10", "CLAV", "STRN")])[0]
+    assert (best.entry, best.explained.left_over, best.certain) == ("plug-in-gait", (), True)
+
+
+def test_what_is_left_over_makes_a_set_unsure() -> None:
+    own = load_marker_set("plug-in-gait").labels
+    assert choose_set([own])[0].certain
+    assert choose_set([(*own, "Bottle", "Wand")])[0].certain, "things are no landmarks"
+    assert not choose_set([(*own, *(f"thing{i}" for i in range(len(own))))])[0].certain
+    one_sided = choose_set([(*own, "RKADX", "LKADX"), own])[0]
+    assert one_sided.sided_unknown == ("RKADX", "LKADX") and not one_sided.certain
+    assert choose_set([(*own, "RKADX", "LKADX")] * 2)[0].certain, "on every recording: no landmarks of a static trial"
