@@ -60,16 +60,20 @@ def draft_study(folder: Folder, options: Options) -> Draft:
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
-    told, parts = {}, []
+    told, parts, scales = {}, [], []
     for i in choices[0].members:
         posture, why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)
         nobody = f"nobody stands in it: {why}"
         if posture is not None:
             nobody = f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves otherwise"
             parts.append(files[i].name)
+        elif "times too small" in why:
+            scales.append(f"{files[i].name}: {why}")
         told[files[i].name] = f"of marker set {choices[0].entry}; {nobody}"
     message = "in no recording does the person only stand still, upright, on both feet: a static trial is needed"
-    if parts:
+    if scales:
+        message += f"; {scales[0]}"
+    elif parts:
         message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
     return refused(folder, f"{message} (marker set {choices[0].entry})", told)
 

@@ -270,3 +270,9 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
     made = draft(write(tmp_path / "person", {"cap1": whole}))
     assert 'in cap1.csv somebody stands for a part: call the file static, or write role = "static"' in made.fault
     assert "somebody stands from 0." in made.seen[0].reason and "moves otherwise" in made.seen[0].reason
+
+
+def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
+    files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
+    made = draft(write(tmp_path / "person", files))
+    assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
