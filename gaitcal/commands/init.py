@@ -15,7 +15,8 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
 from gaitcal.intake.draft import NEEDED, Draft
-from gaitcal.intake.draft_text import STUDY, draft_text, left_over_words, missing_options, missing_words, study_of
+from gaitcal.intake.draft_lines import doubtful_lines, marker_set_line
+from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
 from gaitcal.intake.drafting import draft_of, draft_study
 from gaitcal.intake.folder import FileKind, Folder, read_folder
 from gaitcal.intake.person_facts import Options
@@ -169,12 +170,8 @@ def print_seen(talk: Talk, draft: Draft) -> None:
 
 def tell_draft(talk: Talk, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
-    choice = draft.choice
-    if choice is not None:
-        found = choice.explained
-        known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
-        likely = "" if choice.certain else "likely, to be looked at: "
-        talk.line(f"{likely}marker set: {choice.entry}, {known}{left_over_words(choice)}")
+    if line := marker_set_line(draft):
+        talk.line(line)
     for role in ("static", "joint", "gait"):
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
@@ -183,21 +180,8 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
         ]
         if names:
             talk.line(f"{role}: {', '.join(names)}")
-    for trial in draft.trials:
-        if not trial.certain:
-            talk.line(
-                f"likely, to be looked at: {trial.name} as {trial.role} {trial.joint}: {trial.reason}".replace(
-                    " :", ":"
-                )
-            )
-        if trial.forces is not None and not trial.forces.certain:
-            name = trial.forces.file.name
-            talk.line(f"likely, to be looked at: {name} as forces of {trial.name}: {trial.forces.reason}")
-    for field, fact in draft.person.items():
-        if field != "name" and not fact.certain:
-            talk.line(f"likely, to be looked at: {field} = {fact.value}: {fact.reason}")
-    for row in draft.left_out:
-        talk.line(f"not used: {row.name}: {row.reason or row.kind}")
+    for line in doubtful_lines(draft):
+        talk.line(line)
 
 
 def tell_faulty(talk: Talk, faulty: Mapping[str, str]) -> None:

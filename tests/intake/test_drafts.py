@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gaitcal.commands.console import Talk
 from gaitcal.commands.init import study_or_draft
 from gaitcal.errors import InputError
+from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import draft_text, missing_words, study_of
 from gaitcal.intake.drafting import draft_study
 from gaitcal.intake.exchanges import exchange_told
@@ -276,3 +277,16 @@ def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
     files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
     made = draft(write(tmp_path / "person", files))
     assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
+
+
+def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
+    files = recordings()
+    static = files["static"]
+    at = static.labels.index("R.Knee.Med")
+    labels = (*static.labels[:at], "R.Knee.Inner", *static.labels[at + 1 :])
+    folder = write(tmp_path / "person", files | {"static": replace(static, labels=labels), "squat": squat()})
+    (folder / "photo.png").touch()
+    notes = draft_notes(draft(folder))
+    assert any("left over: R.Knee.Inner" in note for note in notes)
+    assert any("not used: squat.csv: moves otherwise" in note for note in notes)
+    assert any("not used: photo.png" in note for note in notes)
