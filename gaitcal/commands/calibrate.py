@@ -17,6 +17,7 @@ from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import STUDY, draft_text, study_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
 from gaitcal.intake.person_facts import Options
+from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.study.study import Study, input_files
@@ -44,6 +45,8 @@ def run(
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
             drafted = drafted.without(faulty)
             tell_faulty(talk, faulty)
+        if drafted is not None:
+            findings = (*findings, *rejected_forces(drafted))
         if not force:
             stop_on_errors(findings, path)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)

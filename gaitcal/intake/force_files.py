@@ -118,7 +118,7 @@ def _match(
     away = _from_feet(recording, marker_set, table)
     if away is not None and away > UNDER_M:
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
-    return _Match(number, t, away, _alike(stem, table.path.stem), cut)
+    return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
 
 
 def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> float | None:
@@ -136,7 +136,7 @@ def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -
     return float(np.median(distances)) if distances else None
 
 
-def _alike(stem: str, table: str) -> float:
+def names_alike(stem: str, table: str) -> float:
     """0 to 1, how alike two names are but for words that only say `forces`."""
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
@@ -144,7 +144,7 @@ def _alike(stem: str, table: str) -> float:
 
 def _named(match: _Match, stems: Mapping[int, str], table: str) -> str:
     """Another recording whose name fits the table better than that of the one it is paired with; empty where none."""
-    alike = {number: _alike(stem, table) for number, stem in stems.items()}
+    alike = {number: names_alike(stem, table) for number, stem in stems.items()}
     best = max(alike, key=lambda number: (alike[number], number == match.recording))
     return stems[best] if alike[best] >= SAME_NAME and alike[best] > alike[match.recording] else ""
 
