@@ -59,7 +59,7 @@ def alike(name: str, allowed: Iterable[str], count: int = 1) -> list[str]:
     """
     side = side_named(name)
     there = [other for other in allowed if not side or side_named(other) in ("", side)]
-    there = [other for other in there if not _other_side(name, other)]
+    there = [other for other in there if not other_side(name, other)]
     same = [other for other in there if other != name and _plain(other) == _plain(name)]
     return [*same, *(m for m in difflib.get_close_matches(name, there, n=count, cutoff=0.6) if m not in same)][:count]
 
@@ -69,7 +69,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s._-]+", "", name).casefold() or name
 
 
-def _other_side(name: str, other: str) -> bool:
+def other_side(name: str, other: str) -> bool:
     """Whether two names differ only by r and l at one place, or by right and left."""
     a, b = name.lower(), other.lower()
     if len(a) == len(b):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.checks import check_study
@@ -12,9 +13,11 @@ from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.intake.draft import Draft
+from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import STUDY, draft_text, study_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
 from gaitcal.intake.person_facts import Options
+from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.study.study import Study, input_files
@@ -42,9 +45,13 @@ def run(
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
             drafted = drafted.without(faulty)
             tell_faulty(talk, faulty)
+        if drafted is not None:
+            findings = (*findings, *rejected_forces(drafted))
         if not force:
             stop_on_errors(findings, path)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
+        if drafted is not None:
+            calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))
         step("writing the results")
         write_results(calibration, out, drafted=None if drafted is None else draft_text(drafted, out))
     print_calibration(talk, calibration)

@@ -16,6 +16,7 @@ from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft_text import study_of
 from gaitcal.intake.person_facts import Options
+from gaitcal.intake.rejected_forces import rejected_forces
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""
@@ -27,7 +28,10 @@ def run(path: Path, talk: Talk, options: Options = NOTHING_SAID) -> None:
     source = study_or_draft(path, options, talk)
     with talk.working() as step:
         step("reading and checking the recordings")
-        findings = check_file(source) if isinstance(source, Path) else check_study(study_of(source))
+        if isinstance(source, Path):
+            findings = check_file(source)
+        else:
+            findings = (*check_study(study_of(source)), *rejected_forces(source))
     shown = [f for f in findings if talk.verbose or f.severity is not Severity.INFO]
     if shown:
         if not talk.out.is_terminal:

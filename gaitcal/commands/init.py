@@ -15,6 +15,7 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.places import real_path
 from gaitcal.intake.draft import NEEDED, Draft
+from gaitcal.intake.draft_lines import doubtful_lines, marker_set_line
 from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
 from gaitcal.intake.drafting import draft_of, draft_study
 from gaitcal.intake.folder import FileKind, Folder, read_folder
@@ -61,20 +62,17 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
         raise InputError(draft.fault, source=path)
     atomic_text(target, draft_text(draft, real_path(target).parent))
     talk.line(f"study: {target}")
-    if draft.missing:
-        options_now = f"write it there, or run again with --force {missing_options(draft)}"
-        raise InputError(f"is written, but {missing_words(draft)}: {options_now}", source=target)
-    _stop_on_problem(draft, target)
+    _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft))  # an error of the static trial is told now
     talk.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
 
-def _stop_on_problem(draft: Draft, source: Path) -> None:
-    """InputError for what keeps a drafted study from being run."""
-    if draft.missing:
-        raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=source)
+def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
+    """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
     if draft.problem:
-        raise InputError(draft.problem, source=None if str(draft.folder.path) in draft.problem else source)
+        raise InputError(before + draft.problem, source=source)
+    if draft.missing:
+        raise InputError(f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source)
 
 
 def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
@@ -120,7 +118,13 @@ def _no_options_beside(study: Path, options: Options) -> None:
 def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
     draft = draft_of(folder, options)
-    if draft.fault or not draft.missing or talk.quiet or not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if (
+        draft.fault
+        or draft.problem
+        or not draft.missing
+        or talk.quiet
+        or not (sys.stdin.isatty() and sys.stderr.isatty())
+    ):
         return draft
     for field in draft.missing:
         while field not in draft.person:
@@ -166,10 +170,8 @@ def print_seen(talk: Talk, draft: Draft) -> None:
 
 def tell_draft(talk: Talk, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
-    choice = draft.choice
-    if choice is not None:
-        found = choice.explained
-        talk.line(f"marker set: {choice.entry}, knows {found.known} of {found.known + len(found.left_over)} labels")
+    if line := marker_set_line(draft):
+        talk.line(line)
     for role in ("static", "joint", "gait"):
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
@@ -178,18 +180,8 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
         ]
         if names:
             talk.line(f"{role}: {', '.join(names)}")
-    for trial in draft.trials:
-        if not trial.certain:
-            talk.line(
-                f"likely, to be looked at: {trial.name} as {trial.role} {trial.joint}: {trial.reason}".replace(
-                    " :", ":"
-                )
-            )
-    for field, known in draft.person.items():
-        if field != "name" and not known.certain:
-            talk.line(f"likely, to be looked at: {field} = {known.value}: {known.reason}")
-    for row in draft.left_out:
-        talk.line(f"not used: {row.name}: {row.reason or row.kind}")
+    for line in doubtful_lines(draft):
+        talk.line(line)
 
 
 def tell_faulty(talk: Talk, faulty: Mapping[str, str]) -> None:

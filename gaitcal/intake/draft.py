@@ -64,6 +64,9 @@ class Draft:
     problem: str = ""
     """Why the drafted study cannot be run as it is, apart from what is missing."""
 
+    doubts: tuple[str, ...] = ()
+    """What files say of the person that can be in no unit it should be in."""
+
     @property
     def moves(self) -> bool:
         """Whether a trial shows more than standing."""

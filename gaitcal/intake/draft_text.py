@@ -13,10 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeGuard
 
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, alike
 from gaitcal.files.toml import toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
 from gaitcal.intake.folder import FileKind
+from gaitcal.intake.marker_sets import SetChoice
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.study.study import Study
@@ -54,7 +55,8 @@ def _subject(draft: Draft) -> list[str]:
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
-            lines.append(f"# {field} =   # MISSING: no file says it; write {MISSING[field]}, and take the first # away")
+            write = f"write {MISSING[field]}, and take the first # away"
+            lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
     for field in ("knee_width_mm", "ankle_width_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
@@ -69,15 +71,13 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
         raise InputError(draft.fault, source=draft.folder.path)
     found = choice.explained
     reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
-    if found.left_over:
-        reason += f"; left over: {', '.join(found.left_over[:8])}"
-        reason += f" and {len(found.left_over) - 8} more" if len(found.left_over) > 8 else ""
+    reason += left_over_words(choice)
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
     built_in = choice.entry in built_in_sets()
     lines = [
         "[markers]",
-        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, not found.missing),
+        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
     ]
     if choice.rename:
         lines += _line(
@@ -86,6 +86,17 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
     return [*lines, ""]
+
+
+def left_over_words(choice: SetChoice) -> str:
+    """`; left over: ...`, and which labels of the set they look like; empty where the set knows all labels."""
+    left = choice.explained.left_over
+    if not left:
+        return ""
+    more = f" and {len(left) - 8} more" if len(left) > 8 else ""
+    meant = {label: alike(label, choice.marker_set.labels) for label in left[:8]}
+    hints = ", ".join(f"{label} like {like[0]}" for label, like in meant.items() if like)
+    return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
 
 
 def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:
@@ -137,7 +148,13 @@ def _path(path: Path, folder: Path | None) -> Path:
 
 def missing_words(draft: Draft) -> str:
     """What nobody tells."""
-    return "no file says " + ", ".join(f"subject.{field}" for field in draft.missing)
+    doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
+    return f"{_nobody(draft)} says " + ", ".join(f"subject.{field}" for field in draft.missing) + doubts
+
+
+def _nobody(draft: Draft) -> str:
+    """Who says nothing; a file of another person may say something."""
+    return "no file that is used" if draft.strangers else "no file"
 
 
 def missing_options(draft: Draft) -> str:

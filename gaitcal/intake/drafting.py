@@ -9,12 +9,14 @@ from gaitcal.errors import InputError
 from gaitcal.intake.draft import Draft, DraftTrial
 from gaitcal.intake.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
 from gaitcal.intake.force_files import ForceChoice, pair_forces
-from gaitcal.intake.marker_sets import SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.intake.impossible_mass import mass_fault
+from gaitcal.intake.marker_sets import SetChoice, choose_set, explained, respelt
 from gaitcal.intake.movement import Movement, Shows, movement
 from gaitcal.intake.people import Session, session_of
-from gaitcal.intake.person_facts import Known, Options, person_of, weighed
+from gaitcal.intake.person_facts import Options, figures_in_doubt, person_of, weighed
 from gaitcal.intake.placing import same_recording
-from gaitcal.intake.seen import Roles, row_of, rows_of
+from gaitcal.intake.refusals import no_set, nothing_here, refused, several_people
+from gaitcal.intake.seen import Roles, rows_of
 from gaitcal.intake.standing import standing
 from gaitcal.intake.trial_names import name_contradicts, trial_names
 from gaitcal.model.marker_set import MarkerSet
@@ -44,11 +46,13 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     files = folder.of_kind(FileKind.RECORDING)
     recordings = [file.recording for file in files if file.recording is not None]
     if not recordings:
-        return _refused(folder, _nothing_here(folder), {})
+        return refused(folder, nothing_here(folder), {})
     own = [(str(f.path), f.marker_set) for f in _own_sets(folder) if f.marker_set is not None]
     choices = _choices(recordings, own)
     if not choices:
-        return _refused(folder, _no_set(recordings, own), {})
+        return refused(folder, no_set(recordings, own), {})
+    if choices[0].people:
+        return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
@@ -56,12 +60,22 @@ def draft_study(folder: Folder, options: Options) -> Draft:
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
-    told = {}
+    told, parts, scales = {}, [], []
     for i in choices[0].members:
-        why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)[1]
-        told[files[i].name] = f"of marker set {choices[0].entry}; nobody stands in it: {why}"
-    message = "in no recording does the person stand still, upright, on both feet: a static trial is needed"
-    return _refused(folder, f"{message} (marker set {choices[0].entry})", told)
+        posture, why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)
+        nobody = f"nobody stands in it: {why}"
+        if posture is not None:
+            nobody = f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves otherwise"
+            parts.append(files[i].name)
+        elif "times too small" in why:
+            scales.append(f"{files[i].name}: {why}")
+        told[files[i].name] = f"of marker set {choices[0].entry}; {nobody}"
+    message = "in no recording does the person only stand still, upright, on both feet: a static trial is needed"
+    if scales:
+        message += f"; {scales[0]}"
+    elif parts:
+        message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
+    return refused(folder, f"{message} (marker set {choices[0].entry})", told)
 
 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
@@ -102,36 +116,6 @@ def _own_sets(folder: Folder) -> tuple[FolderFile, ...]:
     return folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
 
 
-def _nothing_here(folder: Folder) -> str:
-    if folder.subfolders:
-        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
-        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
-    if not folder.files:
-        return "is empty; .c3d, .trc or .csv files of one person are needed"
-    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
-
-
-def _no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
-    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
-    nearest, found = max(
-        ((entry, explained(s, labels)) for entry, s in candidates(own)),
-        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
-    )
-    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
-    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
-    return (
-        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
-        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
-        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
-    )
-
-
-def _refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
-    """What was seen of a folder from which no study follows."""
-    seen = tuple(row_of(file, reason=told.get(file.name, "")) for file in folder.files)
-    return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
-
-
 @dataclass(frozen=True)
 class _Drafting:
     """What a draft is made of, once marker set and static trial are found."""
@@ -170,8 +154,11 @@ class _Drafting:
             for i, name in zip(order, names, strict=True)
         )
         moving = any(trial.role != "static" for trial in trials)
-        problem = "" if moving else "no recording shows walking, or one joint that moves alone"
-        person = self._person(statics, order)
+        problem = "" if moving else self._nothing_moves(out)
+        plates = self._weighed(statics)
+        facts = self._facts([*statics, *(i for i in order if i not in statics)])
+        person = person_of(self.folder.name, self.options, facts, plates)
+        problem = problem or mass_fault(person, self.options, plates)
         seen = rows_of(
             self.folder, self.files, self.choice, Roles(roles, out, moves, forces, unpaired, frozenset(self.spelt))
         )
@@ -183,7 +170,15 @@ class _Drafting:
             seen=seen,
             strangers=bool(self.session.others),
             problem=problem,
+            doubts=figures_in_doubt(facts),
         )
+
+    def _nothing_moves(self, out: Mapping[int, str]) -> str:
+        """That no trial moves, and why the recordings are left out that may."""
+        why = [f"{self.files[i].name} is not used: {reason}" for i, reason in sorted(out.items())]
+        more = f" (and {len(why) - 2} more)" if len(why) > 2 else ""
+        used = "no recording that is used shows walking, or one joint that moves alone"
+        return "; ".join([used, *why[:2]]) + more
 
     def _movements(self) -> dict[int, Movement]:
         """Recording of the session -> what it shows."""
@@ -234,16 +229,13 @@ class _Drafting:
         rest = [i for i in self.session.members if i not in order]
         return [(self.files[i].name, self.spelt[i].facts) for i in (*order, *rest)]
 
-    def _person(self, statics: Sequence[int], order: Sequence[int]) -> dict[str, Known]:
-        plates = None
+    def _weighed(self, statics: Sequence[int]) -> tuple[str, float] | None:
+        """Static trial, and the mass (kg) that plates weigh in it."""
         for i in statics:
             mass = weighed(self.spelt[i], self.choice.marker_set, self.session.posture(i))
             if mass is not None:
-                plates = (self.files[i].name, mass)
-                break
-        return person_of(
-            self.folder.name, self.options, self._facts([*statics, *(i for i in order if i not in statics)]), plates
-        )
+                return self.files[i].name, mass
+        return None
 
     def _forces(self, roles: Mapping[int, tuple[str, str]]) -> tuple[dict[int, ForceChoice], dict[str, str]]:
         """Forces of the walks that have no plates of their own."""

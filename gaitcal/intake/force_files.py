@@ -81,14 +81,15 @@ def pair_forces(
             why[table.name] = "nothing tells whose forces these are: no foot is loaded, and no name is alike"
             continue
         by = loads.get(table.path.name.lower())
+        rival = _named(match, {number: stem for number, (stem, _) in recordings.items()}, table.path.stem)
         out[match.recording] = ForceChoice(
-            file=table, reason=_words(match, by), certain=match.away is not None, time=match.time
+            file=table, reason=_words(match, by, rival), certain=match.away is not None and not rival, time=match.time
         )
         used.add(match.table)
     for t, table in enumerate(tables):
         if t not in used:
-            rival = "its recording has another table that fits better"
-            why.setdefault(table.name, rival if recordings else "no walk without plates of its own needs it")
+            better = "its recording has another table that fits better"
+            why.setdefault(table.name, better if recordings else "no walk without plates of its own needs it")
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 
@@ -117,7 +118,7 @@ def _match(
     away = _from_feet(recording, marker_set, table)
     if away is not None and away > UNDER_M:
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
-    return _Match(number, t, away, _alike(stem, table.path.stem), cut)
+    return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
 
 
 def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> float | None:
@@ -135,19 +136,28 @@ def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -
     return float(np.median(distances)) if distances else None
 
 
-def _alike(stem: str, table: str) -> float:
+def names_alike(stem: str, table: str) -> float:
     """0 to 1, how alike two names are but for words that only say `forces`."""
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
 
 
-def _words(match: _Match, named: FolderFile | None) -> str:
+def _named(match: _Match, stems: Mapping[int, str], table: str) -> str:
+    """Another recording whose name fits the table better than that of the one it is paired with; empty where none."""
+    alike = {number: names_alike(stem, table) for number, stem in stems.items()}
+    best = max(alike, key=lambda number: (alike[number], number == match.recording))
+    return stems[best] if alike[best] >= SAME_NAME and alike[best] > alike[match.recording] else ""
+
+
+def _words(match: _Match, named: FolderFile | None, rival: str) -> str:
     parts = []
     if match.away is not None:
         parts.append(f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet")
     else:
         parts.append("covers the time; no foot is loaded in it")
-    if match.alike >= SAME_NAME:
+    if rival:
+        parts.append(f"though its name says {rival}")
+    elif match.alike >= SAME_NAME:
         parts.append("the names are alike")
     if named is not None:
         parts.append(f"{named.name} names it")

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
+from gaitcal.errors import other_side
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
@@ -20,6 +21,8 @@ FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
 NEARLY = 0.8
 """A file is of a set where it shares at least so many of the labels that it shares with the set that fits it best."""
+SURE = 0.8
+"""Share of the labels that a set knows from which it is beyond doubt."""
 MOST_MISSING = 4
 """Required landmarks without markers, of 11, with which a set is still offered, for a person to look at."""
 
@@ -36,6 +39,8 @@ class Explained:
     """Required landmarks that none of the labels gives."""
     legs: int
     """How many of the known labels are on pelvis or legs."""
+    single: int
+    """How many segments of pelvis and legs are followed by one marker only."""
     unused: int
     """How many markers that the set tracks are in no file."""
 
@@ -55,6 +60,19 @@ class SetChoice:
     """Which recordings are of this set."""
     clashes: tuple[str, ...] = ()
     """Labels that could be renamed but for another one of the same name."""
+    people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """Recording -> prefixes under which it has the same markers more than once: those of several people."""
+    sided_unknown: tuple[str, ...] = ()
+    """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing speaks against the set: all landmarks there, most labels known, none left over that only
+        some recordings have on one side of the body, as landmarks of a static trial are.
+        """
+        found = self.explained
+        known = found.known / max(found.known + len(found.left_over), 1)
+        return not found.missing and known >= SURE and not self.sided_unknown
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:
@@ -70,6 +88,7 @@ def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[s
         left_over=told.unknown,
         missing=told.required_missing,
         legs=len(on_legs),
+        single=sum(len(told.tracked.get(segment, ())) == 1 for segment in LOWER_BODY),
         unused=len({m for group in marker_set.tracking.values() for m in group} - tracked),
     )
 
@@ -112,7 +131,14 @@ def choose_set(
             continue
         used = {old: new for old, new in rename.items() if any(old in recordings[i] for i in members)}
         choice = SetChoice(
-            marker_set=marker_set, entry=entry, rename=used, explained=found, members=members, clashes=clashes
+            marker_set=marker_set,
+            entry=entry,
+            rename=used,
+            explained=found,
+            members=members,
+            clashes=clashes,
+            sided_unknown=_sided_unknown(found.left_over, [respelt(recordings[i], rename) for i in members]),
+            people={i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))},
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
@@ -130,14 +156,16 @@ def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: 
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
-    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, more labels explained, fewer of
-    the set unused; of sets with the same labels the one that gives reasons for its weights.
+    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, fewer segments with one marker,
+    more labels explained, fewer of the set unused; of sets with the same labels the one that gives reasons for its
+    weights.
     """
     found = choice.explained
     return (
         -len(choice.members),
         len(found.missing),
         choice.entry in built_in_sets(),
+        found.single,
         -found.known,
         len(choice.rename),
         found.unused,
@@ -155,18 +183,28 @@ def spelt_otherwise(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Label in the files -> label of the set that differs from it in case, separators or a prefix only; and labels
-    that would become one that is taken. Of several spellings of one label the most frequent is renamed.
+    that would become one that is taken. Of several spellings of one label the most frequent is renamed. Of several
+    prefixes in one recording only the one with most labels of the set: a body has one, another is somebody else's.
     """
     forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
-        by_key.setdefault(_key(label), []).append(label)
+        for spelling in (label, *marker_set.aliases.get(label, ())):
+            if label not in (same := by_key.setdefault(_key(spelling), [])):
+                same.append(label)
     count = Counter(label for labels in recordings for label in labels)
+    theirs = {
+        label
+        for labels in recordings
+        for prefix, own in _by_prefix(marker_set, labels)[1:]
+        for label in labels
+        if _prefix(label) == prefix and _key(label) in own
+    }
     rename: dict[str, str] = {}
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
         targets = by_key.get(_key(label), [])
-        if len(targets) != 1 or label.casefold() in forgiven:
+        if len(targets) != 1 or label.casefold() in forgiven or label in theirs:
             continue
         taken = any(label in labels and targets[0] in labels for labels in recordings)
         if taken or targets[0] in rename.values():
@@ -174,6 +212,33 @@ def spelt_otherwise(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _sided_unknown(left_over: Sequence[str], recordings: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Labels left over that some recordings have and others not, once for each side."""
+    some = [label for label in left_over if not all(label in labels for labels in recordings)]
+    return tuple(label for label in some if any(other_side(label, other) for other in some))
+
+
+def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
+    """Prefixes under which labels of the set occur that occur under another prefix, too; empty for one person."""
+    groups = _by_prefix(marker_set, labels)
+    return tuple(p for p, own in groups if any(own & other for prefix, other in groups if prefix != p))
+
+
+def _by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, set[str]]]:
+    """Prefix -> keys of the set's labels that occur under it, the prefix with most of them first."""
+    known = {_key(label) for label in _forgiven(marker_set)}
+    out: dict[str, set[str]] = {}
+    for label in labels:
+        if (prefix := _prefix(label)) and (key := _key(label)) in known:
+            out.setdefault(prefix, set()).add(key)
+    return sorted(out.items(), key=lambda item: (-len(item[1]), item[0]))
+
+
+def _prefix(label: str) -> str:
+    """`Anna` of `Anna:RASI`; empty where there is none."""
+    return label.rpartition(":")[0]
 
 
 def _forgiven(marker_set: MarkerSet) -> frozenset[str]:

@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from gaitcal.intake.placing import placed_otherwise, segment_distances
+from gaitcal.intake.exchanges import exchange_told
+from gaitcal.intake.placing import pair_distances, placed_otherwise
 from gaitcal.intake.standing import Standing, standing
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.marker_set import MarkerSet
@@ -72,17 +73,23 @@ def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
         return (missing, not told, -len(worn[i]), not word, round(1e3 * postures[i].speed), stems[i].lower(), i)
 
     ranked = sorted(only, key=rank)
-    distances = {i: segment_distances(r, marker_set) for i, r in recordings.items()}
-    groups = {i: [j for j in recordings if not placed_otherwise(distances[i], distances[j])] for i in ranked}
+    distances = {i: pair_distances(r, marker_set) for i, r in recordings.items()}
+    otherwise = {
+        (i, j): "" if exchange_told(distances[i], distances[j], marker_set) else words
+        for i in ranked
+        for j in recordings
+        if (words := placed_otherwise(distances[i], distances[j], marker_set))
+    }
+    groups = {i: [j for j in recordings if not otherwise.get((i, j))] for i in ranked}
     best = max(ranked, key=lambda i: (len(groups[i]), -ranked.index(i)))
     others = {}
     for j in recordings:
         if j not in groups[best]:
-            words = placed_otherwise(distances[best], distances[j])
             own = next((i for i in ranked if i not in groups[best] and j in groups[i] and i != j), None)
             more = (
                 f"; its static trial is {stems[own]}: put these into a folder of their own" if own is not None else ""
             )
+            words = otherwise[best, j]
             others[j] = f"another person, or markers put on anew, against {stems[best]}: {words}{more}"
     return Session(
         statics=(best, *(i for i in ranked if i != best and i in groups[best])),

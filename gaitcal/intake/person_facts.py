@@ -68,16 +68,20 @@ def person_of(
             mass = Known(value=mass.value, reason=words, certain=False)
         out["mass_kg"] = mass
     elif plates is not None:
-        reason = f"weighed by the plates under {plates[0]}, where no file says it"
+        doubts = "".join(f"; {name} says {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful)
+        reason = f"weighed by the plates under {plates[0]}, where no file says it{' in kg' if doubts else ''}{doubts}"
         out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
-    if (height := _number(options.height, files, lambda f: f.height, "m", 4)) is not None:
+    elif (mass := _doubtful(files, "mass", 2)) is not None:
+        out["mass_kg"] = mass
+    height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(files, "height", 4)
+    if height is not None:
         out["height_m"] = height
     if options.sex:
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:
         out["age_years"] = Known(value=options.age, reason="option")
     for field, get in (("knee_width_mm", lambda f: f.knee_width), ("ankle_width_mm", lambda f: f.ankle_width)):
-        if (width := _sided(files, get)) is not None:
+        if (width := _sided(files, get) or _doubtful_sides(files, field.removesuffix("_mm"))) is not None:
             out[field] = width
     if (diameter := _number(None, files, lambda f: f.marker_diameter, "m", 6)) is not None:
         out["marker_diameter_mm"] = Known(
@@ -111,6 +115,30 @@ def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[st
             value = {side: round(1e3 * widths[side], 1) for side in SIDES if side in widths}
             return Known(value=value, reason=f"{name} says so")
     return None
+
+
+def figures_in_doubt(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
+    """What files say of mass, height and widths that can be in no unit they should be in, each figure once."""
+    told = {words: name for name, facts in reversed(files) for words, _ in facts.doubtful.values()}
+    return tuple(f"{name} says {words}" for words, name in sorted(told.items()))
+
+
+def _doubtful(files: Sequence[tuple[str, Facts]], fact: str, digits: int) -> Known | None:
+    """A figure in another unit than its own, where only one unit makes sense of it."""
+    for name, facts in files:
+        words, value = facts.doubtful.get(fact, ("", None))
+        if value is not None:
+            return Known(value=round(value, digits), reason=f"{name} says {words}", certain=False)
+    return None
+
+
+def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | None:
+    """Widths (mm) in another unit."""
+    found = {side: width for side in SIDES if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None}
+    if not found:
+        return None
+    value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
+    return Known(value=value, reason=next(iter(found.values())).reason, certain=False)
 
 
 def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> float | None:

@@ -10,7 +10,7 @@ Within sessions of eight people the second largest d_s of pelvis and legs is at 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
@@ -26,6 +26,8 @@ APART_M = 0.015
 ALL_APART_M = 0.008
 """Median d_s from which they are, too."""
 FEWEST_FRAMES = 5
+MOST_FRAMES = 500
+"""Frames, evenly spread, that tell a median distance."""
 FEWEST_COMMON = 4
 """Markers by which two recordings are compared."""
 SAME_M = {True: 0.00015, False: 0.002}
@@ -34,26 +36,48 @@ movement, where one may be filtered. No two walks agree to 2 mm at the same fram
 MOVES_M = 0.01
 """Standard deviation of a marker's distance from the middle from which a recording is a movement."""
 
+Distances = dict[frozenset[str], float]
+"""Two markers -> m, median distance."""
 
-def segment_distances(recording: Recording, marker_set: MarkerSet) -> dict[tuple[str, str, str], float]:
-    """(Segment, marker, marker) -> m, median distance, of pelvis and legs."""
+
+def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
+    """Two markers of pelvis and legs -> m, median distance, within one segment or not."""
     column = {label: i for i, label in enumerate(recording.labels)}
-    out: dict[tuple[str, str, str], float] = {}
-    for segment in LOWER_BODY:
-        worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
-        labels = [m for m in dict.fromkeys(worn) if m in column and marker_set.weight(m) > LIGHT]
-        for a, b in combinations(sorted(labels), 2):
-            apart = np.linalg.norm(recording.markers[:, column[a]] - recording.markers[:, column[b]], axis=1)
-            if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
-                out[segment, a, b] = float(np.nanmedian(apart))
+    worn = sorted({label for group in worn_labels(marker_set, recording.labels).values() for label in group})
+    markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)]
+    out: Distances = {}
+    for a, b in combinations(worn, 2):
+        apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
+        if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
+            out[frozenset((a, b))] = float(np.nanmedian(apart))
     return out
 
 
-def placed_otherwise(one: Mapping[tuple[str, str, str], float], other: Mapping[tuple[str, str, str], float]) -> str:
+def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
+    """Segment of pelvis and legs -> those of the labels that are followed on it and tell places."""
+    there = set(labels)
+    out: dict[str, list[str]] = {}
+    for segment in LOWER_BODY:
+        worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
+        out[segment] = sorted(m for m in dict.fromkeys(worn) if m in there and marker_set.weight(m) > LIGHT)
+    return out
+
+
+def apart_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
+    """Segment -> m, d_s; without segments of which the two recordings have no pair in common."""
+    common = set(one) & set(other)
+    worn = worn_labels(marker_set, {label for pair in common for label in pair})
+    out: dict[str, float] = {}
+    for segment, labels in worn.items():
+        pairs = [pair for pair in map(frozenset, combinations(labels, 2)) if pair in common]
+        if pairs:
+            out[segment] = max(abs(one[pair] - other[pair]) for pair in pairs)
+    return out
+
+
+def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """In what the markers of two recordings are placed otherwise, in words; empty where they may be the same."""
-    by_segment: dict[str, float] = {}
-    for key in set(one) & set(other):
-        by_segment[key[0]] = max(by_segment.get(key[0], 0.0), abs(one[key] - other[key]))
+    by_segment = apart_by_segment(one, other, marker_set)
     ranked = sorted(by_segment, key=lambda segment: (-by_segment[segment], segment))
     if len(ranked) < 2:
         return ""

@@ -27,6 +27,9 @@ STRAIGHT = 0.8
 bent by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08
 """Difference in height of the two feet's middles: a foot is lifted from there on."""
+LOW_M, HIGH_M = 0.3, 1.5
+"""Height of the pelvis over the feet of a person who stands."""
+TOO_SMALL = {1000: "metres under a header that says mm", 100: "metres under cm", 10: "centimetres under mm"}
 STAYS_M = 0.03
 """RMS distance of pelvis and feet from their mean places, in a recording that only stands."""
 BELL_HIP = np.array([-0.19, -0.30, 0.14])
@@ -139,7 +142,10 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     height = float(middle["pelvis"][1] - np.mean(feet, axis=0)[1])
     if straight and min(straight) < STRAIGHT:
         return f"the legs are bent or not upright: the pelvis is at {100 * min(straight):.0f} % of their length"
-    if height < 0.3:
+    if height < LOW_M:
+        for factor, units in TOO_SMALL.items():
+            if LOW_M <= factor * height <= HIGH_M:
+                return f"lengths look {factor} times too small: {units}"
         return f"the pelvis is {height:.2f} m above the feet while nothing moves"
     return ""
 

@@ -49,6 +49,9 @@ class Facts:
     """Side -> m, from the anterior superior iliac spine to the medial malleolus."""
     static_plantarflexion: dict[str, float] = field(default_factory=dict)
     """Side -> rad, from the line ankle centre to toe marker up to the foot's long axis (`StaticPlantFlex`)."""
+    doubtful: dict[str, tuple[str, float | None]] = field(default_factory=dict)
+    """Fact, as `height` or `knee_width_r` -> what the file says that cannot be in its units, in words, and what it is
+    in the only other unit that makes sense of it; None where several do, or none."""
     is_static: bool | None = None
     """Whether the file calls itself a static trial."""
 

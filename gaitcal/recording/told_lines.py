@@ -1,6 +1,6 @@
 """What a file says beside its samples, as comment lines of a CSV table, so that a converted C3D file says it still.
 
-    #: mass = 66.5                                 kg, m, rad, as in `metadata.Facts`; the person's name is left out
+    #: mass = 66.5                                 kg, m, rad, as in `metadata.Facts`; without name and doubts
     #: knee_width = {"r": 0.105, "l": 0.107}       values as JSON writes them
     #: event = [1.23, "r", "foot strike"]          s
 
@@ -25,7 +25,7 @@ from gaitcal.recording.recording import Recording
 MARK: Final = "#: "
 COMPUTED: Final = "computed:"
 EVENT: Final = "event"
-_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name != "name")
+_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
 _MOMENTS: Final = {moment.value: moment for moment in FootMoment}
 
 

@@ -10,12 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaitcal.commands.console import Talk
+from gaitcal.commands.init import study_or_draft
 from gaitcal.errors import InputError
-from gaitcal.intake.draft_text import draft_text, study_of
+from gaitcal.intake.draft_lines import draft_notes
+from gaitcal.intake.draft_text import draft_text, missing_words, study_of
 from gaitcal.intake.drafting import draft_study
+from gaitcal.intake.exchanges import exchange_told
 from gaitcal.intake.folder import FileKind, Folder, FolderFile
 from gaitcal.intake.person_facts import Options
-from gaitcal.recording import write_trc
+from gaitcal.intake.placing import pair_distances, placed_otherwise
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.recording import Recording, read_recording, write_trc
 from gaitcal.study.study import Study
 from tests.intake.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
 
@@ -202,3 +208,85 @@ def test_labels_that_no_set_knows(tmp_path: Path) -> None:
     made = draft(write(tmp_path / "x", {"walk": strange}))
     assert "no marker set knows enough of the labels M0, M1" in made.fault
     assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")
+
+
+def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
+    files = recordings()
+    for name, recording in files.items():
+        markers = np.concatenate([recording.markers, recording.markers + [0.0, 0.0, 1.5]], axis=1)
+        labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in recording.labels)
+        files[name] = replace(recording, markers=markers, labels=labels)
+    made = draft(write(tmp_path / "person", files))
+    assert made.fault.startswith("markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too")
+
+
+def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
+    """The same recording with labels exchanged."""
+    both = pairs | {new: old for old, new in pairs.items()}
+    return replace(recording, labels=tuple(both.get(label, label) for label in recording.labels))
+
+
+@pytest.mark.parametrize("file", ["static", "walk"])
+def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file: str) -> None:
+    files = recordings()
+    files[file] = exchanged(files[file], {"R.Thigh.Front": "R.Shank.Front"})
+    made = draft(write(tmp_path / "person", files))
+    assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.seen]
+
+
+def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
+    marker_set = load_marker_set("plug-in-gait")
+    static, walk, other = (
+        marker_set.renamed(read_recording(data_dir / name))
+        for name in ("pig_c3d/static.c3d", "pig_c3d/gait.c3d", "children/HC031A/straight.c3d")
+    )
+    pairs = {m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels}
+    one, same, sides, child = (pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other))
+    assert placed_otherwise(one, same, marker_set) == ""
+    assert placed_otherwise(one, sides, marker_set)
+    assert exchange_told(one, sides, marker_set) == "left and right"
+    assert placed_otherwise(one, child, marker_set)
+    assert exchange_told(one, child, marker_set) == ""
+
+
+def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> None:
+    files = recordings()
+    folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
+    made = draft(folder, Options())
+    assert made.problem.startswith("no recording that is used shows walking")
+    assert "walk.csv is not used: another person" in made.problem
+    with pytest.raises(InputError, match="walk.csv is not used: another person"):
+        study_or_draft(folder, Options(), Talk(quiet=True, verbose=False))
+    assert missing_words(made).startswith("no file that is used says subject.mass_kg")
+
+
+def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
+    files = recordings()
+    static, walk = files["static"], files["walk"]
+    both = [m for m in static.labels if m in walk.labels]
+    parts = [r.markers[:, [r.labels.index(m) for m in both]] for r in (static, walk)]
+    parts[1] += parts[0][-1:].mean(axis=1, keepdims=True) - parts[1][:1].mean(axis=1, keepdims=True)
+    markers = np.concatenate(parts)
+    whole = replace(walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate)
+    made = draft(write(tmp_path / "person", {"cap1": whole}))
+    assert 'in cap1.csv somebody stands for a part: call the file static, or write role = "static"' in made.fault
+    assert "somebody stands from 0." in made.seen[0].reason and "moves otherwise" in made.seen[0].reason
+
+
+def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
+    files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
+    made = draft(write(tmp_path / "person", files))
+    assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
+
+
+def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
+    files = recordings()
+    static = files["static"]
+    at = static.labels.index("R.Knee.Med")
+    labels = (*static.labels[:at], "R.Knee.Inner", *static.labels[at + 1 :])
+    folder = write(tmp_path / "person", files | {"static": replace(static, labels=labels), "squat": squat()})
+    (folder / "photo.png").touch()
+    notes = draft_notes(draft(folder))
+    assert any("left over: R.Knee.Inner" in note for note in notes)
+    assert any("not used: squat.csv: moves otherwise" in note for note in notes)
+    assert any("not used: photo.png" in note for note in notes)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.findings import Severity
+from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.recording import write_forces_csv
 from gaitcal.synthetic.motion import gait_motion
 from tests.intake.folders import draft, recordings, write
@@ -24,7 +26,8 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
     made = draft(folder)
     forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
     walk = forces["walk"]
-    assert walk is not None and walk.file.name == "walk2_grf.csv" and walk.certain
+    assert walk is not None and walk.file.name == "walk2_grf.csv"
+    assert not walk.certain and walk.reason.endswith("though its name says walk2")
     assert forces["walk2"] is None
 
 
@@ -36,6 +39,11 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
     assert all(t.forces is None for t in made.trials)
     (row,) = (row for row in made.left_out if row.name == "walk_grf.csv")
     assert "m from the feet of walk" in row.reason
+    (warning,) = rejected_forces(made)
+    assert warning.severity is Severity.WARNING and warning.where == "walk"
+    assert warning.evidence.startswith("no forces, no torques: walk_grf.csv is not used: its centres of pressure are")
+    (folder / "walk_grf.csv").unlink()
+    assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
 
 
 def test_forces_that_cover_a_part_cut_the_trial(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.intake.marker_sets import choose_set
+from gaitcal.intake.marker_sets import choose_set, people_in
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 
 NAMES = ("gait2354", "rcnl", "conventional73", "plug-in-gait")
@@ -58,3 +58,36 @@ def test_every_built_in_set_is_scored() -> None:
     for name in built_in_sets():
         found = [choice.entry for choice in choose_set([load_marker_set(name).labels])]
         assert name in found, name
+
+
+def test_one_body_has_one_prefix() -> None:
+    own = load_marker_set("plug-in-gait")
+    anna = ("RASI", "LASI", "RPSI", "LPSI", "RKNE", "LKNE", "RANK", "LANK", "RTOE", "LTOE", "RHEE", "LHEE")
+    ben = ("RKNE", "RTIB", "LTIB", "RTHI")
+    both = tuple(f"Anna:{m}" for m in anna) + tuple(f"Ben:{m}" for m in ben)
+    assert people_in(own, both) == ("Anna", "Ben")
+    assert people_in(own, [f"Anna:{m}" for m in anna] + ["Box:1", "Wand:1"]) == ()
+    apart = tuple(f"Anna:{m}" for m in anna) + ("Ben:RTIB", "Ben:RTHI")
+    best = choose_set([apart])[0]
+    assert best.people == {} and set(best.rename) == {f"Anna:{m}" for m in anna}
+    assert set(best.explained.left_over) == {"Ben:RTIB", "Ben:RTHI"}
+
+
+LONG_NAMES = {"ASI": "ASIS", "PSI": "PSIS", "THI": "THIGH", "KNE": "KNEE", "TIB": "TIBIA", "ANK": "ANKLE"}
+
+
+def test_long_names_with_a_side_before_are_of_plug_in_gait() -> None:
+    stems = (*LONG_NAMES, "HEE", "TOE", "SHO", "ELB", "FIN")
+    labels = tuple(f"{side}_{LONG_NAMES.get(stem, stem)}" for side in "RL" for stem in stems)
+    best = choose_set([(*labels, "C7", "T10", "CLAV", "STRN")])[0]
+    assert (best.entry, best.explained.left_over, best.certain) == ("plug-in-gait", (), True)
+
+
+def test_what_is_left_over_makes_a_set_unsure() -> None:
+    own = load_marker_set("plug-in-gait").labels
+    assert choose_set([own])[0].certain
+    assert choose_set([(*own, "Bottle", "Wand")])[0].certain, "things are no landmarks"
+    assert not choose_set([(*own, *(f"thing{i}" for i in range(len(own))))])[0].certain
+    one_sided = choose_set([(*own, "RKADX", "LKADX"), own])[0]
+    assert one_sided.sided_unknown == ("RKADX", "LKADX") and not one_sided.certain
+    assert choose_set([(*own, "RKADX", "LKADX")] * 2)[0].certain, "on every recording: no landmarks of a static trial"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.intake.impossible_mass import mass_fault
 from gaitcal.intake.person_facts import Options, person_of, weighed
 from gaitcal.intake.standing import standing
 from gaitcal.model.build import GRAVITY
@@ -49,3 +50,32 @@ def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: flo
     assert mass == (None if expected is None else pytest.approx(expected))
     without_corners = replace(plate, corners=None)
     assert weighed(replace(static, plates=(without_corners,)), marker_set, posture) is None
+
+
+def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None:
+    doubt = Facts(doubtful={"height": ("Height = 179: 1.79 m if cm", 1.79), "knee_width_r": ("RKneeWidth = 12", 0.12)})
+    found = person_of("x", Options(), [("static", doubt), ("walk", Facts())], None)
+    assert found["height_m"].value == 1.79 and not found["height_m"].certain
+    assert found["height_m"].reason == "static says Height = 179: 1.79 m if cm"
+    assert found["knee_width_mm"].value == {"r": 120.0} and not found["knee_width_mm"].certain
+    assert person_of("x", Options(), [("static", doubt), ("walk", Facts(height=1.8))], None)["height_m"].value == 1.8
+
+
+@pytest.mark.parametrize(
+    ("mass", "plates", "told"),
+    [
+        (66.5, ("static", 64.0), ""),
+        (146.6, ("static", 64.0), "2.29 times the 64.0 kg that the plates weigh in static: 66.5 kg if it is in lb"),
+        (652.0 / 2, ("static", 33.2), "33.2 kg if it is in N"),
+        (271.74, None, "allowed: 14 to 124 kg at a height of 1.33 m: 123.3 kg if it is in lb or 27.7 kg if it is in N"),
+        (27.7, None, ""),
+    ],
+)
+def test_a_mass_that_cannot_be_is_an_error_unless_the_user_says_it(
+    mass: float, plates: tuple[str, float] | None, told: str
+) -> None:
+    files = [("static", Facts(mass=mass, height=1.33))]
+    fault = mass_fault(person_of("x", Options(), files, plates), Options(), plates)
+    assert told in fault and bool(told) == bool(fault)
+    said = Options(mass=mass)
+    assert mass_fault(person_of("x", said, files, plates), said, plates) == ""

@@ -137,3 +137,23 @@ def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, fi
     begins = [p.time[1:][(p.force[1:, 1] > 20.0) & ~(p.force[:-1, 1] > 20.0)] for p in recording.plates]
     strikes = [e.time for e in recording.events if e.moment is FootMoment.STRIKE]
     assert min(abs(t - s) for plate in begins for t in plate for s in strikes) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fact", "words", "meant"),
+    [
+        ("Height", 179.0, "height", "no height in mm or m; 1.79 m if cm", 1.79),
+        ("Height", 70.0, "height", "0.7 m if cm or 1.778 m if inches", None),
+        ("Bodymass", 652.4, "mass", "no mass in kg; 66.53 kg if N", 66.53),
+        ("RKneeWidth", 12.0, "knee_width_r", "no width in mm; 0.12 m if cm", 0.12),
+    ],
+)
+def test_figures_in_other_units_are_kept_and_told(
+    name: str, value: float, fact: str, words: str, meant: float | None
+) -> None:
+    facts = facts_of({"PROCESSING": {name: [value]}})
+    assert facts.height is facts.mass is None and facts.knee_width == {}
+    told, guess = facts.doubtful[fact]
+    assert told.startswith(f"{name} = {value:g}: ") and words in told
+    assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))
+    assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, "0 stands where nobody filled in the form"

@@ -15,9 +15,17 @@ from gaitcal.recording.labels import clean
 from gaitcal.recording.metadata import Facts, FootEvent, FootMoment
 
 MILLIMETRE: Final = 1e-3
+GRAVITY_M_S2: Final = 9.80665
 MASS_KG, HEIGHT_M = (2.0, 400.0), (0.3, 2.6)
 """Outside of these a number is no mass, no height: 0 stands where nobody filled in the form."""
 WIDTH_M, LENGTH_M = (0.02, 0.3), (0.1, 1.5)
+PERSON_KG, PERSON_M = (5.0, 250.0), (0.5, 2.3)
+"""Of a person whose figures are in another unit than they should be: a guess has to be a likely one."""
+KNEE_M, ANKLE_M = (0.05, 0.2), (0.03, 0.15)
+CENTIMETRE: Final = 1e-2
+OTHER_MASSES: Final = {"N": 1 / GRAVITY_M_S2, "g": 1e-3}
+OTHER_HEIGHTS: Final = {"cm": CENTIMETRE, "inches": 0.0254}
+OTHER_WIDTHS: Final = {"cm": CENTIMETRE}
 SIDES: Final = {"right": "r", "left": "l"}
 MOMENTS: Final = {
     "foot strike": FootMoment.STRIKE,
@@ -27,6 +35,10 @@ MOMENTS: Final = {
     "foot off": FootMoment.OFF,
     "toe off": FootMoment.OFF,
 }
+
+
+_Doubt = tuple[str, float | None] | None
+"""A figure that cannot be in its unit, in words, and what it is in the only other unit that fits."""
 
 
 def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
@@ -45,18 +57,46 @@ def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
         found = {s: number([f"{s.upper()}{name}"], unit, allowed) for s in SIDES.values()}
         return {s: value for s, value in found.items() if value is not None}
 
+    def doubt(
+        names: Iterable[str], why: str, others: Mapping[str, float], allowed: tuple[float, float], si: str
+    ) -> _Doubt:
+        for name in names:
+            if value := _first_number(group.get(name.lower())):
+                told = {unit: value * by for unit, by in others.items() if allowed[0] <= value * by <= allowed[1]}
+                if not told:
+                    continue  # no figure of a person in any unit: a form that nobody filled in
+                words = " or ".join(f"{meant:.4g} {si} if {unit}" for unit, meant in told.items())
+                text = f"{name} = {value:g}: {why}; {words}"
+                return text, next(iter(told.values())) if len(told) == 1 else None
+        return None
+
+    masses, heights = ("Bodymass", "Mass", "Weight"), ("Height",)
+    mass = number(masses, 1.0, MASS_KG)
+    height = number(heights, MILLIMETRE, HEIGHT_M) or number(heights, 1.0, HEIGHT_M)
+    knee, ankle = sided("KneeWidth", MILLIMETRE, WIDTH_M), sided("AnkleWidth", MILLIMETRE, WIDTH_M)
+    doubts = {
+        "mass": None if mass else doubt(masses, "no mass in kg", OTHER_MASSES, PERSON_KG, "kg"),
+        "height": None if height else doubt(heights, "no height in mm or m", OTHER_HEIGHTS, PERSON_M, "m"),
+    }
+    for field, sides, name, allowed in (
+        ("knee_width", knee, "KneeWidth", KNEE_M),
+        ("ankle_width", ankle, "AnkleWidth", ANKLE_M),
+    ):
+        for s in [s for s in SIDES.values() if s not in sides]:
+            doubts[f"{field}_{s}"] = doubt([f"{s.upper()}{name}"], "no width in mm", OTHER_WIDTHS, allowed, "m")
     static = _first_number(subjects.get("IS_STATIC"))
     return Facts(
         name=_first_text(subjects.get("NAMES")),
-        mass=number(("Bodymass", "Mass", "Weight"), 1.0, MASS_KG),
-        height=number(("Height",), MILLIMETRE, HEIGHT_M) or number(("Height",), 1.0, HEIGHT_M),
+        mass=mass,
+        height=height,
         marker_set=_first_text(subjects.get("MARKER_SETS")),
         marker_diameter=number(("MarkerDiameter",), MILLIMETRE, (0.003, 0.04)),
         asis_distance=number(("InterAsisDistance",), MILLIMETRE, (0.08, 0.5)),
-        knee_width=sided("KneeWidth", MILLIMETRE, WIDTH_M),
-        ankle_width=sided("AnkleWidth", MILLIMETRE, WIDTH_M),
+        knee_width=knee,
+        ankle_width=ankle,
         leg_length=sided("LegLength", MILLIMETRE, LENGTH_M),
         static_plantarflexion=sided("StaticPlantFlex", 1.0, (-1.5, 1.5)),
+        doubtful={field: told for field, told in doubts.items() if told is not None},
         is_static=bool(static) if static else None,
     )
 
