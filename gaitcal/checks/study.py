@@ -80,6 +80,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     standing.stillness,
     static_landmarks.proportions,
     posture.standing_straight,
+    posture.standing_flat,
     marker_places.on_segments,
     sampling.rate,
     sampling.header_rate,
