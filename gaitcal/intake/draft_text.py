@@ -55,7 +55,7 @@ def _subject(draft: Draft) -> list[str]:
             lines += _line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
             lines.append(f"# {field} =   # MISSING: no file says it; write {MISSING[field]}, and take the first # away")
-    for field in ("knee_width_mm", "ankle_width_mm", "marker_diameter_mm"):
+    for field in ("knee_width_mm", "ankle_width_mm", "asis_distance_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
     if "age_years" not in draft.person:
