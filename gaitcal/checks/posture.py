@@ -1,4 +1,4 @@
-"""How somebody stands in a static trial: bent, on one leg, sitting. Arms play no part.
+"""How somebody stands in a static trial: bent, on one leg, sitting, on the forefeet. Arms play no part.
 
 With the joint centres of the nominal model (hips by Bell) and the body axes of `plan.py`: the knee bends by the angle
 between thigh and shank in the thigh's sagittal plane, and the thigh leans by its angle to the vertical.
@@ -15,7 +15,9 @@ from gaitcal.arrays import Array
 from gaitcal.body.plan import body_axes
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.knee_and_ankle import SIDE_WORDS, JointWidths
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED
@@ -71,6 +73,27 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
         thighs.append(float(np.rad2deg(np.arccos(np.clip(thigh[1, 1], -1.0, 1.0)))))
     heels = float(p["heel_r"][1] - p["heel_l"][1])
     return StandingLegs(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
+
+
+def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
+    p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
+    makes_model = trial.rebuilding is not None
+    if p is None or not makes_model or rule is not AnkleZero.AUTO or any(name not in p for name in REQUIRED):
+        return
+    posture = StaticPosture(trial.source, {}, p, {})
+    legs = lower_body(posture, trial.subject.height, HipCentre.HARRINGTON, widths=JointWidths.of(trial.subject))
+    doubts = standing_ankles(posture, legs, trial.recording.facts.static_plantarflexion, rule).doubts
+    if doubts:
+        yield trial.finding(
+            Severity.WARNING,
+            "posture",
+            "; ".join(f"{SIDE_WORDS[side]} foot: {why}" for side, why in doubts.items()),
+            "look at the feet in that trial and say it under [calibration]: ankle_zero = 'sole' if they stand flat, "
+            "'file' or 'markers' if the heels are off the floor",
+            cause="the feet may not stand flat in the static trial, from which ankle angles are counted",
+            leg="" if len(doubts) == 2 else next(iter(doubts)),
+        )
 
 
 def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:

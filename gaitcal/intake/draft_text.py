@@ -57,7 +57,7 @@ def _subject(draft: Draft) -> list[str]:
         elif field in MISSING:
             write = f"write {MISSING[field]}, and take the first # away"
             lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
-    for field in ("knee_width_mm", "ankle_width_mm", "marker_diameter_mm"):
+    for field in ("knee_width_mm", "ankle_width_mm", "asis_distance_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
     if "age_years" not in draft.person:

@@ -83,10 +83,14 @@ def person_of(
     for field, get in (("knee_width_mm", lambda f: f.knee_width), ("ankle_width_mm", lambda f: f.ankle_width)):
         if (width := _sided(files, get) or _doubtful_sides(files, field.removesuffix("_mm"))) is not None:
             out[field] = width
-    if (diameter := _number(None, files, lambda f: f.marker_diameter, "m", 6)) is not None:
-        out["marker_diameter_mm"] = Known(
-            value=round(1e3 * float(str(diameter.value)), 2), reason=diameter.reason, certain=diameter.certain
-        )
+    for field, length in (
+        ("asis_distance_mm", lambda f: f.asis_distance),
+        ("marker_diameter_mm", lambda f: f.marker_diameter),
+    ):
+        if (known := _number(None, files, length, "m", 6)) is not None:
+            out[field] = Known(
+                value=round(1e3 * float(str(known.value)), 2), reason=known.reason, certain=known.certain
+            )
     return out
 
 

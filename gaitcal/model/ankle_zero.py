@@ -16,13 +16,14 @@ A foot is taken as flat unless the slope of its line from heel to toe marker dif
 UNEVEN (both are marked alike; of ten people the most was 0.03), or its heel marker lies by more than HIGH of its length
 above its toe marker (at most 0.10 there). Of two uneven feet the one whose heel is higher, or whose toes are, is off
 the floor, whichever differs more; the other stands flat, and tells how the markers lie to the sole. That both heels are
-off the floor by less cannot be told; the notes give the slope of either foot's markers.
+off the floor alike, as when a child stands on its forefeet, the markers do not tell: the file's angle does where it is
+DISAGREE from a level sole, and is believed; where the file has none, heel markers STEEP above toe markers are doubted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -37,6 +38,9 @@ from gaitcal.model.segment_frames import LowerBody, unit
 
 UNEVEN, HIGH = 0.10, 0.22
 """Shares of the distance from heel to toe marker: 6 and 13 degrees of its slope."""
+DISAGREE = STEEP = np.deg2rad(8.0)
+"""rad. Of twelve feet that stand flat the file's angle is 0 to 5.7 degrees from a level sole; of 32 the heel marker is
+at most 5.7 degrees above the toe marker, in shoes."""
 OTHER = {"r": "l", "l": "r"}
 
 
@@ -57,6 +61,8 @@ class StandingAnkles:
     dorsiflexion: Mapping[str, float]
     """Side -> rad."""
     notes: tuple[str, ...]
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    """Side -> why that may be another angle, where nobody has said what to count from."""
 
 
 def standing_ankles(
@@ -92,7 +98,8 @@ def standing_ankles(
             angles[side], words[side] = foot.by_sole, "the sole is taken as level"
         else:
             angles[side], words[side] = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
-    return StandingAnkles(angles, _notes(angles, words, feet))
+    doubts = {s: why for s in SIDES if rule is AnkleZero.AUTO and (why := _doubt(feet[s], feet[OTHER[s]]))}
+    return StandingAnkles(angles, _notes(angles, words, feet), doubts)
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,11 @@ class _Foot:
     """m, height of the heel marker."""
     toe: float
     """m, height of the toe marker."""
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the file's angle is that of no foot with its sole on the floor."""
+        return self.by_file is not None and abs(self.by_file - self.by_sole) > DISAGREE
 
     @classmethod
     def of(cls, posture: StaticPosture, legs: LowerBody, side: str, plantarflexion: float | None) -> _Foot:
@@ -147,6 +159,9 @@ def _automatic(foot: _Foot, other: _Foot) -> tuple[float, str]:
     """Dorsiflexion of a foot, and why."""
     lifted = _off_the_floor(foot, other)
     if not lifted and np.sin(foot.slope) >= -HIGH:
+        if foot.by_file is not None and foot.disagrees:
+            off = abs(np.rad2deg(foot.by_file - foot.by_sole))
+            return foot.by_file, f"by the file's static plantarflexion angle, {off:.0f} deg from a sole on the floor"
         return foot.by_sole, "it stands flat on the floor"
     why = "its toes seem off the floor" if lifted == "toes" else "its heel seems off the floor"
     if foot.by_file is not None:
@@ -154,6 +169,23 @@ def _automatic(foot: _Foot, other: _Foot) -> tuple[float, str]:
     if lifted and np.sin(other.slope) >= -HIGH:
         return foot.by_markers - other.slope, f"{why}; its markers are taken to lie to the sole as the other foot's"
     return foot.by_markers, f"{why}; the line from heel to toe marker is taken as the sole's"
+
+
+def _doubt(foot: _Foot, other: _Foot) -> str:
+    """Why a foot may stand otherwise than it was taken to stand; nothing where there is no reason."""
+    lifted = _off_the_floor(foot, other)
+    if foot.by_file is not None:
+        off = np.rad2deg(foot.by_file - foot.by_sole)
+        words = (
+            f"the file's static plantarflexion angle has it {abs(off):.0f} deg more {'dorsi' if off > 0 else 'plantar'}"
+        )
+        return f"{words}flexed than a foot with its sole on the floor" if foot.disagrees and not lifted else ""
+    told_by_other = lifted and np.sin(other.slope) >= -HIGH
+    if foot.slope >= -STEEP or told_by_other:
+        return ""
+    taken = "the sole is taken to lie on the floor" if np.sin(foot.slope) >= -HIGH else "the sole is taken to lie along"
+    line = f"its heel marker lies {-np.rad2deg(foot.slope):.0f} deg above its toe marker"
+    return f"{line}, and {taken}" + ("" if taken.endswith("floor") else " that line")
 
 
 def _notes(angles: Mapping[str, float], words: Mapping[str, str], feet: Mapping[str, _Foot]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
-from gaitcal.model.growth import GROWING, UNKNOWN_AGE, growth, is_known_child, looks_like_child, youngest_and_adult_age
+from gaitcal.model.growth import GROWING, growth, is_known_child, looks_like_child, supposed_age, youngest_and_adult_age
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
@@ -119,20 +119,23 @@ def table_words(subject: Subject) -> str:
     elif looks_like_child(subject):
         more = child_spread(subject)
         words += (
-            f"; a table of adults, though {subject.height:.2f} m looks like a child: its masses count as less certain, "
+            f"; a table of adults, though {subject.height:.2f} m looks like a child's, with "
+            f"{subject.mass:.0f} kg, and no age is known: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for head and trunk, as "
-            f"those of children of {UNKNOWN_AGE:g} differ (Jensen 1989); age_years tells which table to use"
+            f"those of children of {supposed_age(subject):g} differ (Jensen 1989); age_years tells which table to use"
         )
+    elif subject.age is None:
+        words += "; a table of adults: no age is known"
     return words
 
 
 def child_spread(subject: Subject) -> dict[str, float]:
     """How far (standard deviation of the logarithm) the table of adults may be from the masses of a child whose age is
-    not known: what Jensen's shares change from `UNKNOWN_AGE` to adults. By segment without its side; empty for others.
+    not known: what Jensen's shares change from `supposed_age` to adults. By segment without its side; empty for others.
     """
     if not looks_like_child(subject):
         return {}
-    adult, child = (mass_shares(subject.sex, age) for age in (None, UNKNOWN_AGE))
+    adult, child = (mass_shares(subject.sex, age) for age in (None, supposed_age(subject)))
     return {
         segment: float(abs(np.log(sum(child[n] for n in names) / sum(adult[n] for n in names))))
         for segment, names in _PARTS.items()

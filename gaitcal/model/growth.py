@@ -22,8 +22,12 @@ from gaitcal.model.subject_model import Subject
 
 CHILD_HEIGHT = 1.45
 """m; few adults are shorter, and most children before puberty are."""
-UNKNOWN_AGE = 8.0
-"""Years that a child counts as where its age is not known, to say how wrong the table of adults may be."""
+YOUTH_HEIGHT, YOUTH_MASS = 1.60, 50.0
+"""m and kg; somebody below both may be a child of 10 to 14 years: the median child passes both shortly before the 14th
+birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some slender women are below both, too."""
+UNKNOWN_AGE, UNKNOWN_AGE_OF_YOUTH = 8.0, 12.0
+"""Years that a child counts as where its age is not known, to say how wrong the table of adults may be: one shorter
+than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.50 m."""
 
 GROWING: dict[str, str] = {
     "Head2": "head",
@@ -67,5 +71,11 @@ def is_known_child(subject: Subject) -> bool:
 
 
 def looks_like_child(subject: Subject) -> bool:
-    """Whether the age is not given, and the height that of a child."""
-    return subject.age is None and subject.height < CHILD_HEIGHT
+    """Whether the age is not given, and height and mass may be those of a child."""
+    youth = subject.height < YOUTH_HEIGHT and subject.mass < YOUTH_MASS
+    return subject.age is None and (subject.height < CHILD_HEIGHT or youth)
+
+
+def supposed_age(subject: Subject) -> float:
+    """Years that somebody who looks like a child counts as."""
+    return UNKNOWN_AGE if subject.height < CHILD_HEIGHT else UNKNOWN_AGE_OF_YOUTH

@@ -14,14 +14,17 @@ differences that the latter print in Table II; Harrington, Zavatsky, Lawson, Yua
 Harrington's is the one to start with: of the regressions held against images it is nearest (12 mm in 67 adults by
 computed tomography, Mantovani, Ng and Lamontagne, Gait Posture 44:48-54, 2016; nearest of all in adults and in
 children with cerebral palsy by ultrasound, Sangeux, Peters and Baker, Gait Posture 34:324-328, 2011 and 40:20-25, 2014,
-and Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286, 2012), and children are among its own people. PW and PD
-are distances of marker centres. Their radius and the skin beneath are not taken off: with a radius of 7 mm hips would
-lie 4 mm further back, and hips that move in isolated trials do not say so.
+and Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286, 2012), and children are among its own people. PD is a
+distance of marker centres, and so is PW unless somebody measured it by hand, between the bones: soft tissue holds the
+markers of stout people apart, and Plug-in Gait takes the measured one (its `InterAsisDistance`), too. The radius and
+the skin beneath the markers are not taken off: with a radius of 7 mm hips would lie 4 mm further back, and hips that
+move in isolated trials do not say so. OrthoTrak's factors are for markers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -49,6 +52,48 @@ _PRINTED = {HipCentre.BELL: "Bell 1990", HipCentre.ORTHOTRAK: "OrthoTrak", HipCe
 FARTHEST_GIVEN = 0.40
 """Share of the distance between the ASIS by which a given hip centre may lie off Harrington's. The regression misses
 hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies 75 % away."""
+DOUBTED_GIVEN, UNEVEN_GIVEN = 0.22, 0.15
+"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off Harrington's; and how far the
+two may be from mirror images of each other."""
+PLAUSIBLE_SHARE = (0.6, 1.1)
+"""Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to 1.00 of seven people;
+less of stout ones, and hardly more, as bones lie inside of the skin."""
+
+
+@dataclass(frozen=True)
+class PelvicWidth:
+    """The distance between the two ASIS, m."""
+
+    markers: float
+    """Between the centres of their markers."""
+    measured: float | None = None
+    """By hand; None where nobody told."""
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether there is a measured distance that can belong to these markers."""
+        return self.measured is not None and PLAUSIBLE_SHARE[0] <= self.measured / self.markers <= PLAUSIBLE_SHARE[1]
+
+    def of(self, rule: HipCentre) -> float:
+        """PW of a regression."""
+        if self.measured is None or not self.is_plausible or rule is HipCentre.ORTHOTRAK:
+            return self.markers
+        return self.measured
+
+    def words(self, rule: HipCentre) -> str:
+        """Which is taken, and what speaks against it."""
+        taken, markers = f"{1e3 * self.of(rule):.0f} mm between the ASIS", f"{1e3 * self.markers:.0f} mm"
+        if self.measured is None:
+            return taken
+        if not self.is_plausible:
+            low, high = PLAUSIBLE_SHARE
+            return (
+                f"{taken} (between their markers; the measured {1e3 * self.measured:.0f} mm are not used: allowed: "
+                f"{low:g} to {high:g} times that)"
+            )
+        if rule is HipCentre.ORTHOTRAK:
+            return f"{taken} (between their markers, which it is made for; measured {1e3 * self.measured:.0f} mm)"
+        return f"{taken} (as measured by hand; {markers} between their markers)"
 
 
 def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str) -> Array:
@@ -67,11 +112,11 @@ def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side:
     return np.array([ant, sup, lat if side == "r" else -lat])
 
 
-def regression_note(rule: HipCentre, asis_distance: float, pelvic_depth: float) -> str:
+def regression_note(rule: HipCentre, width: PelvicWidth, pelvic_depth: float) -> str:
     """What the notes say of nominal hip centres by a regression."""
     depth = f" and {1e3 * pelvic_depth:.0f} mm from their middle to the sacral markers"
     return (
-        f"hip centres by the {_PRINTED[rule]} regression from {1e3 * asis_distance:.0f} mm between the ASIS"
+        f"hip centres by the {_PRINTED[rule]} regression from {width.words(rule)}"
         f"{depth if rule is HipCentre.HARRINGTON else ''}"
     )
 
@@ -105,6 +150,14 @@ def given_hips(posture: StaticPosture, regression: Mapping[str, Array], asis_dis
                 field=f"hip centre {posture.hip_labels[side]}",
             )
     return posture.hips
+
+
+def given_note(posture: StaticPosture, regression: Mapping[str, Array]) -> str:
+    """That the hip centres are those of the file, and how far they lie from Harrington's."""
+    gaps = ", ".join(
+        f"{posture.hip_labels[s]} {1e3 * np.linalg.norm(posture.hips[s] - regression[s]):.0f} mm" for s in SIDES
+    )
+    return f"hip centres are points of the file, this far from where Harrington 2007 has them: {gaps}"
 
 
 def offer_note(posture: StaticPosture, used: Mapping[str, Array]) -> list[str]:

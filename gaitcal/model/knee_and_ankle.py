@@ -52,13 +52,15 @@ class JointWidths:
     """(`knee` or `ankle`, side) -> m across the joint."""
     marker_diameter: float | None = None
     """m; None where nobody told."""
+    asis_distance: float | None = None
+    """m between the ASIS, measured by hand, for the hips (`hip_centre.py`); None where nobody told."""
 
     @classmethod
     def of(cls, subject: Subject) -> JointWidths:
         """Those of a person."""
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
         measured = {(joint, side): width for joint, by_side in widths.items() for side, width in by_side.items()}
-        return cls(subject.height, measured, subject.marker_diameter)
+        return cls(subject.height, measured, subject.marker_diameter, subject.asis_distance)
 
     @property
     def marker_radius(self) -> float:

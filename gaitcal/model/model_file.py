@@ -69,6 +69,7 @@ class _Subject(Table):
     age_years: Annotated[_Number, Field(ge=0)] | None = None
     knee_width_mm: dict[str, _Number] = Field(default={})
     ankle_width_mm: dict[str, _Number] = Field(default={})
+    asis_distance_mm: _Number | None = None
     marker_diameter_mm: _Number | None = None
 
 
@@ -130,6 +131,7 @@ def model_text(model: SubjectModel) -> str:
         f"height_m = {_text(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
         *([] if s.age is None else [f"age_years = {_text(s.age, 'kg')}"]),
+        *([] if s.asis_distance is None else [f"asis_distance_mm = {_text(s.asis_distance, 'mm')}"]),
         *([] if s.marker_diameter is None else [f"marker_diameter_mm = {_text(s.marker_diameter, 'mm')}"]),
         *_widths("knee", s.knee_width),
         *_widths("ankle", s.ankle_width),
@@ -239,6 +241,7 @@ def load_model(path: Path | str) -> SubjectModel:
             age=None if s.age_years is None else _si(s.age_years, "kg"),
             knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
             ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
+            asis_distance=None if s.asis_distance_mm is None else _si(s.asis_distance_mm, "mm"),
             marker_diameter=None if s.marker_diameter_mm is None else _si(s.marker_diameter_mm, "mm"),
         ),
         parameters=Parameters(joint[0], inertial[0], zero[0]),

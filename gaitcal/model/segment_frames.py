@@ -21,7 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.hip_centre import HipCentre, given_hips, hip_centre, offer_note, regression_note
+from gaitcal.model.hip_centre import (
+    HipCentre,
+    PelvicWidth,
+    given_hips,
+    given_note,
+    hip_centre,
+    offer_note,
+    regression_note,
+)
 from gaitcal.model.knee_and_ankle import TIBIAL_TORSION, JointWidths, centre_notes, joint_centre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
@@ -85,14 +93,14 @@ class LowerBody:
 def lower_body(
     posture: StaticPosture, height: float, rule: HipCentre, *, widths: JointWidths | None = None
 ) -> LowerBody:
-    """Frames and centres of pelvis and legs; `height` in m; `widths` of knees and ankles, else in proportion to it."""
+    """Frames and centres of pelvis and legs; `height` in m; `widths` as measured, else in proportion to it."""
     widths = widths or JointWidths(height)
     p = posture.landmarks
     pelvis = _pelvis(p["asis_r"], p["asis_l"], p["sacrum"])
     asis = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
     frames = {"pelvis": pelvis}
     centres = {"lumbar": pelvis.point(lumbar_joint(asis))}
-    hips, notes = _hips(posture, pelvis, rule)
+    hips, notes = _hips(posture, pelvis, rule, PelvicWidth(asis, widths.asis_distance))
     notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
         hip = hips[side]
@@ -110,18 +118,18 @@ def lower_body(
     return LowerBody(frames, centres, (*notes, *centre_notes(posture, widths)))
 
 
-def _hips(posture: StaticPosture, pelvis: Frame, rule: HipCentre) -> tuple[Mapping[str, Array], list[str]]:
+def _hips(
+    posture: StaticPosture, pelvis: Frame, rule: HipCentre, width: PelvicWidth
+) -> tuple[Mapping[str, Array], list[str]]:
     """Side -> hip centre (3,) m in the laboratory, and where it is from."""
-    p = posture.landmarks
-    width = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
-    depth = float(np.linalg.norm(pelvis.origin - p["sacrum"]))
+    depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
 
     def by(regression: HipCentre) -> dict[str, Array]:
-        return {side: pelvis.point(hip_centre(regression, width, depth, side)) for side in SIDES}
+        return {side: pelvis.point(hip_centre(regression, width.of(regression), depth, side)) for side in SIDES}
 
     if rule is HipCentre.GIVEN:
-        names = ", ".join(posture.hip_labels.values())
-        return given_hips(posture, by(HipCentre.HARRINGTON), width), [f"hip centres are points of the file: {names}"]
+        usual = by(HipCentre.HARRINGTON)
+        return given_hips(posture, usual, width.markers), [given_note(posture, usual)]
     hips = by(rule)
     return hips, [regression_note(rule, width, depth), *offer_note(posture, hips)]
 

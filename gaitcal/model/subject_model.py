@@ -28,6 +28,8 @@ class Subject:
     """Side -> m across the femoral epicondyles, where measured."""
     ankle_width: Mapping[str, float] = field(default_factory=dict)
     """Side -> m across the malleoli, where measured."""
+    asis_distance: float | None = None
+    """m between the two anterior superior iliac spines, where measured by hand."""
     marker_diameter: float | None = None
     """m; None where not known."""
 

@@ -34,12 +34,13 @@ from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
-from gaitcal.person.static_angles import counted_from_static, shifted, static_angles
+from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
 from gaitcal.person.trial_result import axis_deviations, trial_result
 from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.verdict.consequences import without_consequences
@@ -74,9 +75,10 @@ def calibrate(
     nominal = nominal_of(study)
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
-    static = study.static.recording
+    static = completed_static(study).static
+    counted = counted_from_static if settings.keeps_ankle_zero else as_fitted
     if joint is not None:
-        parameters, _ = counted_from_static(nominal, parameters, static)
+        parameters, _ = counted(nominal, parameters, static)
     progress("tracking with the nominal model")
     before = {t.name: tracked_motion(t.fitted if t.joint else t.body, nominal.parameters) for t in trials}
     stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
@@ -102,7 +104,7 @@ def calibrate(
     if joint is not None and inertial is not None and settings.joint_step and shown:
         combined = _combined_fit(trials, nominal, parameters, joint, motions, shown, settings, progress)
     if combined is not None:
-        parameters, moved = counted_from_static(nominal, combined.parameters, static)
+        parameters, moved = counted(nominal, combined.parameters, static)
         motions = {
             t.name: motion_of(
                 t.body, parameters, shifted(nodes, t.body.chain.coordinates, moved), converged=combined.converged

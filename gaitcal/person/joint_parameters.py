@@ -24,6 +24,7 @@ from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial,
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.runtime import Progress
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
+from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study
 
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
@@ -51,7 +52,7 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     study, findings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
-    standing = standing_problem(nominal, study.static.recording) if by_evidence else None
+    standing = standing_problem(nominal, completed_static(study).static) if by_evidence else None
     fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing)
     if settings.jp and trials:
         progress("joint parameters")

@@ -50,6 +50,11 @@ def counted_from_static(
     return replace(parameters, zero_angles=zero), moved
 
 
+def as_fitted(model: SubjectModel, parameters: Parameters, static: Recording) -> tuple[Parameters, Mapping[str, float]]:
+    """The same where the ankles keep the zero of the nominal model: nothing moves."""
+    return parameters, {}
+
+
 def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
     """The nodes (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, so they move as the angle."""
     out: Array = nodes - np.array([moved.get(name, 0.0) for name in coordinates])

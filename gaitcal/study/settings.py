@@ -203,6 +203,13 @@ class CalibrationSettings(Table):
         published = self.ankle_zero == AUTOMATIC and self.decided_by is Protocol.PUBLISHED
         return "markers" if published else self.ankle_zero
 
+    @property
+    def keeps_ankle_zero(self) -> bool:
+        """Whether a fit leaves the ankle angles of the static posture as they were; the published protocol's does not,
+        whose zero angles are the nominal model's.
+        """
+        return self.ankle_zero != AUTOMATIC or self.decided_by is Protocol.EVIDENCE
+
     @field_validator("joint_step")
     @classmethod
     def _joint_step_needs_both(cls, joint_step: bool, info: ValidationInfo) -> bool:

@@ -6,8 +6,10 @@ count from 1, in the order of the file), what was found, what is allowed. Only t
 
 from __future__ import annotations
 
+import math
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -45,16 +47,31 @@ def _interval(value: object) -> tuple[float, float]:
     return float(numbers[0]), float(numbers[1])
 
 
+def _millimetres(low: float, high: float) -> Callable[[object], float]:
+    """A length of a body in mm, with a word for one that was given in another unit."""
+
+    def check(value: object) -> float:
+        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+        if low <= number <= high:
+            return number
+        units = (("centimetres", 10.0), ("metres", 1000.0))
+        fits = [f"{unit}: {mm * number:g} mm" for unit, mm in units if low <= mm * number <= high]
+        hint = f"; this looks like {fits[0]}" if fits else ""
+        raise ValueError(f"found {shown(value)}; allowed: {low:g} to {high:g} mm{hint}")
+
+    return check
+
+
+_width_mm = _millimetres(20, 300)
+
+
 def _sided(value: object) -> object:
     """A width in mm of either side, or of each."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         value = {"r": value, "l": value}
     if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
         raise ValueError(f"found {shown(value)}; allowed: a width in mm, or {{ r = ..., l = ... }}")
-    for width in value.values():
-        if isinstance(width, bool) or not isinstance(width, int | float) or not 10 <= width <= 300:
-            raise ValueError(f"found {shown(width)}; allowed: 10 to 300 mm")
-    return {side: float(width) for side, width in value.items()}
+    return {side: _width_mm(width) for side, width in value.items()}
 
 
 class SubjectTable(Table):
@@ -71,7 +88,12 @@ class SubjectTable(Table):
     ankle_width_mm: Annotated[dict[str, float], BeforeValidator(_sided)] = Field(
         default={}, description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }"
     )
-    marker_diameter_mm: float | None = Field(default=None, gt=0, le=60, description="diameter of the markers, mm")
+    asis_distance_mm: Annotated[float, BeforeValidator(_millimetres(80, 500))] | None = Field(
+        default=None, description="distance between the two anterior superior iliac spines as measured by hand, mm"
+    )
+    marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
+        default=None, description="diameter of the markers, mm"
+    )
 
     @field_validator("name")
     @classmethod

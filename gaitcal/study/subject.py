@@ -26,18 +26,22 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         age=table.age_years,
         knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
         ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        asis_distance=told.asis_distance if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
         marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
     )
 
 
 def _told(facts: Sequence[Facts]) -> Facts:
-    """Widths and marker diameter, each from the first file that tells it and names the person of the first file."""
+    """Widths, distance between the ASIS and marker diameter: each from the first file that tells it and names the
+    person of the first file.
+    """
     out = Facts()
     for told in reversed([f for f in facts if f.name == facts[0].name]):
         out = replace(
             out,
             knee_width=out.knee_width | told.knee_width,
             ankle_width=out.ankle_width | told.ankle_width,
+            asis_distance=told.asis_distance or out.asis_distance,
             marker_diameter=told.marker_diameter or out.marker_diameter,
         )
     return out

@@ -239,6 +239,17 @@ def test_static_trial_too_short_to_be_still(sound: Study, frames: int, step: flo
     assert not [f for f in check_study(spoilt) if f.severity is ERROR]
 
 
+def test_feet_that_do_not_stand_as_the_file_says_are_told_unless_the_study_decides(sound: Study) -> None:
+    def forefeet(r: Recording) -> Recording:
+        return replace(r, facts=replace(r.facts, static_plantarflexion={"r": -0.15, "l": -0.15}))
+
+    spoilt = with_trial(sound, "static", forefeet)
+    (found,) = findings(spoilt, "posture", WARNING)
+    assert "right foot: the file's" in found.found and "more plantarflexed" in found.found and not found.leg
+    decided = spoilt.settings.model_copy(update={"ankle_zero": "sole"})
+    assert not findings(replace(spoilt, settings=decided), "posture")
+
+
 def test_one_recording_as_two_trials(sound: Study) -> None:
     walk = next(t for t in sound.trials if t.name == "walk")
     again = replace(walk, name="walk2", recording=replace(walk.recording, source="copy.csv", plates=()))

@@ -11,6 +11,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
+from gaitcal.model.chain import axis_rotation
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import load_marker_set
@@ -99,6 +100,44 @@ def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() ->
     assert "its heel seems off the floor; the line" in auto.notes[0]
     told = {"r": 5.0, "l": 6.0}
     assert degrees(ankles(high, AnkleZero.AUTO, told)) == degrees(ankles(high, AnkleZero.FILE, told))
+
+
+def told_flat(posture: StaticPosture) -> dict[str, float]:
+    """The file's angles, deg, of feet whose soles lie on the floor."""
+    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
+    lines = {s: posture.landmarks[f"toe_{s}"] - legs.centres[f"ajc_{s}"] for s in "rl"}
+    return {s: float(np.rad2deg(np.arctan2(-a[1], np.hypot(a[0], a[2])))) for s, a in lines.items()}
+
+
+def on_forefeet(posture: StaticPosture, degrees: float) -> StaticPosture:
+    """Both feet's markers turned about the ankles' centres, toes down."""
+    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
+    turn = axis_rotation(2, -np.deg2rad(degrees))
+    turned = {
+        f"{end}_{s}": c + turn @ (posture.landmarks[f"{end}_{s}"] - c)
+        for s in "rl"
+        for end in ("heel", "toe")
+        for c in [legs.centres[f"ajc_{s}"]]
+    }
+    return replace(posture, landmarks={**posture.landmarks, **turned})
+
+
+@pytest.mark.parametrize("low_m", [0.0, 0.015])
+def test_feet_on_their_forefeet_are_plantarflexed_as_the_file_tells(low_m: float) -> None:
+    """Its angle is that of the foot's markers, and stays when the foot turns; heel markers tell less."""
+    flat = displaced(published_posture(), heel_r=(0, -low_m, 0), heel_l=(0, -low_m, 0))
+    told = told_flat(flat)
+    before, after = ankles(flat, AnkleZero.AUTO, told), ankles(on_forefeet(flat, 10.0), AnkleZero.AUTO, told)
+    assert np.subtract(degrees(after), degrees(before)) == pytest.approx([-10.0, -10.0], abs=0.5)
+    assert not before.doubts and set(after.doubts) == {"r", "l"}
+    assert "10 deg more plantarflexed" in after.doubts["r"] and "10 deg from a sole on the floor" in after.notes[0]
+    for rule in (AnkleZero.SOLE, AnkleZero.MARKERS, AnkleZero.FILE):
+        assert not ankles(on_forefeet(flat, 10.0), rule, told).doubts, "the user has said it"
+
+
+@pytest.mark.parametrize(("tilt", "doubted"), [(6.0, False), (10.0, True), (16.0, True)])
+def test_high_heels_that_no_file_explains_are_doubted(tilt: float, doubted: bool) -> None:
+    assert bool(ankles(on_forefeet(published_posture(), tilt), AnkleZero.AUTO).doubts) is doubted
 
 
 def test_a_file_angle_is_that_of_ankle_and_toe_with_the_foot() -> None:

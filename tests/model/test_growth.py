@@ -61,12 +61,24 @@ def test_a_small_child_has_a_heavy_head_and_light_thighs() -> None:
 
 def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less() -> None:
     unknown = Subject("child", 28.0, 1.30, "female")
-    assert "table of adults, though 1.30 m looks like a child" in table_words(unknown)
+    assert "table of adults, though 1.30 m looks like a child's" in table_words(unknown)
     spread = child_spread(unknown)
     assert spread["thigh"] == pytest.approx(
         np.log(mass_shares("female", None)["Thigh"] / mass_shares("female", 8.0)["Thigh"])
     )
     for known in (Subject("child", 28.0, 1.30, "female", age=9.0), Subject("adult", 70.0, 1.70, "female")):
         assert child_spread(known) == {}
+    assert "no age is known" in table_words(Subject("who knows", 60.3, 1.58, "male"))
     assert "9 years of age by Jensen 1989" in table_words(Subject("child", 28.0, 1.30, "female", age=9.0))
     assert table_words(Subject("short adult", 45.0, 1.40, "female", age=40.0)) == "de Leva 1996, female"
+
+
+def test_older_children_are_known_by_mass_and_height_together() -> None:
+    """Two of the recorded children, and grown people as light or as short."""
+    for mass, height in ((32.1, 1.45), (45.8, 1.48)):
+        child = Subject("child", mass, height, "male")
+        assert "looks like a child's" in table_words(child)
+        thigh = np.log(mass_shares("male", None)["Thigh"] / mass_shares("male", 12.0)["Thigh"])
+        assert child_spread(child)["thigh"] == pytest.approx(abs(thigh))
+    for mass, height in ((49.0, 1.66), (62.0, 1.52)):
+        assert child_spread(Subject("adult", mass, height, "female")) == {}

@@ -8,16 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.checks import check_study
 from gaitcal.errors import InputError
+from gaitcal.findings import Severity
 from gaitcal.model.hip_centre import HipCentre, hip_centre
 from gaitcal.model.landmarks import labelled_hips, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.segment_frames import lower_body
-from gaitcal.model.subject_model import SubjectModel
-from gaitcal.recording import Recording, still_window
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.recording import Recording, read_recording, still_window
 from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import nominal_of
+from tests.checks.spoilt import sound_study, with_trial
 from tests.model.people import published_static
 from tests.scripts import script
 
@@ -107,6 +111,53 @@ def test_exchanged_hip_centres_are_refused() -> None:
     exchanged = with_points(static, {"RHJC": hips["l"], "LHJC": hips["r"]}, measured=True)
     with pytest.raises(InputError, match=r"hip centre RHJC: found it 1\d\d mm .* sides exchanged"):
         made(exchanged, HipCentre.GIVEN)
+
+
+@pytest.mark.parametrize("rule", [HipCentre.HARRINGTON, HipCentre.BELL])
+def test_the_distance_measured_between_the_bones_is_taken(rule: HipCentre) -> None:
+    """Not that of the markers, which soft tissue holds apart; as x goes with the depth, Harrington's x stays."""
+    stout = replace(PUBLISHED, asis_distance=0.200)
+    model = nominal_model(published_static(), load_marker_set("published"), stout, hip_centre=rule)
+    depth = np.linalg.norm(model.landmarks["sacrum"][1])
+    np.testing.assert_allclose(model.landmarks["hjc_r"][1], hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING)
+    note = next(n for n in model.notes if n.startswith("hip centres by"))
+    assert "200 mm between the ASIS (as measured by hand; 245 mm between their markers)" in note
+
+
+@pytest.mark.parametrize("mm", [110, 290])
+def test_a_distance_that_cannot_belong_to_the_markers_is_told(mm: float) -> None:
+    wrong = nominal_model(published_static(), load_marker_set("published"), replace(PUBLISHED, asis_distance=mm * MM))
+    plain = nominal_model(published_static(), load_marker_set("published"), PUBLISHED)
+    np.testing.assert_array_equal(wrong.landmarks["hjc_r"][1], plain.landmarks["hjc_r"][1])
+    assert any(f"the measured {mm} mm are not used" in note for note in wrong.notes)
+
+
+def test_the_hips_of_plug_in_gait_by_harrington(data_dir: Path) -> None:
+    """A child whose file has them, by the vendor's program: within what the pelvis's frames differ."""
+    marker_set = load_marker_set("plug-in-gait")
+    static = read_recording(data_dir / "children" / "HC030A" / "static.c3d")
+    facts = static.facts
+    assert facts.asis_distance is not None and facts.mass is not None and facts.height is not None
+    child = Subject("child", facts.mass, facts.height, "male", asis_distance=facts.asis_distance)
+    model = nominal_model(static, marker_set, child)
+    np.testing.assert_allclose(model.landmarks["hjc_r"][1], [-0.053, -0.072, 0.075], atol=2 * MM)
+
+
+@pytest.mark.parametrize(
+    ("shift", "told"), [((0.0, 0.0, 0.0), False), ((0.0, -0.06, 0.0), True), ((0.05, 0.0, 0.0), True)]
+)
+def test_given_hips_that_are_no_mirror_images_are_doubted(shift: tuple[float, float, float], told: bool) -> None:
+    sound = sound_study()
+    hips = hips_in_laboratory(sound.static.recording)
+    points = {"RHJC": hips["r"] + np.array(shift), "LHJC": hips["l"]}
+    given = with_trial(sound, "static", lambda r: with_points(r, points, measured=False))
+    given = replace(given, settings=CalibrationSettings(hip_centre="given"))
+    found = [f for f in check_study(given) if f.topic == "hip centres"]
+    assert bool(found) is told
+    if told:
+        assert found[0].severity is Severity.WARNING and f"{1e3 * shift[1] - 10:+.0f} mm up" in found[0].found
+    (note,) = [n for n in nominal_of(given).notes if n.startswith("hip centres are points")]
+    assert "this far from where Harrington 2007 has them: RHJC" in note and "mm, LHJC" in note
 
 
 def test_labels_of_hip_centres() -> None:

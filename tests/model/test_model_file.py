@@ -46,6 +46,14 @@ def test_the_published_model_comes_back(tmp_path: Path) -> None:
     assert_same(model, load_model(tmp_path / "model.toml"))
 
 
+def test_what_was_measured_of_the_person_comes_back(tmp_path: Path) -> None:
+    model = published_model()
+    widths = {"knee_width": {"r": 0.105, "l": 0.107}, "ankle_width": {"r": 0.07}}
+    told = replace(model.subject, age=9.5, asis_distance=0.2451, marker_diameter=0.014, **widths)  # type: ignore[arg-type]
+    save_model(replace(model, subject=told), tmp_path / "model.toml")
+    assert load_model(tmp_path / "model.toml").subject == told
+
+
 def test_people_can_read_it() -> None:
     text = model_text(published_model())
     assert '"knee_r.thigh.sup"          = { value = -419.8, nominal = -419.8 }' in text

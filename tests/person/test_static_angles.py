@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,11 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.person.calibrate import calibrate
 from gaitcal.person.static_angles import counted_from_static, shifted, static_angles
 from gaitcal.person.tables import coordinate_table, relative_header
+from gaitcal.study.settings import CalibrationSettings
+from tests.checks.spoilt import moved, sound_study, with_trial
 from tests.fake_result import fake_calibration
 from tests.model.people import published_static
 
@@ -20,6 +25,8 @@ ROUNDING = 1e-9
 """rad, m: of positions of a metre."""
 TRACKED = 1e-6
 """rad: where tracking stops."""
+STRAY_DEG = 1.0
+"""What a marker less, or one rebuilt from the walk, makes of an ankle."""
 ANKLES = ("ankle_angle_r", "subtalar_angle_r", "ankle_angle_l", "subtalar_angle_l")
 TURNED = {
     "talocrural_r.shank.front": 15.0,
@@ -64,6 +71,36 @@ def test_nothing_moves_when_the_zero_does() -> None:
     after = shifted(q, COORDINATES, moved)
     assert np.abs(after - q).max() > np.deg2rad(3.0)
     np.testing.assert_allclose(places(settled, after), places(fitted, q), atol=ROUNDING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("label", ["L.Heel", "R.Shank.Rear"])
+def test_a_marker_metres_away_in_the_static_trial_turns_no_ankle(label: str) -> None:
+    """The zero of the ankles is counted from the same static trial as the model, without its stray marker."""
+    sound = sound_study()
+    walk = tuple(t for t in sound.trials if t.name in ("static", "walk"))
+    sound = replace(sound, trials=walk, settings=CalibrationSettings(ip="none"))
+    away = with_trial(sound, "static", moved(label, lambda x: x + [3.0, 0.0, 1.0]))
+    clean, spoilt = (calibrate(study, checked=()) for study in (sound, away))
+    for name in ANKLES:
+        assert np.rad2deg(abs(spoilt.static_angles[name] - clean.static_angles[name])) < STRAY_DEG, name
+        means = [t.body.q[:, t.body.coordinates.index(name)].mean() for t in (clean.trials[0], spoilt.trials[0])]
+        assert np.rad2deg(abs(means[1] - means[0])) < STRAY_DEG, name
+
+
+@pytest.mark.slow
+def test_the_published_protocol_keeps_the_zero_of_its_nominal_model() -> None:
+    """Unless the study says what the ankle's zero is."""
+    sound = sound_study()
+    walk = tuple(t for t in sound.trials if t.name in ("static", "walk"))
+    moves = {}
+    for name, settings in {
+        "published": CalibrationSettings(protocol="published", ip="none"),
+        "said": CalibrationSettings(protocol="published", ip="none", ankle_zero="markers"),
+    }.items():
+        found = calibrate(replace(sound, trials=walk, settings=settings), checked=())
+        moves[name] = np.abs(found.model.parameters.zero_angles - found.nominal.parameters.zero_angles).max()
+    assert moves["published"] == 0.0 < moves["said"]
 
 
 def test_relative_angles_are_those_of_the_static_trial_taken_off() -> None:

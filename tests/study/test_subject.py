@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from gaitcal.recording import Recording
 from gaitcal.recording.metadata import Facts
@@ -42,6 +43,31 @@ def test_the_study_comes_first() -> None:
     subject = subject_of(table, [told(knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.014)])
     assert subject.knee_width == {"r": 0.105, "l": 0.12}
     assert subject.marker_diameter == pytest.approx(0.009)
+
+
+def test_the_distance_between_the_asis() -> None:
+    files = [told(name="P1"), told(name="P1", asis_distance=0.245)]
+    assert subject_of(TABLE, files).asis_distance == 0.245
+    said = TABLE.model_copy(update={"asis_distance_mm": 230.0})
+    assert subject_of(said, files).asis_distance == pytest.approx(0.230)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "unit"),
+    [
+        ("knee_width_mm", 10.5, "centimetres: 105 mm"),
+        ("ankle_width_mm", {"r": 0.07, "l": 70}, "metres: 70 mm"),
+        ("marker_diameter_mm", 0.014, "metres: 14 mm"),
+        ("asis_distance_mm", 24.5, "centimetres: 245 mm"),
+        ("knee_width_mm", 900, ""),
+        ("marker_diameter_mm", True, ""),
+    ],
+)
+def test_lengths_in_another_unit_are_refused_and_the_unit_named(field: str, value: object, unit: str) -> None:
+    with pytest.raises(ValidationError) as fault:
+        SubjectTable(**{**TABLE.model_dump(), field: value})
+    assert (f"this looks like {unit}" in str(fault.value)) is bool(unit)
+    assert " mm" in str(fault.value) and "allowed: " in str(fault.value)
 
 
 def test_nothing_told_is_nothing_known() -> None:
