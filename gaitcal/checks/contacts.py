@@ -170,7 +170,11 @@ def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
                 f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
             )
             return
-    if step.distance > UNDER_FOOT:
+    if step.distance > UNDER_FOOT and np.isinf(step.other):
+        unseen = FEET[1 - step.foot]
+        found = f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} foot; "
+        yield trial.info("plate to foot", f"{found}the {unseen} foot, whose step it may be, shows no heel and toe then")
+    elif step.distance > UNDER_FOOT:
         yield trial.warning(
             "plate to foot",
             f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} and "

@@ -43,7 +43,7 @@ def run(
             drafted = drafted.without(faulty)
             tell_faulty(talk, faulty)
         if not force:
-            stop_on_errors(findings, path)
+            stop_on_errors(findings, loaded.walks, path)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         step("writing the results")
         write_results(calibration, out, drafted=None if drafted is None else draft_text(drafted, out))
