@@ -140,7 +140,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     loadings = steps(trial, feet)
     if not loadings:
         most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
-        cure = "no torques will come of this trial; are these the forces of this trial?"
+        cure = "no stance will have torques, only the swing; are these the forces of this trial?"
         yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
     on_feet = [step for step in loadings if np.isfinite(step.distance) and step.distance < UNDER_FOOT]
     for step in loadings:

@@ -34,8 +34,8 @@ by 15 nats, for mass centres are freed with the lever; in walks of 12 others by 
 SHAKEN = 0.03
 """Share of missing samples; 1 and 2 % at random left that walk in peace, by 5 nats."""
 EXPLAINED_DOUBTFUL = 0.5
-"""Where markers leave open how a leg moves: what such a leg would need is so explained to 27 %. Forces in kgf, a sign or
-axes that are wrong explain more."""
+"""Where markers leave open how a leg moves: what such a leg would need is so explained to 27 %. Forces in kgf, a sign
+or axes that are wrong explain more."""
 LEVERS = (Kind.PLACE, Kind.TILT, Kind.MARKERS_TILTED)
 MARGIN, CLOSE, FAR = 0.75, 3.0, 25.0
 """A rival has 0.75 of the gain and is not more than 25 nats behind, or comes within 3 nats (odds of 20)."""

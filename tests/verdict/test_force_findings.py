@@ -234,7 +234,7 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
 
 
 def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(monkeypatch: pytest.MonkeyPatch) -> None:
-    """18 to 27 % and 8 nats and more: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
+    """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
     evidence = replace(exact_walk().evidence(), doubtful=True)
     (gain,) = [c for c in causes_of([evidence]) if c.kind is Kind.GAIN and not c.plates][:1]
     fit = ForceFit(cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0]))
