@@ -106,8 +106,8 @@ def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
 def sacrum_words(label: str) -> str:
     """How the sacrum is guessed from one posterior spine."""
     return (
-        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its mirror image in the plane "
-        "across the line of the ASIS, as in an even pelvis"
+        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its mirror image in the "
+        "plane across the line of the ASIS, as in an even pelvis"
     )
 
 
