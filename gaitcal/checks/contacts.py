@@ -140,7 +140,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     loadings = steps(trial, feet)
     if not loadings:
         most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
-        cure = "no torques will come of this trial; are these the forces of this trial?"
+        cure = "no stance will have torques, only the swing; are these the forces of this trial?"
         yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
     on_feet = [step for step in loadings if np.isfinite(step.distance) and step.distance < UNDER_FOOT]
     for step in loadings:
@@ -170,7 +170,11 @@ def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
                 f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
             )
             return
-    if step.distance > UNDER_FOOT:
+    if step.distance > UNDER_FOOT and np.isinf(step.other):
+        unseen = FEET[1 - step.foot]
+        found = f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} foot; "
+        yield trial.info("plate to foot", f"{found}the {unseen} foot, whose step it may be, shows no heel and toe then")
+    elif step.distance > UNDER_FOOT:
         yield trial.warning(
             "plate to foot",
             f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} and "

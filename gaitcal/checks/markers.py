@@ -10,6 +10,7 @@ from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
+from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
@@ -129,6 +130,19 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
+def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
+    """A static trial in which one posterior spine of two is marked: the model's pelvis stands on its mirror image."""
+    if not trial.is_static or trial.model is None:
+        return
+    for label in one_psis(trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]):
+        yield trial.warning(
+            "landmarks",
+            f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the pelvis by 2 deg",
+            "record the static trial again with both, or give one marker midway between the two",
+            cause="one posterior spine alone tells where the sacrum is",
+        )
+
+
 def unknown(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that the marker set does not know: they are not used."""
     strangers = unknown_labels(trial)
@@ -139,7 +153,7 @@ def unknown(trial: TrialEvidence) -> Iterator[Finding]:
 
 def unknown_labels(trial: TrialEvidence) -> list[str]:
     """Labels of the file that the marker set does not know."""
-    known = set(trial.marker_set.labels)
+    known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
 

@@ -29,6 +29,7 @@ from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.labels import is_unlabelled
 
+TOPIC = "one marker"
 TWO = 2
 """Markers that follow a segment, at least, where the joints beside it say the rest."""
 MOST = 0.5
@@ -57,7 +58,7 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
         lasting = [run for run in runs(count < TWO) if duration(trial.recording.time, run) > LONG_S]
         if segment not in single and count.any() and lasting:
             when = spans(trial.recording.time, lasting)
-            yield trial.info("one marker", f"{segment} shows fewer than two markers with weight in {when}")
+            yield trial.info(TOPIC, f"{segment} shows fewer than two markers with weight in {when}")
     if not single:
         return
     unsure = _undetermined(trial, trial.model) if trial.is_gait else {}
@@ -81,16 +82,16 @@ def _finding(
     cause = f"one marker alone follows {segment}"
     if unsure is None or len(together) == len(LEG_SEGMENTS) // 2:
         found += "; what the joints beside it leave open has no one answer"
-        return trial.error("one marker", found, cure, cause=cause, leg=side)
+        return trial.error(TOPIC, found, cure, cause=cause, leg=side)
     open_angles = {name: s for name, s in unsure.items() if name.endswith(f"_{side}") and s > TOLD_RAD}
     if open_angles:
         told = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in open_angles.items()])
         found += f"; markers {1e3 * NOISE_M:.0f} mm off leave {told} undetermined"
-        return trial.error("one marker", found, cure, cause=cause, leg=side)
+        return trial.error(TOPIC, found, cure, cause=cause, leg=side)
     worst = max((s for name, s in unsure.items() if name.endswith(f"_{side}")), default=0.0)
     found += "; the joints beside it tell how it turns"
     found += f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * NOISE_M:.0f} mm off" if worst else ""
-    return trial.warning("one marker", found, cure, cause=cause, leg=side, weight=3.0)
+    return trial.warning(TOPIC, found, cure, cause=cause, leg=side, weight=3.0)
 
 
 def _judged(trial: TrialEvidence) -> tuple[str, ...]:

@@ -61,6 +61,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     lost_markers.not_rebuilt,
     markers.too_few,
     markers.never_seen,
+    markers.one_sacral,
     markers.unknown,
     markers.doubled,
     markers.bare_segments,

@@ -48,7 +48,7 @@ def run(
         if drafted is not None:
             findings = (*findings, *rejected_forces(drafted))
         if not force:
-            stop_on_errors(findings, path)
+            stop_on_errors(findings, loaded.walks, path)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         if drafted is not None:
             calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))

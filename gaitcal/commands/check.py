@@ -17,6 +17,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft_text import study_of
 from gaitcal.intake.person_facts import Options
 from gaitcal.intake.rejected_forces import rejected_forces
+from gaitcal.verdict.verdict import stopping
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""
@@ -58,9 +59,12 @@ def _table(findings: Sequence[Finding]) -> Table:
     return table
 
 
-def stop_on_errors(findings: Sequence[Finding], study: Path | None = None) -> None:
-    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them)."""
-    errors = [f for f in findings if f.severity is Severity.ERROR]
+def stop_on_errors(findings: Sequence[Finding], walks: Sequence[str], study: Path | None = None) -> None:
+    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them).
+
+    Errors that leave a leg to each of the `walks` do not stop: the verdict refuses the other leg.
+    """
+    errors = stopping(findings, walks)
     if not errors:
         return
     shown = f": 'gaitcal check {study}' shows all" if study else ""

@@ -54,7 +54,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
             step(f"{path.name}: reading and checking")
             read.append(_read(path, options, saved))
         checked = [finding for trial in read for finding in _check(trial, saved)]
-        stop_on_errors([*(f for f in saved.doubts if not f.leg), *checked])  # a leg that is refused leaves the other
+        stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
         findings = [*saved.doubts, *checked]
         done = []
         for trial in read:

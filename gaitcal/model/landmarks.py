@@ -7,7 +7,7 @@ missing or never seen, sides or medial and lateral exchanged, lengths that belon
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,19 +77,51 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
             absent[name] = missing
         else:
             landmarks[name] = np.mean([markers[label] for label in labels], axis=0)
+    mirrored = _sacrum_of_one(absent, landmarks, marker_set, markers)
+    landmarks |= mirrored
     for name in REQUIRED:
         guessed = name not in marker_set.landmarks and PARTNER.get(name) in landmarks
         if name not in landmarks and not guessed:
             raise InputError(
-                _missing(name, absent.get(name, ()), recording),
+                _missing(name, absent.get(name, ()), recording, marker_set),
                 source=recording.source,
                 field=f"marker set '{marker_set.name}', landmark {name}",
             )
     guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
     hips, hip_labels = _hips(recording, landmarks, window)
-    return StaticPosture(
-        recording.source, markers, landmarks | guesses, absent, _foot_notes(guesses, landmarks), hips, hip_labels
+    notes = (
+        *(sacrum_words(one) for one in one_psis(marker_set, markers) if mirrored),
+        *_foot_notes(guesses, landmarks),
     )
+    return StaticPosture(recording.source, markers, landmarks | guesses, absent, notes, hips, hip_labels)
+
+
+def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
+    """The marker of the sacrum's pair that alone is seen; none where both, neither, or no pair are."""
+    pair = marker_set.landmarks.get("sacrum", ())
+    there = tuple(label for label in pair if label in seen)
+    return there if len(pair) == 2 and len(there) == 1 else ()
+
+
+def sacrum_words(label: str) -> str:
+    """How the sacrum is guessed from one posterior spine."""
+    return (
+        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its mirror image in the "
+        "plane across the line of the ASIS, as in an even pelvis"
+    )
+
+
+def _sacrum_of_one(
+    absent: Mapping[str, tuple[str, ...]], p: Mapping[str, Array], marker_set: MarkerSet, markers: Mapping[str, Array]
+) -> dict[str, Array]:
+    """The middle of one posterior spine and its mirror image, in the plane midway between the ASIS and across them."""
+    one = one_psis(marker_set, markers)
+    if "sacrum" not in absent or not one or not {"asis_r", "asis_l"} <= set(p):
+        return {}
+    across = p["asis_r"] - p["asis_l"]
+    across = across / np.linalg.norm(across)
+    aside = (markers[one[0]] - 0.5 * (p["asis_r"] + p["asis_l"])) @ across
+    return {"sacrum": markers[one[0]] - aside * across}
 
 
 def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
@@ -158,14 +190,15 @@ def labelled_hips(labels: Iterable[str]) -> dict[str, str]:
     return out
 
 
-def _missing(name: str, labels: tuple[str, ...], recording: Recording) -> str:
+def _missing(name: str, labels: tuple[str, ...], recording: Recording, marker_set: MarkerSet) -> str:
     """Why a required landmark is missing, whose markers `labels` were not seen, and what would do instead."""
     if not labels:
         return f"the marker set does not name it; it needs {instead_of(name)}"
     label = labels[0]
     if label in recording.labels:
         return f"marker '{label}' was not seen while the subject stood still; it needs {instead_of(name)}"
-    known = nearest(label, recording.labels)
+    taken = {m for group in marker_set.landmarks.values() for m in group}
+    known = nearest(label, [other for other in recording.labels if other not in taken])
     return f"the file has no marker '{label}'{known}; instead it could be {instead_of(name)}, put in place by 'rename'"
 
 

@@ -40,6 +40,8 @@ class MarkerSet:
     """Marker -> why its weight is not 1."""
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Marker -> other spellings of its label."""
+    devices: tuple[str, ...] = field(default=(), compare=False)
+    """Markers of knee alignment devices that the set knows, and whose part in the static trial is done."""
     notes: tuple[str, ...] = ()
     """What was chosen among alternatives, one sentence each; empty in a set as its file has it."""
 

@@ -134,6 +134,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         landmarks=landmarks,
         alternatives={},
         knee_device={},
+        devices=tuple(m for parts in marker_set.knee_device.values() for m in parts),
         notes=(*([f"landmarks of the set that have alternatives: {'; '.join(told)}"] if told else []), *notes),
         **_groups(marker_set, landmarks, seen),  # type: ignore[arg-type]
     )

@@ -30,7 +30,7 @@ from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
-from gaitcal.person.force_faults import diagnose_forces
+from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
@@ -44,7 +44,7 @@ from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.verdict.consequences import without_consequences
-from gaitcal.verdict.verdict import judge
+from gaitcal.verdict.verdict import judge, stopping
 
 
 @with_one_blas_thread
@@ -92,8 +92,9 @@ def calibrate(
         if t.role is Role.GAIT and t.recording.plates
     }
     progress("do motion and forces agree?")
-    diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions)
-    believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in diagnosis.faulty}
+    diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions, checked)
+    silent_on_masses = diagnosis.faulty | (spoilt := spoilt_motions(checked))
+    believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in silent_on_masses}
     influence = nominal_influence() if joint is None else joint.influence
     shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
     inertial = _inertial_fit(trials, nominal, parameters, influence, motions, shown or believed, settings, progress)
@@ -132,9 +133,8 @@ def calibrate(
         for t in trials
     )
     kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
-    left_out = [t.name for t in trials if t.name in diagnosis.faulty]
-    if left_out and settings.ip != "none":
-        kept += (f"inertial parameters: forces at fault say nothing of masses; left out: {', '.join(left_out)}",)
+    if settings.ip != "none":
+        kept += (*left_out_of_masses(trials, diagnosis.faulty, spoilt),)
     phases = _phases(joint, inertial, combined, tuple(shown or believed))
     later = (
         *diagnosis.findings,
@@ -144,9 +144,9 @@ def calibrate(
         *unmeasured_mass(results, nominal.parameters),
     )
     of_trials = (finding for t in results for finding in t.findings)
-    walks, errors = [t.name for t in trials if t.joint is None], any(f.severity is Severity.ERROR for f in checked)
+    walks = [t.name for t in trials if t.joint is None]
     found = without_consequences((*checked, *later, *of_trials))
-    verdict = judge(found, walks, forced=errors)
+    verdict = judge(found, walks, forced=bool(stopping(checked, walks)))
     remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
     notes = (
         *nominal.notes,

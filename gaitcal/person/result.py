@@ -155,12 +155,13 @@ class TrialResult:
             return ()
         found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
         if not self.loads.reactions.has_torques:
+            swing = self.loads.reactions.valid_legs.any()
             found.append(
                 Finding(
                     severity=Severity.WARNING,
                     topic="plates",
                     where=self.name,
-                    cause="no torque is valid",
+                    cause="no stance has torques; those of the swing remain" if swing else "no torque is valid",
                     found="no frame has a foot on the ground wholly on force plates of its own",
                     cure="use a trial in which feet step on plates, or leave the forces out",
                 )

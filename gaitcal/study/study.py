@@ -104,6 +104,11 @@ class Study:
         return tuple(trial for trial in self.trials if trial.role is not Role.STATIC)
 
     @property
+    def walks(self) -> tuple[str, ...]:
+        """Names of the gait trials."""
+        return tuple(trial.name for trial in self.trials if trial.role is Role.GAIT)
+
+    @property
     def as_read(self) -> Snapshot:
         """The inputs as they were when they were read."""
         folder = Path(self.source).parent

@@ -20,6 +20,7 @@ from gaitcal.findings import Finding, Severity, listed
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.recording.intervals import runs, spans
 
+TOPIC, DISAGREE = "physical bounds", "motion and forces do not belong together"
 ANGLES_DEG: Mapping[str, tuple[float, float]] = {
     "hip_flexion": (-50.0, 145.0),
     "hip_adduction": (-65.0, 50.0),
@@ -99,7 +100,7 @@ def impossible(
     if moments is not None and valid is not None and valid.any():
         broken = list(_residual(moments, valid, weight))
         if broken:
-            found.append(_finding(motion, "motion and forces do not belong together", "", broken))
+            found.append(_finding(motion, DISAGREE, "", broken))
     return tuple(found)
 
 
@@ -109,7 +110,7 @@ def _finding(motion: Motion, cause: str, leg: str, broken: list[_Broken]) -> Fin
     when = spans(motion.time, runs(marked))
     return Finding(
         severity=Severity.ERROR,
-        topic="physical bounds",
+        topic=TOPIC,
         where=motion.name,
         cause=cause,
         found=f"{listed([b.words for b in broken], 4)} ({when})",

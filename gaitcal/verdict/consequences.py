@@ -7,23 +7,31 @@ from collections.abc import Sequence
 
 from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.bounds import DISAGREE
+from gaitcal.verdict.bounds import TOPIC as BOUNDS
 from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
 from gaitcal.verdict.marker_structure import TOPIC as MARKERS_AFTER
+from gaitcal.verdict.verdict import touches_model
 
 _LABEL = re.compile(r"'([^']+)'")
 
 
 def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The findings without vertical forces that a named fault of the forces explains, and without markers that are off
-    after the fit and were named before it.
+    after the fit and were named before it, nor what no body can do where markers do not tell how a leg moves.
     """
     said = [f for f in findings if f.severity is not Severity.INFO]
     at_fault = {f.where for f in said if f.topic == FORCES and f.cause != CONTRADICTED}
+    errors = [f for f in said if f.leg and f.severity is Severity.ERROR]
+    spoilt = {(f.where, f.leg) for f in errors if touches_model(f.topic) and f.topic not in (BOUNDS, MARKERS_AFTER)}
+    astray = {where for where, _ in spoilt}
     named = {(f.where, label) for f in said if f.topic != MARKERS_AFTER for label in _LABEL.findall(f.cause)}
 
     def follows(f: Finding) -> bool:
         if f.cause == CONTRADICTED:
-            return bool({f.where, STUDY} & at_fault)
+            return bool({f.where, STUDY} & at_fault) or f.where in astray
+        if f.topic == BOUNDS:
+            return (f.where, f.leg) in spoilt or (f.cause == DISAGREE and f.where in astray)
         if f.topic == MARKERS_AFTER:
             return any((f.where, label) in named for label in _LABEL.findall(f.cause))
         return False

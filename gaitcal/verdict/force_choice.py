@@ -33,6 +33,9 @@ by 15 nats, for mass centres are freed with the lever; in walks of 12 others by 
 80 mm away or tilted by 3 or 4 deg that are so named with nothing missing, 29 explain as much."""
 SHAKEN = 0.03
 """Share of missing samples; 1 and 2 % at random left that walk in peace, by 5 nats."""
+EXPLAINED_DOUBTFUL = 0.5
+"""Where markers leave open how a leg moves: what such a leg would need is so explained to 27 %. Forces in kgf, a sign
+or axes that are wrong explain more."""
 LEVERS = (Kind.PLACE, Kind.TILT, Kind.MARKERS_TILTED)
 MARGIN, CLOSE, FAR = 0.75, 3.0, 25.0
 """A rival has 0.75 of the gain and is not more than 25 nats behind, or comes within 3 nats (odds of 20)."""
@@ -126,9 +129,9 @@ def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplain
     residuals = [ForceResidual([trial]) for trial in trials]
     for trial, residual in zip(trials, residuals, strict=True):
         size, found = fits(residual)
-        if best := named(found, _shaken([trial])):
+        if best := named(found, _shaken([trial]), trial.doubtful):
             alone.append(Named(trials=(trial,), fits=best))
-        elif size > UNEXPLAINED:
+        elif size > UNEXPLAINED and not trial.doubtful:
             left.append(Unexplained(trial=trial, size=size))
     together = _together(residuals) if len(trials) > 1 else None
     if together is None:
@@ -155,7 +158,8 @@ def _borne_out(rest: Sequence[ForceResidual], common: ForceFit) -> bool:
         return True
     _, found = fits(ForceResidual([trial for residual in rest for trial in residual.trials]), common.cause.key)
     fit = at_size(rest, found[0])
-    return fit.gain > A_CHOICE and _worth_telling(fit, _shaken([t for r in rest for t in r.trials]))
+    trials = [trial for residual in rest for trial in residual.trials]
+    return fit.gain > A_CHOICE and _worth_telling(fit, _shaken(trials), _doubtful(trials))
 
 
 def _together(alone: Sequence[ForceResidual]) -> Named | None:
@@ -166,15 +170,14 @@ def _together(alone: Sequence[ForceResidual]) -> Named | None:
     trials = tuple(trial for residual in alone for trial in residual.trials)
     _, found = fits(ForceResidual(trials))
     common = [at_size(alone, fit) for fit in found if fit.gain > 0.0]
-    best = named(
-        sorted((fit for fit in common if (fit.gains > TRIAL_GAIN).all()), key=lambda fit: -fit.gain), _shaken(trials)
-    )
+    kept = sorted((fit for fit in common if (fit.gains > TRIAL_GAIN).all()), key=lambda fit: -fit.gain)
+    best = named(kept, _shaken(trials), _doubtful(trials))
     return Named(trials=trials, fits=best) if best else None
 
 
-def named(found: Sequence[ForceFit], shaken: bool = False) -> tuple[ForceFit, ...]:
+def named(found: Sequence[ForceFit], shaken: bool = False, doubtful: bool = False) -> tuple[ForceFit, ...]:
     """The cause that is told, and its rivals; none where no cause is beyond doubt. `found`: the best one first."""
-    telling = [fit for fit in found if _worth_telling(fit, shaken)]
+    telling = [fit for fit in found if _worth_telling(fit, shaken, doubtful)]
     if not telling or telling[0].gain < ENOUGH:
         return ()
     best = telling[0].gain
@@ -197,15 +200,22 @@ def _shaken(trials: Sequence[ForceEvidence]) -> bool:
     return any(trial.missing > SHAKEN for trial in trials)
 
 
-def _least_explained(kind: Kind, shaken: bool) -> float:
+def _doubtful(trials: Sequence[ForceEvidence]) -> bool:
+    """Whether the motion of a leg is in doubt in any of them."""
+    return any(trial.doubtful for trial in trials)
+
+
+def _least_explained(kind: Kind, shaken: bool, doubtful: bool) -> float:
+    if doubtful:
+        return EXPLAINED_DOUBTFUL
     if kind is Kind.FREE_MOMENT:
         return EXPLAINED_FREE
     return EXPLAINED_LEVER if shaken and kind in LEVERS else EXPLAINED
 
 
-def _worth_telling(fit: ForceFit, shaken: bool) -> bool:
+def _worth_telling(fit: ForceFit, shaken: bool, doubtful: bool) -> bool:
     kind = fit.cause.kind
-    if fit.explained < _least_explained(kind, shaken):
+    if fit.explained < _least_explained(kind, shaken, doubtful):
         return False
     low, high = MOST.get(kind, (-np.inf, np.inf))
     if len(fit.x) and not (low <= fit.x.min() and fit.x.max() <= high):

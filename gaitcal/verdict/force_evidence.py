@@ -90,6 +90,8 @@ class ForceEvidence:
     """m."""
     missing: float = 0.0
     """Share of the samples of markers that the trial shows at all which are not there."""
+    doubtful: bool = False
+    """Whether markers leave open how a leg moves: one alone follows a segment, or they contradict each other."""
 
     @property
     def weight_of_model(self) -> float:

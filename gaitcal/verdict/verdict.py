@@ -139,6 +139,16 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
 
 
+def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding, ...]:
+    """The errors that leave nothing to compute, the first one first; none where every walk keeps a leg.
+
+    Where an error bears a leg, and the other leg has none, the result tells of the other leg.
+    """
+    errors = tuple(f for f in findings if f.severity is Severity.ERROR)
+    verdict = judge(errors, walks)
+    return errors if verdict.refused or verdict.judgement is Judgement.REFUSED else ()
+
+
 _GOOD = Judgement.TRUSTWORTHY
 OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""

@@ -18,14 +18,15 @@ def study(tmp_path: Path) -> Path:
     return write_synthetic_study(tmp_path / "study")
 
 
-def spoil(study: Path) -> None:
-    """The trajectories of two markers in two segments under each other's label, all the time."""
+def spoil(study: Path, sides: str = "R") -> None:
+    """The trajectories of two markers in two segments of a leg under each other's label, all the time."""
     table = pd.read_csv(study.parent / "walk.csv")
-    names = {f"{a}_{axis}": f"{b}_{axis}" for a, b in SWAP for axis in "xyz"}
+    swap = [(f"{s}.{one}", f"{s}.{other}") for s in sides for one, other in (PAIR, PAIR[::-1])]
+    names = {f"{a}_{axis}": f"{b}_{axis}" for a, b in swap for axis in "xyz"}
     table.rename(columns=names).to_csv(study.parent / "walk.csv", index=False)
 
 
-SWAP = (("R.Thigh.Front", "R.Shank.Front"), ("R.Shank.Front", "R.Thigh.Front"))
+PAIR = ("Thigh.Front", "Shank.Front")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -57,7 +58,7 @@ def test_table_of_errors(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
 def test_force_goes_on_and_says_so(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spoil(study)
+    spoil(study, "RL")  # what is wrong with one leg alone would leave the other
     result = tmp_path / "result"
     assert run(monkeypatch, "calibrate", study, "--out", result) == 1
     assert not result.exists()

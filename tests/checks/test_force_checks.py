@@ -48,6 +48,18 @@ def test_reversed_forces(sound: Study, axis: int, words: tuple[str, ...]) -> Non
     assert (len(words) > 1) == ("vertical" in found.cure)
 
 
+def test_a_step_of_a_foot_without_toe_is_a_fact_and_accuses_no_plate(sound: Study) -> None:
+    """Nobody can tell how far the other foot is: it is not `inf mm` away."""
+
+    def toeless(r: Recording) -> Recording:
+        return replace(r, labels=tuple("X" if label == "L.Toe.Tip" else label for label in r.labels))
+
+    study = with_trial(sound, "walk", toeless)
+    assert findings(study, "plate to foot", WARNING) == []
+    told = [f.found for f in findings(study, "plate to foot", INFO) if "mm from" in f.found]
+    assert told and all("the left foot, whose step it may be, shows no heel and toe then" in words for words in told)
+
+
 @pytest.mark.parametrize(("shift", "side"), [(0.05, "right"), (-0.05, "left")])
 def test_plates_beside_both_feet(sound: Study, shift: float, side: str) -> None:
     def beside(p: ForcePlate) -> ForcePlate:

@@ -188,3 +188,33 @@ def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
     assert "R_FLE" in chosen.static_only["thigh_r"]
     no_clusters = without(recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")])
     assert "R_FLE" in worn(made, no_clusters).tracking["thigh_r"]
+
+
+@pytest.mark.parametrize("lost", ["RPSI", "LPSI"])
+def test_one_posterior_spine_stands_for_both_by_its_mirror_image(lost: str, data_dir: Path) -> None:
+    """The middle of the two is met within what the pelvis is uneven by, and the note says that it is a guess."""
+    whole, one = (
+        nominal_model(r, load_marker_set(PIG), PEOPLE[PIG].subject)
+        for r in (static(data_dir), without(static(data_dir), lost))
+    )
+    away = np.linalg.norm(whole.landmarks["sacrum"][1] - one.landmarks["sacrum"][1])
+    assert away < 0.010, f"{1e3 * away:.1f} mm"
+    (note,) = [note for note in one.notes if note.startswith("sacrum: only ")]
+    assert repr({"RPSI": "LPSI", "LPSI": "RPSI"}[lost]) in note
+    assert not any(note.startswith("sacrum: only ") for note in whole.notes)
+
+
+def test_a_label_of_another_landmark_is_not_proposed(data_dir: Path) -> None:
+    """Neither spine is marked: RASI, the nearest label, is needed where it is."""
+    with pytest.raises(InputError) as fault:
+        nominal_model(without(static(data_dir), "RPSI", "LPSI"), load_marker_set(PIG), PEOPLE[PIG].subject)
+    assert "no marker 'RPSI'" in str(fault.value) and "RASI" not in str(fault.value)
+    misspelt = without(static(data_dir), "RPSI", "LPSI")
+    misspelt = with_marker(misspelt, "RPSIx", path_of(static(data_dir), "RPSI"))
+    with pytest.raises(InputError, match="did you mean 'RPSIx'"):
+        nominal_model(misspelt, load_marker_set(PIG), PEOPLE[PIG].subject)
+
+
+def test_markers_of_a_device_stay_known_once_they_have_served(data_dir: Path) -> None:
+    made = worn(load_marker_set(PIG), static(data_dir))
+    assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(made.labels)

@@ -126,3 +126,15 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     (result / "summary.json").write_text(json.dumps(told | {"verdict": "trustworthy"}), encoding="utf-8")
     with pytest.raises(InputError, match=r"summary\.json: is damaged"):
         load_result(result)
+
+
+def test_forces_that_leave_the_swing_alone_do_not_say_that_no_torque_is_valid() -> None:
+    trial = fake_calibration().trial("walk")
+    assert trial.loads is not None
+    reactions = trial.loads.reactions
+    everywhere, nowhere = np.ones_like(reactions.valid_legs), np.zeros_like(reactions.valid_legs)
+    swing = "no stance has torques; those of the swing remain"
+    for legs, words in ((everywhere, swing), (nowhere, "no torque is valid")):
+        bare = replace(reactions, valid_legs=legs, loaded=np.zeros_like(reactions.loaded))
+        told = replace(trial, loads=replace(trial.loads, reactions=bare)).findings
+        assert [f.cause for f in told if f.topic == "plates"] == [words]

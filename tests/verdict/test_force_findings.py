@@ -233,6 +233,19 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
     assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)]) == ([], [])
 
 
+def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(monkeypatch: pytest.MonkeyPatch) -> None:
+    """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
+    evidence = replace(exact_walk().evidence(), doubtful=True)
+    (gain,) = [c for c in causes_of([evidence]) if c.kind is Kind.GAIN and not c.plates][:1]
+    fit = ForceFit(cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0]))
+    size, found = 9.0, [fit]
+    monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (size, found))
+    assert choose([evidence]) == ([], [])
+    assert len(choose([replace(evidence, doubtful=False)])[0]) == 1
+    found[0] = replace(fit, explained=0.8)
+    assert len(choose([evidence])[0]) == 1
+
+
 def test_the_share_of_missing_samples_is_known() -> None:
     def blanked(recording: Recording) -> Recording:
         markers = recording.markers.copy()

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.verdict.bounds import DISAGREE
+from gaitcal.verdict.bounds import TOPIC as BOUNDS
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
 from gaitcal.verdict.marker_structure import TOPIC as AFTER
-from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons
+from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons, stopping
 
 GOOD, DOUBTFUL, REFUSED = Judgement
 WALKS = ("walk", "walk2")
@@ -147,3 +149,29 @@ def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() ->
     assert judge([markers], WALKS).trials["walk2"].judgement is DOUBTFUL
     assert judge([found(Severity.ERROR, "walk")], WALKS).trials["walk2"].judgement is GOOD
     assert judge([replace(markers, severity=Severity.WARNING)], WALKS).trials["walk2"].judgement is GOOD
+
+
+def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
+    """One leg without its toe: the other is computed. A warning never stops, an error without a leg always does."""
+    left, right = both_legs("walk")
+    assert stopping([left], WALKS) == () == stopping([replace(left, where="walk2"), right], WALKS)
+    assert stopping([replace(left, where="static")], WALKS) == ()
+    assert stopping([left, right], WALKS) == (left, right)
+    assert stopping([replace(left, where="ankle_l"), right], WALKS) == (replace(left, where="ankle_l"), right)
+    for where in (*WALKS, "static", STUDY):
+        assert stopping([found(Severity.WARNING, where)], WALKS) == ()
+        assert len(stopping([found(Severity.ERROR, where)], WALKS)) == 1
+    assert stopping([left], ()) == (left,)
+
+
+def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> None:
+    lost = replace(found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l"), topic="one marker")
+    bounds = replace(found(Severity.ERROR, "walk", "no leg bends so", "l"), topic=BOUNDS)
+    residual = replace(found(Severity.ERROR, "walk", DISAGREE), topic=BOUNDS)
+    upright = replace(found(Severity.WARNING, "walk", CONTRADICTED), topic=FORCES)
+    assert without_consequences([lost, bounds, residual, upright]) == (lost,)
+    assert judge(without_consequences([lost, residual]), ("walk",)).refused_legs("walk") == ("l",)
+    for elsewhere in (replace(bounds, leg="r"), replace(bounds, where="walk2"), replace(residual, where="walk2")):
+        assert without_consequences([lost, elsewhere]) == (lost, elsewhere)
+    doubt = replace(lost, severity=Severity.WARNING)
+    assert without_consequences([doubt, bounds, residual]) == (doubt, bounds, residual)
