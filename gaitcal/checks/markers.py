@@ -11,7 +11,7 @@ from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.landmarks import one_psis, sacrum_words
-from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of
+from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of, joint_segments
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
 from gaitcal.recording import marker_gaps
@@ -105,7 +105,8 @@ def _share_of_three(trial: TrialEvidence, labels: list[str]) -> float:
 def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers whose label is in the file without a single position: as if it had no such label.
 
-    An error where pelvis or leg lose all that they have: then somebody meant these columns.
+    An error where pelvis or leg lose all that they have, in an isolated trial the segments of its joint: then somebody
+    meant these columns.
     """
     empty = [m for m in trial.present if not trial.ever_seen(m)]
     if not empty:
@@ -115,7 +116,9 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     for label in trial.present:
         if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
             left[segment_of[label]] += 1
-    lost = [s for s in left if s in ("pelvis", *LEG_SEGMENTS) and not left[s]]
+    joint = trial.trial.joint
+    needed = joint_segments(joint) if joint else ("pelvis", *LEG_SEGMENTS)
+    lost = [s for s in left if s in needed and not left[s]]
     harmless = trial.is_isolated or all(
         trial.weight(m) <= LIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty
     )
@@ -125,8 +128,7 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
         severity,
         "labels",
         f"{found}; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker" if lost else found,
-        f'label {"it" if len(empty) == 1 else "them"}, or give no weight: weights = {{ "{empty[0]}" = 0 }} '
-        "under [markers]",
+        f"label {'it' if len(empty) == 1 else 'them'}, where worn in this trial",
     )
 
 

@@ -54,6 +54,24 @@ def test_check_accepts_it_and_says_what_carries_the_body(uf3: Study) -> None:
     assert "shank_l carries the body" in carried["ankle_l"]
 
 
+def test_columns_that_a_template_left_empty_are_no_fault_either(uf3: Study) -> None:
+    """The pelvis has its labels in the file of a knee trial, and not one position."""
+    pelvis = uf3.marker_set.tracking["pelvis"]
+
+    def empty(study: Study, joint: str) -> Study:
+        trials = []
+        for trial in study.trials:
+            if trial.joint == joint:
+                r = trial.recording
+                gone = np.isin(r.labels, pelvis)[None, :, None]
+                trial = replace(trial, recording=replace(r, markers=np.where(gone, np.nan, r.markers)))
+            trials.append(trial)
+        return replace(study, trials=tuple(trials))
+
+    assert not [f.line for f in check_study(empty(uf3, "knee_r")) if f.severity is not Severity.INFO]
+    assert any("never seen" in f.found for f in check_study(empty(uf3, "hip_r")) if f.severity is Severity.ERROR)
+
+
 def test_a_proximal_segment_of_two_markers_carries_nothing(uf3: Study) -> None:
     study = bare(uf3, "knee_r")
     trial = next(t for t in study.trials if t.joint == "knee_r")
