@@ -229,14 +229,14 @@ def test_a_text_recording_becomes_a_c3d(tmp_path: Path, without_figures: None) -
 
 @pytest.mark.slow
 def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: None) -> None:
-    """Plug-in Gait's own curves in the same file: every sign agrees (least correlation over both legs)."""
+    """Plug-in Gait's own curves in the same file: every sign agrees (correlation over the frames of both legs)."""
     least = {
-        "HipAngles": (0.99, 0.9, 0.7),
+        "HipAngles": (0.99, 0.9, 0.8),
         "KneeAngles": (0.99,),
         "AnkleAngles": (0.95,),
-        "PelvisAngles": (0.9, 0.8, 0.8),
+        "PelvisAngles": (0.9, 0.8, 0.9),
     }
-    least |= {"HipMoment": (0.7, 0.8, 0.5), "KneeMoment": (0.8, 0.8), "AnkleMoment": (0.95,)}
+    least |= {"HipMoment": (0.85, 0.9, 0.85), "KneeMoment": (0.9, 0.9), "AnkleMoment": (0.99,)}
     study, result = write_study("pig_c3d", data_dir.resolve(), tmp_path), tmp_path / "result"
     study.write_text(study.read_text(encoding="utf-8") + "time = [3.6, 5.8]\n", encoding="utf-8")
     assert run("calibrate", study, "--out", result, "-q").exit_code == 0
@@ -246,11 +246,11 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: Non
     inside = np.isfinite(found["gcRHipAngles"][:, 0])
     assert np.array_equal(inside, (time > 3.599) & (time < 5.801)), "only the frames that the study asks for"
     for name, floors in least.items():
-        for side in "RL":
-            ours, theirs = found[f"gc{side}{name}"], found[f"{side}{name}"]
-            both = np.isfinite(ours[:, 0]) & np.isfinite(theirs[:, 0]) & theirs.any(axis=1)
-            for axis, floor in enumerate(floors):
-                assert np.corrcoef(ours[both, axis], theirs[both, axis])[0, 1] > floor, f"{side}{name} {axis}"
+        ours, theirs = (np.concatenate([found[f"{start}{s}{name}"] for s in "RL"]) for start in ("gc", ""))
+        both = np.isfinite(ours[:, 0]) & np.isfinite(theirs[:, 0]) & theirs.any(axis=1)
+        for axis, floor in enumerate(floors):
+            r = np.corrcoef(ours[both, axis], theirs[both, axis])[0, 1]
+            assert r > floor, f"{name} {axis}"
     for joint in ("Hip", "Knee", "Ankle"):
         ours, theirs = found[f"gcR{joint}Power"][:, 2], found[f"R{joint}Power"][:, 2]
         both = np.isfinite(ours) & np.isfinite(theirs)
