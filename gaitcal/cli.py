@@ -1,8 +1,7 @@
 """The command line. Thin: every command is a call of the public API and a few lines of text.
 
 Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after
-SIGHUP. Libraries are imported by the command that
-needs them, so that `gaitcal --help` is there at once.
+SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal --help` is there at once.
 """
 
 import os
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitcal.commands.options import Age, Height, Mass, Out, Quiet, Result, Sex, StudyPath, Verbose
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
@@ -33,20 +33,6 @@ app = typer.Typer(
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
-
-Out = Annotated[Path, typer.Option("--out", help="Folder for the results; written whole or not at all.")]
-Result = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate'.")]
-StudyPath = Annotated[
-    Path,
-    typer.Argument(metavar="STUDY", help="Study file, or a folder of one person's recordings, which drafts its own."),
-]
-Mass = Annotated[float | None, typer.Option(help="Body mass in kg, where the recordings of a folder do not say it.")]
-Height = Annotated[float | None, typer.Option(help="Body height in m, the same.")]
-Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
-Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
-
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

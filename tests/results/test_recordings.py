@@ -19,27 +19,11 @@ from gaitcal.files.snapshot import listed, self_hash, sha256_of
 from gaitcal.recording import convert, read_recording
 from gaitcal.recording.metadata import FootMoment
 from tests.real_studies import write_study
-from tests.synthetic_studies import write_synthetic_study
+from tests.synthetic_studies import STUDY, write_synthetic_study
 
 RUNNER = CliRunner()
 DEG = np.rad2deg(1.0)
-C3D_STUDY = """
-[subject]
-name = "synthetic"
-mass_kg = 69.4
-height_m = 1.70
-sex = "male"
-[markers]
-set = "published"
-[[trial]]
-name = "static"
-role = "static"
-file = "static.csv"
-[[trial]]
-name = "walk"
-role = "gait"
-file = "walk.c3d"
-"""
+C3D_STUDY = STUDY.replace('file = "walk.csv"\nforces = "walk_forces.csv"\n', 'file = "walk.c3d"\n')
 ANGLES = {
     "RHipAngles": ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"),
     "LHipAngles": ("hip_flexion_l", "hip_adduction_l", "hip_rotation_l"),
