@@ -145,7 +145,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
     "landmark never seen": (_emptied("static.csv", "R.ASIS"), ("static.csv", "R.ASIS")),
     "segment never seen": (
         _emptied("walk.csv", "L.Thigh", "L.Knee"),
-        ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "weight"),
+        ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
     ),
     "no still window": (static_walks, ("static.csv", "still window", "m/s")),
     "mass 0": (no_mass, ("study.toml", "subject.mass_kg", "0", "greater than 0")),
