@@ -47,7 +47,8 @@ from gaitcal.recording.csv import with_corners, write_plates_csv
 from gaitcal.recording.force_plate import plate_from_moment
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, static_motion
 
 STUDY = """[subject]

@@ -30,7 +30,7 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.study import Study
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"

@@ -34,7 +34,7 @@ from gaitcal.reproduction.joint_recovery import (
     true_model,
     true_motion,
 )
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 
 SEED_RANGE = 0.5
 RANDOM_SEEDS = 10

@@ -1,51 +1,36 @@
-"""Known motions of the built-in subject: one gait cycle and the six isolated trials.
+"""Known motions of the built-in subject: gait (`walk.py`) and the six isolated trials.
 
-The nominal gait curves (`models/nominal_subject.json`, six harmonics a coordinate, derived from OpenSim's Gait2392
-`subject01`, CC BY 3.0) and the isolated movements are fitted by quintic splines of 20 nodes and sampled from these:
-the true motion lies in the spline space exactly, so that a noiseless reproduction can be exact. The curves have knee
-flexion negative and shoulder abduction positive; the signs of the product's coordinates are made here.
+They are quintic splines, sampled: the true motion lies in a spline space exactly, so that a noiseless reproduction can
+be exact.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.files.package_data import models_path
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
-from gaitcal.motion.spline import SplineBasis, spline_basis
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
+from gaitcal.synthetic.gait_curves import GAIT_CYCLE
+from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
 
 RATE = 200.0
 """Frames per second of all published trials."""
-GAIT_CYCLE = 1.035
-"""s, `cycle_s` of the nominal gait."""
 GAIT_FRAMES = 208
+"""Of the published study: one stride, right heel strike first."""
+WALK_STRIDES = (-0.2, 1.8)
+"""Phases of the walk of a synthetic recording: a whole stride of each foot."""
 ISOLATED_FRAMES = 1200
 NODES = 20
-
-_CURVE_OF = {
-    "pelvis_tx": ("tx", 1.0),
-    "pelvis_ty": ("ty", 1.0),
-    "pelvis_tz": ("tz", 1.0),
-    "pelvis_tilt": ("tilt", 1.0),
-    "pelvis_list": ("list", 1.0),
-    "pelvis_rotation": ("prot", 1.0),
-    "hip_flexion": ("hflex", 1.0),
-    "hip_adduction": ("hadd", 1.0),
-    "hip_rotation": ("hrot", 1.0),
-    "knee_angle": ("knee", -1.0),
-    "ankle_angle": ("tc", 1.0),
-    "subtalar_angle": ("st", 1.0),
-    "lumbar_extension": ("lext", 1.0),
-    "lumbar_bending": ("lbend", 1.0),
-    "lumbar_rotation": ("lrot", 1.0),
-    "arm_flex": ("sflex", 1.0),
-    "arm_add": ("sabd", -1.0),
-    "elbow_flex": ("elb", 1.0),
-}
+"""Of a published trial."""
+WALK_NODES = 35
+"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published trial are among
+those of so many nodes."""
 
 HIP_TURNS = ((20.0, 30.0), (-15.0, 20.0))
 """Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the hip trial."""
@@ -61,7 +46,9 @@ class TrueMotion:
 
     basis: SplineBasis
     nodes: Array
-    """(20, 27) m, rad."""
+    """(nn, 27) m, rad."""
+    phase: Array | None = None
+    """(nf,) of a gait: strides since a right heel strike."""
 
     @property
     def q(self) -> Array:
@@ -69,19 +56,29 @@ class TrueMotion:
         return self.basis.evaluate(self.nodes)
 
 
+@cache
 def gait_motion() -> TrueMotion:
-    """One gait cycle of the nominal subject, right heel strike first: 208 frames at 200 Hz."""
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
-    time = np.arange(GAIT_FRAMES) / RATE
-    phase = time / GAIT_CYCLE
-    q = np.empty((GAIT_FRAMES, len(COORDINATES)))
-    for i, name in enumerate(COORDINATES):
-        stem = name if name in _CURVE_OF else name[:-2]
-        curve, sign = _CURVE_OF[stem]
-        shift = 0.5 if name.endswith("_l") else 0.0
-        q[:, i] = sign * _harmonics(data["curves"][curve], phase + shift)
-    q[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
-    return _in_spline_space(time, q)
+    """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at 200 Hz.
+
+    It is like that stride of a longer walk, whose ends are elsewhere: at an end nothing holds accelerations.
+    """
+    parameters = published_model().parameters
+    time, longer = np.arange(GAIT_FRAMES) / RATE, two_strides(parameters)
+    spline, stride = to_bspline(longer.basis, longer.nodes), time - WALK_STRIDES[0] * GAIT_CYCLE
+    return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
+
+
+def two_strides(parameters: Parameters) -> TrueMotion:
+    """A walk of a person with these parameters in which both feet have a whole stride: 415 frames at 200 Hz."""
+    begin, end = WALK_STRIDES
+    time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
+    return _walk(parameters, time, begin, WALK_NODES, nominal_curves(begin + time / GAIT_CYCLE))
+
+
+def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
+    """A walk of a person with these parameters like another; `begin`: its phase, in strides, at time 0."""
+    basis, phase = spline_basis(time, nodes), begin + time / GAIT_CYCLE
+    return TrueMotion(basis, walking_nodes(parameters, basis, phase, meant), phase)
 
 
 def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
@@ -128,14 +125,6 @@ def static_motion(frames: int = 100) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE
     return _in_spline_space(time, np.tile(standing_pose(), (frames, 1)))
-
-
-def _harmonics(curve: dict[str, object], phase: Array) -> Array:
-    a, b = np.array(curve["a"], dtype=float), np.array(curve["b"], dtype=float)
-    k = np.arange(len(a))
-    angle = 2 * np.pi * np.outer(phase, k)
-    values: Array = np.cos(angle) @ a + np.sin(angle) @ b
-    return values if curve["unit"] == "m" else np.deg2rad(values)
 
 
 def _window(time: Array, start: float, end: float) -> Array:

@@ -28,16 +28,16 @@ from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
-from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion, static_motion
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import WALK_NODES, TrueMotion, isolated_motion, static_motion, two_strides
 from gaitcal.synthetic.truth import in_static_frames, truth_table
+from gaitcal.synthetic.walk import CLEARANCE
 
-CLEARANCE = 0.02
-"""m between the floor and the lowest foot marker."""
 POSITION_BOUND = 0.010
 ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
-PLATE_X, PLATE_Z = (-0.7, 1.9), 0.6
+PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
@@ -85,12 +85,12 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     person, noise_waves = _generators(seed)
     model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
     trials = {"static": static_motion(), **{joint: isolated_motion(joint) for joint in ISOLATED_JOINTS}}
-    trials["gait"] = gait_motion()
+    trials["gait"] = two_strides(model.parameters)
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
-            recording = _recording(name, _on_the_floor(model, motion), model, labels)
+            recording = _recording(name, motion if name == "gait" else _on_the_floor(model, motion), model, labels)
             if noise and name != "static":
                 moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
@@ -107,7 +107,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
 def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:
     """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
     model = synthetic_model(_generators(seed)[0], perturb=True)
-    return model.parameters, _on_the_floor(model, gait_motion())
+    return model.parameters, two_strides(model.parameters)
 
 
 def _generators(seed: int) -> list[np.random.Generator]:
@@ -170,7 +170,7 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         markers=Markers(set="published"),
         trial=trials,
         calibration=CalibrationSettings(
-            nodes=NODES,
+            nodes=WALK_NODES,
             force_filter_hz="none",
             plate_error=EXACT_PLATES,
             segment_axes="exact",

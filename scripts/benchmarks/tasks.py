@@ -23,7 +23,7 @@ from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
 from gaitcal.motion.node_rule import NodeRule
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)

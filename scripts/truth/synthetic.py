@@ -21,7 +21,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.linkage import REACTIONS
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from truth.outcome import Figure, Outcome, bars, rms
 from truth.people import with_settings

@@ -20,7 +20,8 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording import Recording
-from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array
 

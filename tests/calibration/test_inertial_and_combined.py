@@ -25,7 +25,8 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Stage
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
-from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative
 from tests.real_studies import write_study

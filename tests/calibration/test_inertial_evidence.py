@@ -33,7 +33,7 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_recording
 

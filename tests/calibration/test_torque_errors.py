@@ -30,7 +30,8 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
-from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion
 from tests.derivatives import Array, perturbed_parameters, random_trial
 

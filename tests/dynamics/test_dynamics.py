@@ -16,7 +16,7 @@ from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parame
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 

@@ -9,7 +9,7 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.study.settings import PlateErrorTable
-from gaitcal.synthetic.measurements import residual_free_wrench
+from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, perturbed_parameters
 

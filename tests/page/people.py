@@ -17,7 +17,8 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.page import Scene, person_scene, trial_scene
 from gaitcal.recording.recording import ForcePlate, Recording
-from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, gait_motion
 
 FITTED = gait_parameters("r") + gait_parameters("l")

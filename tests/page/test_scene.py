@@ -15,7 +15,8 @@ from gaitcal.page import Scene, person_scene
 from gaitcal.page.body_fit import MESHES, fitted_meshes
 from gaitcal.page.joint_marks import joint_marks
 from gaitcal.page.scene import MOST_FRAMES
-from gaitcal.synthetic.measurements import residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.page.people import long_motion, standard_errors, subject_model, walking_trial
 

@@ -1,4 +1,4 @@
-"""Synthetic measurements: markers where they belong, wrenches that leave no residual, noise as published."""
+"""Synthetic measurements: markers where they belong, noise as published."""
 
 from __future__ import annotations
 
@@ -6,21 +6,12 @@ import json
 
 import numpy as np
 
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.files.package_data import models_path
 from gaitcal.model.nominal import published_model
-from gaitcal.synthetic.measurements import (
-    NOISE_AMPLITUDE,
-    NOISE_OMEGA,
-    marker_noise,
-    residual_free_wrench,
-    synthetic_markers,
-)
-from gaitcal.synthetic.motion import GAIT_CYCLE, gait_motion, standing_pose
+from gaitcal.synthetic.gait_curves import GAIT_CYCLE
+from gaitcal.synthetic.measurements import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import standing_pose
 from gaitcal.synthetic.truth import segment_frames
-
-RESIDUAL = 1e-9
-"""N, N·m: rounding of some hundred N at lever arms of a metre."""
 
 
 def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> None:
@@ -29,17 +20,6 @@ def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> No
     expected = [frames[s].point(local) for s, local in zip(model.markers.segments, model.markers.local, strict=True)]
     markers = synthetic_markers(model.parameters, model.markers, pose[None])
     np.testing.assert_allclose(markers[0], expected, atol=1e-14)
-
-
-def test_wrenches_leave_no_residual_and_change_from_foot_to_foot() -> None:
-    model, motion = published_model(), gait_motion()
-    wrench = residual_free_wrench(model.parameters, motion)
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    assert np.abs(pelvis_residual(q, Dynamics(model.parameters).forces(q, v, a, wrench))).max() < RESIDUAL
-    phase = motion.basis.time / GAIT_CYCLE
-    right, left = (np.abs(wrench[:, foot]).max(axis=1) > 0 for foot in range(2))
-    np.testing.assert_array_equal(right, (phase > 0) & (phase < 0.62))
-    np.testing.assert_array_equal(left, (phase < 0.12) | (phase > 0.50))
 
 
 def test_the_cycle_is_that_of_the_nominal_gait() -> None:

@@ -17,8 +17,9 @@ from gaitcal.model.segment_frames import Frame
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.tables import parameter_table
 from gaitcal.study.study import Study
-from gaitcal.synthetic.subject import CLEARANCE, synthesize, synthetic_model
+from gaitcal.synthetic.subject import synthesize, synthetic_model
 from gaitcal.synthetic.truth import inertial_parameters_in, joint_parameters_in, segment_frames
+from gaitcal.synthetic.walk import CLEARANCE
 from tests.derivatives import perturbed_parameters
 
 
@@ -65,7 +66,9 @@ def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
     study = Study.load(synthesize(tmp_path / "study", seed=6, perturb=True))
     for trial in study.trials:
         feet = [k for k, label in enumerate(trial.recording.labels) if re.search("Heel|Toe|Midfoot", label)]
-        assert trial.recording.markers[:, feet, 1].min() == pytest.approx(CLEARANCE, abs=1e-6), trial.name
+        # in gait, the nominal person's feet do, and others go where these go
+        within = 0.015 if trial.name == "gait" else 1e-6
+        assert trial.recording.markers[:, feet, 1].min() == pytest.approx(CLEARANCE, abs=within), trial.name
 
 
 def test_same_seed_same_files(tmp_path: Path) -> None:

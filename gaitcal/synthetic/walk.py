@@ -1,0 +1,222 @@
+"""A walk that the ground can carry: the nominal gait, changed for one person as little as the ground asks for.
+
+Motion and masses alone say which force the ground exerts in all, and about which point of the floor, its centre of
+pressure, it has no tipping moment. A person walks where that point lies under the foot that stands, or between both
+feet; curves that were measured on somebody else and smoothed do not. So the nodes of the motion are moved, by least
+squares, until
+
+- the total ground reaction has its centre where the load of the feet rolls, and hardly a moment about the vertical,
+- it rises and falls, brakes and drives as that of walking people does,
+- heel and ball rest where they stand, and the feet go where the nominal person's feet go,
+- angles and accelerations stay near the curves.
+
+What each may deviate by is a standard deviation below. The result is no fit to moments of anybody: joint torques are
+what they then are. It holds for any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from gaitcal.arrays import Array
+from gaitcal.dynamics.derivatives import root_residual
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.spline import ORDER, SplineBasis
+from gaitcal.synthetic.feet import FeetOnGround, feet_of, resting, right_share, rolled
+from gaitcal.synthetic.gait_curves import gait_accelerations, gait_curves
+
+CENTRE_M = 0.006
+"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
+FORCE = np.array([0.10, 0.03, 0.04])
+"""Body weights, of the total force from that of walking people."""
+ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
+ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
+"""rad/s^2, m/s^2: without these the ends of a spline swing."""
+FOOT_PLACE_M = 0.02
+FOOT_SPEED = 0.03
+"""m/s, of a resting point."""
+CLEARANCE = 0.02
+"""m between the floor and the lowest foot marker of the nominal person."""
+SMALLEST_STEP = 1e-3
+"""m or rad, largest change of a node in the last step."""
+MOST_STEPS = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rows:
+    """Residuals of every frame in units of their standard deviations, with their derivatives."""
+
+    value: Array
+    """(nf, n)."""
+    by_position: Array | None = None
+    """(nf, n, 27)."""
+    by_velocity: Array | None = None
+    by_acceleration: Array | None = None
+
+
+@dataclass(frozen=True)
+class Meant:
+    """The motion that a walk is to be like."""
+
+    q: Array
+    """(nf, 27) m, rad."""
+    acceleration: Array
+    """(nf, 27) m/s^2, rad/s^2."""
+    spread: float = 1.0
+    """Of how far from it the walk may be: less where the ground carries it already."""
+
+
+def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, meant: Meant) -> Array:
+    """(nn, 27) m, rad: nodes of a walk of the person with these parameters.
+
+    Parameters
+    ----------
+    phase : (nf,) strides since a right heel strike, at the frames of the basis.
+    """
+    nodes = basis.fit(meant.q)
+    footsteps = feet_of(published_model().parameters, nominal_curves(phase).q).points
+    for _ in range(MOST_STEPS):
+        step = _step(basis, [*_carried(parameters, basis, nodes, phase, footsteps), *_near(basis, nodes, meant)])
+        nodes += step
+        if np.abs(step).max() < SMALLEST_STEP:
+            break
+    return nodes
+
+
+def nominal_curves(phase: Array) -> Meant:
+    """The nominal gait with the nominal person's feet on the floor, y = 0."""
+    q = gait_curves(phase)
+    q[:, COORDINATES.index("pelvis_ty")] += _floor_shift()
+    return Meant(q, gait_accelerations(phase))
+
+
+@cache
+def _floor_shift() -> float:
+    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))).points[..., 1]
+    return CLEARANCE - float(heights.min())
+
+
+def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, phase: Array, footsteps: Array) -> list[_Rows]:
+    """What the ground asks for: balance, a force like that of walking people, feet that stand where they stand."""
+    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    feet = feet_of(parameters, q)
+    weight = parameters.mass * GRAVITY
+    still = resting(phase)[..., None] / FOOT_SPEED
+    nf = len(q)
+    speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
+    return [
+        *_forces(parameters, (q, v, a), phase, feet, weight),
+        _Rows(
+            value=((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
+            by_position=(feet.slopes / FOOT_PLACE_M).reshape(nf, -1, q.shape[1]),
+        ),
+        # how the slopes change with the posture is left out: resting points hardly move
+        _Rows(
+            value=(speed * still).reshape(nf, -1),
+            by_velocity=(feet.slopes * still[..., None]).reshape(nf, -1, q.shape[1]),
+        ),
+    ]
+
+
+def _forces(
+    parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround, weight: float
+) -> list[_Rows]:
+    """The total ground reaction: its moment about where the load rolls, and its force."""
+    q = state[0]
+    total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
+    force, moment = total.value[:, :3], total.value[:, 3:]
+    share = right_share(phase)[:, None]
+    points, slopes = feet.along(rolled(phase))
+    centre = share * points[:, 0] + (1.0 - share) * points[:, 1]
+    arm = q[:, :3] - centre
+    by_arm = -(share[..., None] * slopes[:, 0] + (1.0 - share[..., None]) * slopes[:, 1])
+    by_arm[:, :, :3] += np.eye(3)
+
+    def about_centre(wrench: Array) -> Array:
+        return wrench[:, 3:] + np.cross(arm[:, :, None], wrench[:, :3], axis=1)
+
+    slopes_of = (total.by_position, total.by_velocity, total.by_acceleration)
+    tipping = [about_centre(by) / (CENTRE_M * weight) for by in slopes_of]
+    tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
+    pushing = [by[:, :3] / (FORCE * weight)[:, None] for by in slopes_of]
+    return [
+        _rows((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
+        _rows((force / weight - _usual_force(phase)) / FORCE, pushing),
+    ]
+
+
+def _usual_force(phase: Array) -> Array:
+    """(nf, 3) body weights, what the ground does to both feet of a walking person in all: the first harmonic.
+
+    That of OpenSim's `subject01` (the recording from which the curves come): up and forward once a step, sideways once
+    a stride.
+    """
+    step, stride = 4 * np.pi * phase, 2 * np.pi * phase
+    return np.stack(
+        [
+            0.109 * np.cos(step) - 0.033 * np.sin(step),
+            1.0 + 0.147 * np.cos(step) + 0.111 * np.sin(step),
+            0.043 * np.cos(stride) - 0.058 * np.sin(stride),
+        ],
+        axis=1,
+    )
+
+
+def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
+    """Coordinates and accelerations as meant."""
+    slides = np.array([is_translation(name) for name in COORDINATES])
+    arms = np.array([name.startswith(("arm", "elbow")) for name in COORDINATES])
+    place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
+    acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
+    nf, nq = len(basis.time), nodes.shape[1]
+
+    def identity(scale: Array) -> Array:
+        return np.broadcast_to(np.diag(1.0 / scale), (nf, nq, nq))
+
+    return [
+        _Rows(value=(basis.evaluate(nodes) - meant.q) / place, by_position=identity(place)),
+        _Rows(
+            value=(basis.evaluate(nodes, 2) - meant.acceleration) / acceleration, by_acceleration=identity(acceleration)
+        ),
+    ]
+
+
+def _rows(value: Array, slopes: list[Array]) -> _Rows:
+    return _Rows(value=value, by_position=slopes[0], by_velocity=slopes[1], by_acceleration=slopes[2])
+
+
+def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
+    """(nn, 27) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
+    nq = len(COORDINATES)
+    width = ORDER * nq
+    nf = len(basis.time)
+    value = np.concatenate([r.value for r in rows], axis=1)
+    by_node = np.zeros((nf, value.shape[1], ORDER, nq))
+    first = 0
+    for r in rows:
+        part = slice(first, first + r.value.shape[1])
+        first = part.stop
+        for weights, by in (
+            (basis.value, r.by_position),
+            (basis.rate, r.by_velocity),
+            (basis.acceleration, r.by_acceleration),
+        ):
+            if by is not None:
+                by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
+    slopes = by_node.reshape(nf, -1, width)
+    band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
+    for node, frames in basis.spans:
+        matrix = slopes[frames].reshape(-1, width)
+        product, begin = matrix.T @ matrix, node * nq
+        for d in range(width):
+            band[d, begin : begin + width - d] += np.diagonal(product, -d)
+        right[begin : begin + width] -= matrix.T @ value[frames].ravel()
+    step: Array = solveh_banded(band, right, lower=True)
+    return step.reshape(basis.nodes, nq)

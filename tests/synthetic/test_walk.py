@@ -1,0 +1,174 @@
+"""The walk of the built-in person: carried by the ground, for any linkage, two whole strides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.plate_outline import foot_tip
+from gaitcal.dynamics.sole import FOOT_BREADTH, HEEL_M, SHAPE
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.spline import spline_basis
+from gaitcal.recording.intervals import runs
+from gaitcal.synthetic.feet import DOUBLE_SUPPORT, STANCE, feet_of, stride_of
+from gaitcal.synthetic.gait_curves import GAIT_CYCLE, gait_accelerations, gait_curves
+from gaitcal.synthetic.ground import ground_on_feet
+from gaitcal.synthetic.motion import GAIT_FRAMES, TrueMotion, gait_motion, isolated_motion, two_strides
+from gaitcal.synthetic.subject import synthetic_model
+from gaitcal.synthetic.walk import _carried, _Rows, nominal_curves
+
+RESIDUAL = 1e-9
+"""N, N·m: rounding of some hundred N at lever arms of a metre."""
+SPRINGS_M, LOADED_N = 0.008, 50.0
+"""m by which a centre of pressure may move between two frames, 5 ms, where a foot bears load: a striking heel, or an
+ankle over toes that leave, moves by 5 mm."""
+
+WALKS: dict[str, tuple[Parameters, TrueMotion]] = {}
+
+
+def walk(person: str) -> tuple[Parameters, TrueMotion]:
+    """The published study's person, the nominal one, or a perturbed one by its seed."""
+    if person not in WALKS:
+        seed = int(person) if person.isdigit() else None
+        model = synthetic_model(np.random.default_rng(seed), perturb=seed is not None)
+        motion = gait_motion() if person == "study" else two_strides(model.parameters)
+        WALKS[person] = model.parameters, motion
+    return WALKS[person]
+
+
+def in_the_sole(parameters: Parameters, motion: TrueMotion, centre: Array) -> BoolArray:
+    """(nf, 2) centres (nf, 2, 3) m that lie on the soles, told by the heel and toe markers and by nothing else."""
+    points = feet_of(parameters, motion.q).points
+    height = published_model().subject.height
+    out = np.zeros((len(centre), 2), dtype=bool)
+    for foot in range(2):
+        heel, toe = points[:, foot, 0], points[:, foot, 1]
+        line = (foot_tip(heel, toe, height) - heel)[:, [0, 2]]
+        length = np.linalg.norm(line, axis=1)
+        forward = line / length[:, None]
+        away = (centre[:, foot] - heel)[:, [0, 2]]
+        along = (np.einsum("fi,fi->f", away, forward) - HEEL_M) / (length - HEEL_M)
+        across = np.abs(away[:, 0] * forward[:, 1] - away[:, 1] * forward[:, 0])
+        width = FOOT_BREADTH * height * np.interp(along, *SHAPE)
+        out[:, foot] = (along >= 0) & (along <= 1) & (across <= width / 2)
+    return out
+
+
+PEOPLE = ("study", "nominal", "1", "2", "3")
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_the_ground_reactions_are_those_of_the_motion(person: str) -> None:
+    parameters, motion = walk(person)
+    ground = ground_on_feet(parameters, motion)
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, ground.wrench))
+    assert np.abs(residual).max() < RESIDUAL
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_every_loaded_foot_has_its_centre_of_pressure_in_its_sole(person: str) -> None:
+    parameters, motion = walk(person)
+    ground = ground_on_feet(parameters, motion)
+    loaded = ground.wrench[:, :, 1] > 0
+    assert loaded.any(axis=0).all()
+    assert in_the_sole(parameters, motion, ground.centre)[loaded].all()
+    force, moment = ground.wrench[..., :3][loaded], ground.wrench[..., 3:][loaded]
+    told = np.stack([moment[:, 2] / force[:, 1], -moment[:, 0] / force[:, 1]], axis=1)
+    heavy = force[:, 1] > 1.0  # of less, rounding makes the quotient
+    np.testing.assert_allclose(told[heavy], ground.centre[loaded][heavy][:, [0, 2]], atol=1e-9)
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_a_foot_bears_load_from_strike_to_off_and_no_longer(person: str) -> None:
+    parameters, motion = walk(person)
+    assert motion.phase is not None
+    up = ground_on_feet(parameters, motion).wrench[:, :, 1]
+    own = stride_of(motion.phase)
+    stance = (own > 0) & (own < STANCE)
+    assert (up >= 0).all()
+    assert not up[~stance].any()
+    assert (up[stance & (own > 0.01) & (own < STANCE - 0.01)] > 0).all()
+    both = own[:, 0] < DOUBLE_SUPPORT - 0.01
+    assert (up[both & (own[:, 0] > 0.01)] > 0).all()
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_centres_of_pressure_roll_and_do_not_spring(person: str) -> None:
+    parameters, motion = walk(person)
+    ground = ground_on_feet(parameters, motion)
+    for foot in range(2):
+        for stance in runs(ground.wrench[:, foot, 1] > LOADED_N):
+            steps = np.linalg.norm(np.diff(ground.centre[stance, foot], axis=0), axis=1)
+            assert steps.max() < SPRINGS_M
+            assert ground.centre[stance.stop - 1, foot, 0] > ground.centre[stance.start, foot, 0]
+
+
+def test_resting_feet_do_not_slide() -> None:
+    parameters, motion = walk("nominal")
+    assert motion.phase is not None
+    own = stride_of(motion.phase)
+    points = feet_of(parameters, motion.q).points
+    for foot in range(2):
+        for begin, end, point in ((0.08, 0.28, 0), (0.18, 0.46, 2)):
+            for still in runs((own[:, foot] > begin) & (own[:, foot] < end)):
+                assert np.ptp(points[still, foot, point], axis=0).max() < 0.012
+
+
+def test_two_strides_have_a_whole_stride_of_each_foot() -> None:
+    _, motion = walk("nominal")
+    assert motion.phase is not None
+    for foot in range(2):
+        own = motion.phase - 0.5 * foot
+        assert sum(own[0] < k < own[-1] for k in range(-3, 4)) == 2
+
+
+def test_the_published_stride_is_that_of_the_longer_walk() -> None:
+    (_, study), (_, longer) = walk("study"), walk("nominal")
+    assert study.phase is not None and longer.phase is not None
+    assert len(study.phase) == GAIT_FRAMES
+    same = np.array([np.interp(study.phase, longer.phase, column) for column in longer.q.T]).T
+    assert np.abs(study.q - same)[:, 3:].max() < np.deg2rad(1.5)
+
+
+def test_accelerations_are_those_of_the_curves() -> None:
+    step = 1e-4
+    phase = np.linspace(0.0, 1.0, 7)
+    before, now, after = (gait_curves(phase + k * step / GAIT_CYCLE) for k in (-1, 0, 1))
+    np.testing.assert_allclose(gait_accelerations(phase), (before - 2 * now + after) / step**2, rtol=1e-6, atol=1e-4)
+
+
+def test_only_a_gait_has_ground_reactions() -> None:
+    with pytest.raises(ValueError, match="no gait|only a gait"):
+        ground_on_feet(published_model().parameters, isolated_motion("knee_r"))
+
+
+def test_slopes_are_those_of_the_residuals() -> None:
+    """Central differences along random directions; the feet's rows by velocity leave out how their slopes turn."""
+    parameters = synthetic_model(np.random.default_rng(5), perturb=True).parameters
+    time = np.arange(40) / 200.0
+    basis, phase = spline_basis(time, 12), 0.4 + time / GAIT_CYCLE
+    meant = nominal_curves(phase)
+    nodes, rng, size = basis.fit(meant.q), np.random.default_rng(6), 1e-6
+    direction = rng.normal(size=nodes.shape)
+    footsteps = feet_of(published_model().parameters, meant.q).points
+
+    def rows(at: Array) -> list[_Rows]:
+        return _carried(parameters, basis, at, phase, footsteps)
+
+    for k, (low, here, high) in enumerate(
+        zip(rows(nodes - size * direction), rows(nodes), rows(nodes + size * direction), strict=True)
+    ):
+        if k == 3:  # resting points
+            continue
+        told = np.zeros_like(here.value)
+        for order, slope in enumerate((here.by_position, here.by_velocity, here.by_acceleration)):
+            if slope is not None:
+                told += np.einsum("fnc,fc->fn", slope, basis.evaluate(direction, order))
+        scale = np.abs(told).max()
+        assert len(COORDINATES) == nodes.shape[1] and scale > 0
+        np.testing.assert_allclose((high.value - low.value) / (2 * size), told, atol=2e-6 * scale)
