@@ -2,7 +2,7 @@
 
 Which frames those are is told by `dynamics/off_sole.py`, as for the tracked motion, whose torques do not count there.
 A plate whose load is far from both feet, or under the other foot, is told in `contacts.py`; a fault that puts soles,
-plates or clocks in disorder is told by its own check, and what it does here is not told again (`without_explained`).
+plates or clocks in disorder is told by its own check, and what it does here is not told again (`_explained`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import FEET, Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.plates import PLATES_ELSEWHERE
-from gaitcal.dynamics.off_sole import DIVIDED, Loading, Place, divided_cause, divided_frames, places_of
+from gaitcal.dynamics.foot_contact import near
+from gaitcal.dynamics.off_sole import Loading, Place, divided_cause, divided_frames, places_of
 from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording.intervals import runs, spans
 
-TOPIC = "centre of pressure"
+TOPIC = "plate to foot"
 TOLD_SHARE, TOLD_S = 0.02, 0.03
 """Share of the impulse of a plate under a foot, and s, that must lie outside to be told: landing and lifting off are
 over in 10 to 20 ms (Whittle 1999), and bear less than that share where clocks differ by a few frames."""
@@ -32,6 +33,8 @@ ALIKE = 0.7
 """Cosine between directions that are told as one."""
 ENDWAYS = 0.7
 """Cosine with the line of the foot above which a place is behind or in front of it, and not beside it."""
+IN_AIR = 0.5
+"""Of the load outside of a foot: that much while it moves is a matter of clocks, not of places."""
 DISORDER = ("units", "axes", "sides", "exchanged", "time", "forces")
 """Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
 
@@ -46,6 +49,8 @@ class Outside:
     """(nf,)."""
     away: Array
     """(n,) m, in these frames."""
+    moving: float
+    """Of the load in these frames: while the foot is in the air by its motion."""
     shift: Array
     """(2,) m, x and z of the laboratory: the mean way outwards, weighed by the load."""
     along: float
@@ -74,8 +79,11 @@ class Outside:
         )
 
 
-def outside_sole(trial: TrialEvidence) -> Iterator[Finding]:
-    """Loaded frames of all plates whose centre of pressure is outside of the soles that may press on the plate."""
+def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
+    """Loaded frames of all plates whose centre of pressure is outside of the soles that may press on the plate.
+
+    `others`: what the other checks found in this trial.
+    """
     feet = feet_of(trial)
     if feet is None or not trial.recording.plates:
         return
@@ -94,9 +102,8 @@ def outside_sole(trial: TrialEvidence) -> Iterator[Finding]:
     for plate, foot in dict.fromkeys((one.plate.name, one.foot) for one in loadings):
         own_ones = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
         off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in own_ones])
-        if off is not None:
-            found.append(off)
-    yield from _findings(trial, feet.time, found)
+        found += [] if off is None else [off]
+    yield from _findings(trial, feet.time, [off for off in found if not _explained(trial, off, others)])
 
 
 def _judged(trial: TrialEvidence, step: Step) -> Loading | None:
@@ -124,14 +131,17 @@ def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> O
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
     weights = loaded[chosen]
+    down = near(feet.resting(foot), feet.time)
+    in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     mean = [float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right)]
     return Outside(
         plate=parts[0][0].plate.name,
         foot=foot,
         frames=frames,
         away=away,
+        moving=float(np.average(in_air, weights=weights)),
         shift=np.average(away[:, None] * way, axis=0, weights=weights),
-        along=mean[0] / max(float(np.hypot(*mean)), 1e-9),
+        along=mean[0] / max(float(np.linalg.norm(mean)), 1e-9),
         right=mean[1],
         share=float(chosen.mean()),
         impulse=impulse,
@@ -139,7 +149,20 @@ def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> O
 
 
 def _findings(trial: TrialEvidence, time: Array, found: Sequence[Outside]) -> Iterator[Finding]:
-    """One finding where all plates are off in one direction of the room, else one a plate and foot."""
+    """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
+    one a plate and foot.
+    """
+    late = [off for off in found if off.moving > IN_AIR]
+    if late:
+        yield trial.warning(
+            TOPIC,
+            "; ".join(off.words(time) for off in late),
+            "compare the clocks of markers and forces (time columns, first frames); no torque of a leg counts in these "
+            "frames",
+            cause="plates are loaded while the foot that stood on them is in the air",
+            weight=2.0,
+        )
+        found = [off for off in found if off not in late]
     shifts = np.array([off.shift / np.linalg.norm(off.shift) for off in found]).reshape(-1, 2)
     if len({off.plate for off in found}) > 1 and (shifts @ shifts.T).min() > ALIKE:
         yield trial.warning(
@@ -167,41 +190,29 @@ def _divided(
     trial: TrialEvidence, time: Array, loadings: Sequence[Loading], places: Sequence[Place], divided: BoolArray
 ) -> Finding:
     """Two plates with one centre of pressure, (loadings, nf) frames."""
-    both = divided.any(axis=0)
+    both: BoolArray = np.asarray(divided.any(axis=0))
     names = list(dict.fromkeys(one.plate.name for one, own in zip(loadings, divided, strict=True) if own.any()))
-    away = np.concatenate(
-        [place.away[own[one.frames] & place.outside] for one, place, own in zip(loadings, places, divided, strict=True)]
-    )
+    off = [p.away[own[x.frames] & p.outside] for x, p, own in zip(loadings, places, divided, strict=True)]
+    away = 1e3 * np.concatenate(off)
+    how_far = f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot" if len(away) else ""
+    loaded = sum(len(x.load) for x, own in zip(loadings, divided, strict=True) if own.any())
     return trial.warning(
         TOPIC,
-        f"{spans(time, runs(both))}: {1e3 * float(np.median(away)):.0f} mm (at most {1e3 * float(away.max()):.0f} mm) "
-        "outside of the foot that the plate is given to",
+        f"{spans(time, runs(both))}{how_far}, in {100 * divided.sum() / loaded:.0f} % of the loaded frames",
         "export what each plate or belt measured by itself; no torque of either leg counts in these frames",
         cause=divided_cause(names),
         weight=3.0,
     )
 
 
-def without_explained(findings: Sequence[Finding], feet_labels: Sequence[str]) -> list[Finding]:
-    """The findings of one trial without centres of pressure that another warning or error of it explains.
-
-    A divided total is told whatever else is.
-
-    Parameters
-    ----------
-    feet_labels : the markers that tell heels and toes.
-    """
-    others = [f for f in findings if f.topic != TOPIC and f.severity is not Severity.INFO]
-    disorder = any(f.topic in DISORDER or f.cause == PLATES_ELSEWHERE for f in others)
-    disorder |= any(f"'{label}'" in f.evidence for f in others for label in feet_labels)
-    plates = {name for f in others if f.topic in ("plates", "plate to foot") for name in _plates_in(f.evidence)}
-
-    def explained(f: Finding) -> bool:
-        return f.topic == TOPIC and not f.cause.startswith(DIVIDED) and (disorder or bool(_plates_in(f.evidence) & plates))
-
-    return [f for f in findings if not explained(f)]
-
-
-def _plates_in(text: str) -> set[str]:
-    """Names of plates."""
-    return set(re.findall(r"[Pp]late (\S+?)[,:;]?(?=\s|$)", text))
+def _explained(trial: TrialEvidence, off: Outside, others: Sequence[Finding]) -> bool:
+    """Whether another warning or error of the trial says why the centre of pressure is not under the foot."""
+    blaming = [f for f in others if f.severity is not Severity.INFO]
+    if any(f.topic in DISORDER or f.cause == PLATES_ELSEWHERE for f in blaming):
+        return True
+    plate = re.compile(rf"\bplate {re.escape(off.plate)}(?!\w)", re.IGNORECASE)
+    if any(plate.search(f.evidence) for f in blaming if f.topic in (TOPIC, "plates")):
+        return True
+    ends = [f"{end}_{SIDES[off.foot]}" for end in ("heel", "toe")]
+    labels = [label for end in ends for label in trial.marker_set.landmarks.get(end, ())]
+    return any(f"'{label}'" in f.evidence for f in blaming for label in labels)

@@ -39,7 +39,6 @@ from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
@@ -100,15 +99,14 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     contacts.contacts,
     plates.horizontal,
     plates.beside_feet,
-    outside_sole.outside_sole,
     body_mass.carried_mass,
 )
 
 
 CONSEQUENCES = {
     "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
-    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint", outside_sole.TOPIC),
-    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint", outside_sole.TOPIC),
+    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
+    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
 }
 """Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 
@@ -201,13 +199,7 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
     found = units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
-    return outside_sole.without_explained(found, _labels_of_feet(trial.marker_set))
-
-
-def _labels_of_feet(marker_set: MarkerSet) -> list[str]:
-    """Markers that tell heels and toes."""
-    ends = [f"{end}_{side}" for end in ("heel", "toe") for side in SIDES]
-    return [label for end in ends for label in marker_set.landmarks.get(end, ())]
+    return [*found, *outside_sole.outside_sole(trial, found)]
 
 
 def _without_consequences(findings: list[Finding]) -> list[Finding]:

@@ -1,10 +1,10 @@
 """What the ground does to each foot, and in which frames that is known for each leg.
 
 A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the air. Where a foot is
-down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where its
-centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk and the fit of masses need both feet at once.
-Whether a foot is down at all is told by its motion, or by events (`foot_contact.py`). The size of the forces plays no
-part in this: residuals stay a check.
+down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where the
+centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk
+and the fit of masses need both feet at once. Whether a foot is down at all is told by its motion, or by events
+(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check.
 """
 
 from __future__ import annotations

@@ -38,7 +38,9 @@ MOMENT_NM = 2.0
 """N·m, two standard deviations of a plate's moments: 4 cm at 50 N. An empty plate's reading of 5 N at 0.3 m of its
 middle makes as much."""
 SAME_M = 0.02
-"""m within which two plates report one centre of pressure; a foot is three to five times as broad."""
+"""m within which two plates under two feet report one centre of pressure; a foot is three to five times as broad."""
+EQUAL_M = 0.001
+"""m, the same of two plates that are given to one foot: it may really press on both sides of their border."""
 MOSTLY = 0.8
 """Of the frames in which both plates are loaded."""
 DIVIDED = (
@@ -162,22 +164,26 @@ def _other_foot_presses(loading: Loading, others: Sequence[Loading], feet: FootP
 
 def places_of(loadings: Sequence[Loading], feet: FootPoints, time: Array) -> list[Place]:
     """Where the centre of pressure of each loading lies."""
-    return [place_of(one, [other for other in loadings if other.plate is not one.plate], feet, time) for one in loadings]
+    return [
+        place_of(one, [other for other in loadings if other.plate is not one.plate], feet, time) for one in loadings
+    ]
 
 
 def divided_frames(one: Loading, other: Loading, places: tuple[Place, Place], count: int) -> BoolArray:
-    """(nf,) of `count` frames: two plates under different feet report one centre of pressure, outside of a foot.
+    """(nf,) of `count` frames: two plates report one centre of pressure, as a rule while both are loaded.
 
-    None where they do not as a rule. What is too light to tell, at the ends of both loadings, belongs to them.
+    Two feet cannot: it is outside of one of them, if not of both. Nor can one foot across two plates, to the
+    millimetre. What is too light to tell, at the ends of both loadings, belongs to these frames.
     """
     out = np.zeros(count, dtype=bool)
     first, last = max(one.frames.start, other.frames.start), min(one.frames.stop, other.frames.stop)
-    if one.foot == other.foot or one.plate is other.plate or last <= first:
+    if one.plate is other.plate or last <= first:
         return out
     mine, its = (slice(first - x.frames.start, last - x.frames.start) for x in (one, other))
     pressed = np.minimum(one.load[mine], other.load[its]) > BODY_N
-    same = np.linalg.norm((one.point[mine] - other.point[its])[:, [0, 2]], axis=1) < SAME_M
-    off = places[0].outside[mine] | places[1].outside[its]
+    apart = np.linalg.norm((one.point[mine] - other.point[its])[:, [0, 2]], axis=1)
+    same = apart < (SAME_M if one.foot != other.foot else EQUAL_M)
+    off = places[0].outside[mine] | places[1].outside[its] | (one.foot == other.foot)
     if (pressed & same & off).any() and same[pressed].mean() > MOSTLY:
         out[first:last] = same | ~pressed
     return out

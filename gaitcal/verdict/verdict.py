@@ -150,7 +150,7 @@ def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding
 
 
 _GOOD = Judgement.TRUSTWORTHY
-OF_FORCES = ("forces", "plates", "plate to foot", "centre of pressure", "body mass")
+OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""
 
 
