@@ -87,11 +87,13 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     feet = feet_of(trial)
     if feet is None or not trial.recording.plates:
         return
-    loadings = [one for step in steps(trial, feet) if (one := _judged(trial, step)) is not None]
+    made = [step for step in steps(trial, feet) if trial.trial.plates.get(step.plate.name) != "none"]
+    loadings = [_loading(trial, step) for step in made]
     places = places_of(loadings, feet.points(trial.subject.height), feet.time)
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
-    for own, one, place in zip(outside, loadings, places, strict=True):
-        own[one.frames] = place.outside
+    for own, one, place, step in zip(outside, loadings, places, made, strict=True):
+        # what is further away is told in contacts.py
+        own[one.frames] = place.outside & ((step.distance if one.foot == step.foot else step.other) < UNDER_FOOT)
     told_divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
         told_divided[[i, k]] |= divided_frames(loadings[i], loadings[k], (places[i], places[k]), len(feet.time))
@@ -106,13 +108,10 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     yield from _findings(trial, feet.time, [off for off in found if not _explained(trial, off, others)])
 
 
-def _judged(trial: TrialEvidence, step: Step) -> Loading | None:
-    """A step as the study has it, or by the nearer foot; None where it is under neither or its plate is not used."""
+def _loading(trial: TrialEvidence, step: Step) -> Loading:
+    """A step under the foot that the study names, or else the nearer one."""
     side = trial.trial.plates.get(step.plate.name)
     foot = SIDES.index(side) if side in SIDES else step.foot
-    away = step.distance if foot == step.foot else step.other
-    if side == "none" or not away < UNDER_FOOT:
-        return None
     return Loading(plate=step.plate, foot=foot, frames=step.frames, point=step.point, load=step.load)
 
 

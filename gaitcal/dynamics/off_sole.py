@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
@@ -169,8 +170,32 @@ def places_of(loadings: Sequence[Loading], feet: FootPoints, time: Array) -> lis
     ]
 
 
-def divided_frames(one: Loading, other: Loading, places: tuple[Place, Place], count: int) -> BoolArray:
-    """(nf,) of `count` frames: two plates report one centre of pressure, as a rule while both are loaded.
+class Pressed(Protocol):
+    """A loading of a plate: where its load is, and how much of it."""
+
+    @property
+    def plate(self) -> ForcePlate:
+        """The plate."""
+
+    @property
+    def foot(self) -> int:
+        """0 right, 1 left."""
+
+    @property
+    def frames(self) -> slice:
+        """In which it is loaded."""
+
+    @property
+    def point(self) -> Array:
+        """(n, 3) m, centre of pressure at these frames."""
+
+    @property
+    def load(self) -> Array:
+        """(n,) N."""
+
+
+def one_centre(one: Pressed, other: Pressed, count: int) -> BoolArray:
+    """(nf,) of `count` frames in which two plates report one centre of pressure; none unless they do as a rule.
 
     Two feet cannot: it is outside of one of them, if not of both. Nor can one foot across two plates, to the
     millimetre. What is too light to tell, at the ends of both loadings, belongs to these frames.
@@ -183,10 +208,18 @@ def divided_frames(one: Loading, other: Loading, places: tuple[Place, Place], co
     pressed = np.minimum(one.load[mine], other.load[its]) > BODY_N
     apart = np.linalg.norm((one.point[mine] - other.point[its])[:, [0, 2]], axis=1)
     same = apart < (SAME_M if one.foot != other.foot else EQUAL_M)
-    off = places[0].outside[mine] | places[1].outside[its] | (one.foot == other.foot)
-    if (pressed & same & off).any() and same[pressed].mean() > MOSTLY:
+    if pressed.any() and same[pressed].mean() > MOSTLY:
         out[first:last] = same | ~pressed
     return out
+
+
+def divided_frames(one: Loading, other: Loading, places: tuple[Place, Place], count: int) -> BoolArray:
+    """(nf,) of `count` frames: a total force was divided between two plates, by their common centre of pressure."""
+    same = one_centre(one, other, count)
+    if one.foot != other.foot:
+        off = any(place.outside[same[x.frames]].any() for x, place in zip((one, other), places, strict=True))
+        same &= off
+    return same
 
 
 def off_sole_frames(steps: Sequence[Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[Finding]]:
