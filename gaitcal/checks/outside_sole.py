@@ -151,22 +151,24 @@ def _findings(trial: TrialEvidence, time: Array, found: Sequence[Outside]) -> It
     """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
     one a plate and foot.
     """
-    late = [off for off in found if off.moving > IN_AIR]
-    if late:
+    if not found:
+        return
+    words = "; ".join(off.words(time) for off in found)
+    if np.average([off.moving for off in found], weights=[off.impulse for off in found]) > IN_AIR:
         yield trial.warning(
             TOPIC,
-            "; ".join(off.words(time) for off in late),
+            words,
             "compare the clocks of markers and forces (time columns, first frames); no torque of a leg counts in these "
             "frames",
             cause="plates are loaded while the foot that stood on them is in the air",
             weight=2.0,
         )
-        found = [off for off in found if off not in late]
-    shifts = np.array([off.shift / np.linalg.norm(off.shift) for off in found]).reshape(-1, 2)
+        return
+    shifts = np.array([off.shift / np.linalg.norm(off.shift) for off in found])
     if len({off.plate for off in found}) > 1 and (shifts @ shifts.T).min() > ALIKE:
         yield trial.warning(
             TOPIC,
-            "; ".join(off.words(time) for off in found),
+            words,
             "check the positions of the plates in the room (corners), and the origin of the markers; no torque of a "
             "leg counts in these frames",
             cause=PLATES_ELSEWHERE,
