@@ -97,11 +97,11 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     told_divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
         told_divided[[i, k]] |= divided_frames(loadings[i], loadings[k], (places[i], places[k]), len(feet.time))
-    if told_divided.any():
+    made_up = {one.plate.name for one, own in zip(loadings, told_divided, strict=True) if own.any()}
+    if made_up:
         yield _divided(trial, feet.time, loadings, places, told_divided)
-    outside &= ~told_divided
     found = []
-    for plate, foot in dict.fromkeys((one.plate.name, one.foot) for one in loadings):
+    for plate, foot in dict.fromkeys((x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up):
         own_ones = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
         off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in own_ones])
         found += [] if off is None else [off]
