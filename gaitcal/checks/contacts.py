@@ -145,8 +145,9 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
     on_feet = [step for step in loadings if np.isfinite(step.distance) and step.distance < UNDER_FOOT]
     for step in loadings:
+        far = step.distance > UNDER_FOOT
         # a total force that was divided, told in outside_sole.py, may be far from both feet
-        if not any(one_centre(step, other, len(feet.time)).any() for other in loadings):
+        if not (far and any(one_centre(step, other, len(feet.time)).any() for other in loadings)):
             yield from _which_foot(trial, step)
     for step in on_feet:
         yield from _height(trial, feet, step)
