@@ -10,6 +10,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.dynamics.foot_contact import RESTING, FootPoints, ground_velocity
+from gaitcal.dynamics.off_sole import one_centre
 from gaitcal.dynamics.partly_carried import MOST_BESIDE
 from gaitcal.dynamics.plate_outline import foot_tip, outline_known
 from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
@@ -144,7 +145,10 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
     on_feet = [step for step in loadings if np.isfinite(step.distance) and step.distance < UNDER_FOOT]
     for step in loadings:
-        yield from _which_foot(trial, step)
+        far = step.distance > UNDER_FOOT
+        # a total force that was divided, told in outside_sole.py, may be far from both feet
+        if not (far and any(one_centre(step, other, len(feet.time)).any() for other in loadings)):
+            yield from _which_foot(trial, step)
     for step in on_feet:
         yield from _height(trial, feet, step)
     partly = [finding for step in on_feet for finding in overhang(trial, feet, step)]

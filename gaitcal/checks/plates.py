@@ -45,6 +45,7 @@ OUTWARD = 0.01
 BESIDE_M = 0.025
 """How far the centres of pressure of both feet must lie to one side; on real walks they lie 13 to 22 mm beside the line
 from heel to toe, to either side."""
+PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
 LOADED_SHARE = 0.5
 """Of body weight: a foot that carries as much lies flat."""
 
@@ -204,7 +205,7 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
             f"the centres of pressure lie to the {'right' if every[0] > 0 else 'left'} of the line heel-toe of both "
             f"feet: {abs(means[0]):.0f} mm (right foot) and {abs(means[1]):.0f} mm (left foot)",
             "check the positions of the plates in the room (corners), and the origin of the markers",
-            cause="the plates, or the markers, are not where the file has them",
+            cause=PLATES_ELSEWHERE,
         )
 
 

@@ -27,6 +27,7 @@ from gaitcal.checks import (
     moving_joint,
     one_body,
     one_marker,
+    outside_sole,
     plates,
     posture,
     sampling,
@@ -197,7 +198,8 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
-    return units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+    found = units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+    return [*found, *outside_sole.outside_sole(trial, found)]
 
 
 def _without_consequences(findings: list[Finding]) -> list[Finding]:

@@ -1,10 +1,10 @@
 """What the ground does to each foot, and in which frames that is known for each leg.
 
 A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the air. Where a foot is
-down and no plate carries it, where it rests partly beside its plates, or where a plate carries both feet, the torques
-of that leg are not valid; those of the other leg may be. Pelvis, trunk and the fit of masses need both feet at once.
-Whether a foot is down at all is told by its motion, or by events (`foot_contact.py`). The size of the forces plays no
-part in this: residuals stay a check.
+down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where the
+centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk
+and the fit of masses need both feet at once. Whether a foot is down at all is told by its motion, or by events
+(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints, on_the_floor
+from gaitcal.dynamics.off_sole import off_sole_frames
 from gaitcal.dynamics.partly_carried import beside_plates, shared_plates
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
@@ -39,10 +40,12 @@ class GroundReactions:
     wrench: Array
     """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
     valid: BoolArray
-    """(nf,) whole body: both legs are valid, by their motion alone, too, and a plate carries the body. Masses are
-    fitted to these frames: no event that somebody set decides on them."""
+    """(nf,) whole body: each foot is wholly on plates of its own or in the air, by its motion alone, too, and a plate
+    carries the body. Masses are fitted to these frames: no event that somebody set decides on them, and no centre of
+    pressure, which would make a residual small by construction."""
     valid_legs: BoolArray
-    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, or in the air."""
+    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, with the centre of pressure under
+    it, or in the air."""
     loaded: BoolArray
     """(nf, 2) a plate carries the foot."""
     resting: BoolArray
@@ -134,16 +137,17 @@ def ground_reactions_on_feet(
     used = [plate for plate in plates if (assigned or {}).get(plate.name) != "none"]
     partly, beside = beside_plates(steps, used, time, feet, loaded)
     shared, both = shared_plates(steps, used, time, feet, at_most)
+    off, unlike = off_sole_frames(steps, time, feet)
     inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
         wrench=wrench,
         valid=legs.all(axis=1) & loaded.any(axis=1) & ~at_most.any(axis=1),
-        valid_legs=legs,
+        valid_legs=legs & ~off,
         loaded=loaded,
         resting=resting,
         notes=tuple(notes),
-        findings=(*findings, *beside, *both),
+        findings=(*findings, *beside, *both, *unlike),
     )
 
 

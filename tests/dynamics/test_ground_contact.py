@@ -57,7 +57,7 @@ def test_a_foot_wholly_on_its_plate_is_valid_throughout() -> None:
 
 
 def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
-    reactions = found(0.49, square(0.0))
+    reactions = found(0.49, square(0.0, pressed=0.35))
     np.testing.assert_array_equal(reactions.valid, HEEL_ONLY)
     pushing_off = (TIME > 0.8) & (TIME < 0.8 + LEAVING - 1e-6)
     np.testing.assert_array_equal(reactions.valid_r, HEEL_ONLY | ~STANCE & ~pushing_off)
@@ -248,7 +248,7 @@ def test_toes_that_reach_a_little_onto_the_plate_of_the_other_foot_share_nothing
 
 def test_a_small_gap_between_plates_is_no_floor() -> None:
     """One of them is hardly loaded: it is a part of the surface all the same."""
-    near, far = square(0.0), square(0.504, "2", load=0.0)
+    near, far = square(0.0, pressed=0.35), square(0.504, "2", load=0.0)
     assert found(0.49, near, far).valid_r.all()
     assert not found(0.49, near, square(0.58, "2", load=0.0)).valid_r.all()
 
