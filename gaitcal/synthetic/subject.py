@@ -30,7 +30,7 @@ from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import marker_noise, residual_free_wrench, synthetic_markers
 from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion, static_motion
-from gaitcal.synthetic.truth import in_static_frames, truth_table
+from gaitcal.synthetic.truth_files import TRUTH, write_truth
 
 CLEARANCE = 0.02
 """m between the floor and the lowest foot marker."""
@@ -67,7 +67,7 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
 
 
 def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
-    """Write a synthetic subject as a study folder: C3D files, `study.toml`, `truth.csv`. Returns the study file.
+    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
 
     Parameters
     ----------
@@ -88,9 +88,13 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     trials["gait"] = gait_motion()
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
+        curves: dict[str, tuple[TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
-            recording = _recording(name, _on_the_floor(model, motion), model, labels)
+            placed = _on_the_floor(model, motion)
+            recording = _recording(name, placed, model, labels)
+            if name != "static":
+                curves[name] = placed, residual_free_wrench(model.parameters, placed) if name == "gait" else None
             if noise and name != "static":
                 moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
@@ -98,7 +102,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
             entries.append(_entry(name))
         study = _study_file(model.subject, tuple(entries))
         (target / "study.toml").write_text(study.to_toml(), encoding="utf-8")
-        (target / "truth.csv").write_text(truth_table(in_static_frames(model)), encoding="utf-8")
+        write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
@@ -177,4 +181,5 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
             hip_centre=PUBLISHED_HIPS.value,
             ankle_zero="markers",
         ),
+        truth=TRUTH,
     )
