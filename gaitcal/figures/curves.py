@@ -118,7 +118,8 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
         title="Joint moments",
         caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
         "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
-        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one.",
+        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one."
+        + (" The truth goes on through these." if known else ""),
         panels=_panels(names, trace, layout, "N·m/kg", LEAST_MOMENT, moment=True),
         keys=_keys("trunk", bands=loads.errors is not None, truth=bool(known)),
         subject=trial.name,

@@ -69,7 +69,7 @@ def _panel(groups: tuple[Group, ...], title: str, unit: str, truth: Mapping[str,
                 axes.plot([row.change], [y], "o", color=colour, markersize=3.6)
                 if row.name in truth:
                     at = truth[row.name] - row.nominal
-                    axes.plot([at], [y], "o", color=INK, markerfacecolor="none", markersize=5.6, markeredgewidth=0.9)
+                    axes.plot([at], [y], "o", color=colour, markerfacecolor="none", markersize=5.6, markeredgewidth=0.9)
         dress_rows(axes, [words.replace(" in the ", ", ") for words in rows], labelsize=SMALL)
 
     return Panel(f"{title} of joints: change by calibration, right and left, {unit}", draw, size)

@@ -55,7 +55,7 @@ SIDE_KEYS = tuple(
     Key(label=SIDE_WORDS[side], colour=SIDE_COLOURS[side], dashes=SIDE_DASHES[side]) for side in ("r", "l")
 )
 """Right and left in the legend of curves."""
-TRUTH_WORDS = "truth (known, as this person is made up)"
+TRUTH_WORDS = "truth (known: this person is made up)"
 """In legends."""
 
 

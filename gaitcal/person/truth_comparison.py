@@ -19,27 +19,35 @@ from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, SIDES, is_transla
 from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.person.tables import parameter_table
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
-from gaitcal.study.truth import Truth
+from gaitcal.study.truth import Truth, other_rule
 
 _Gap: TypeAlias = Callable[[Array, Array], float]
 _FRONT, _TRANS, _SAG = 0, 1, 2
 """Axes that the angles of a joint axis turn about."""
-_FEATURES: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
-    ("hip", "pelvis", "centre in the pelvis", ("ant", "sup", "lat")),
-    ("knee", "thigh", "axis in the thigh, its distance", ("ant", "sup")),
-    ("knee", "thigh", "axis in the thigh, its direction", ("front", "trans")),
-    ("talocrural", "shank", "axis in the shank, its distance", ("ant", "sup")),
-    ("talocrural", "shank", "axis in the shank, its direction", ("front", "trans")),
-    ("subtalar", "foot", "axis in the foot, its direction", ("trans", "sag")),
+_FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
+    ("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
+    ("knee", "thigh", "axis_place", "axis in the thigh: its place", ("ant", "sup")),
+    ("knee", "thigh", "axis_direction", "axis in the thigh: its direction", ("front", "trans")),
+    ("talocrural", "shank", "axis_place", "axis in the shank: its place", ("ant", "sup")),
+    ("talocrural", "shank", "axis_direction", "axis in the shank: its direction", ("front", "trans")),
+    ("subtalar", "foot", "axis_direction", "axis in the foot: its direction", ("trans", "sag")),
 )
-"""Joint, segment, words and the parameters of one joint centre or axis. Where an axis passes the segment is told in the
-plane across it; a point along an axis means nothing by itself."""
+"""Joint, segment, part, words and the parameters of one joint centre or axis. The place of an axis is told in the plane
+across it; a point along it means nothing by itself."""
 
 
 def with_truth(calibration: Calibration) -> Calibration:
-    """The same with `truth`, where the study names one: computed once, for files, page and terminal alike."""
-    known = calibration.study.truth
-    return calibration if known is None else replace(calibration, truth=_errors(calibration, known))
+    """The same with `truth`, where the study names one: computed once, for files, page and terminal alike.
+
+    Where settings were changed since the study was read so that frames are others, there is no `truth` but a note.
+    """
+    known, study = calibration.study.truth, calibration.study
+    if known is None:
+        return calibration
+    if (other := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
+        note = f"the truth that the study names is not compared: truth.{other.rule}: {other.words}"
+        return replace(calibration, notes=(*calibration.notes, note))
+    return replace(calibration, truth=_errors(calibration, known))
 
 
 def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
@@ -75,7 +83,7 @@ def _parameters(table: pd.DataFrame, true: Mapping[str, float]) -> tuple[Paramet
 
 def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, ...]:
     out = []
-    for joint, segment, words, directions in _FEATURES:
+    for joint, segment, part, words, directions in _FEATURES:
         for side in SIDES:
             names = [f"{joint}_{side}.{segment}.{direction}" for direction in directions]
             if not all(name in parameters for name in names):
@@ -90,7 +98,8 @@ def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, .
             out.append(
                 FeatureTruth(
                     joint=f"{joint}_{side}",
-                    words=f"{joint_words(f'{joint}_{side}')} {words}",
+                    part=part,
+                    words=f"{joint_words(joint)} {words}",
                     unit=rows[0].unit,
                     nominal=gap(nominal, true),
                     fitted=gap(fitted, true),

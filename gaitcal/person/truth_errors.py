@@ -111,8 +111,10 @@ class FeatureTruth:
 
     joint: str
     """`hip_r`."""
+    part: str
+    """`centre`, `axis_place` or `axis_direction`."""
     words: str
-    """`right hip centre in the pelvis`."""
+    """Without the side: `Hip centre in the pelvis`."""
     unit: str
     nominal: float
     """Distance or angle between nominal and true."""
@@ -120,6 +122,11 @@ class FeatureTruth:
     """Between calibrated and true."""
     within: tuple[bool, ...]
     """Of its parameters with a standard error: whether the truth lies within 1.96 of it."""
+
+    @property
+    def side(self) -> str:
+        """`r` or `l`."""
+        return self.joint[-1]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import moment_names
-from gaitcal.gait.words import coordinate_title
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
 
@@ -36,6 +35,11 @@ class TruthSum:
         return self.within / self.bars if self.bars else None
 
     @property
+    def farther(self) -> bool:
+        """Calibration led away from the truth, by as much as is shown."""
+        return round(self.fitted, 2) > round(self.nominal, 2)
+
+    @property
     def sentence(self) -> str:
         """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm; ...`."""
         text = f"{self.words} against the truth (RMS over {self.count}): nominal {self.nominal:.2f} {self.unit}, "
@@ -48,7 +52,6 @@ class CurveRow:
     """One leg coordinate of one trial: its angle and its moment beside the true ones; what is unknown is None."""
 
     name: str
-    title: str
     angle: CurveTruth | None
     moment: CurveTruth | None
 
@@ -77,10 +80,7 @@ def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tupl
     """The coordinates and moments of both legs, in the order of the result."""
     known = truth.of(trial)
     names = [name for name in moment_names(calibration.model) if leg_of(name)]
-    rows = (
-        CurveRow(name=n, title=coordinate_title(n), angle=known.coordinates.get(n), moment=known.forces.get(n))
-        for n in names
-    )
+    rows = (CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names)
     return tuple(row for row in rows if row.angle is not None or row.moment is not None)
 
 

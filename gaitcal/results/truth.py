@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.person.truth_errors import CurveTruth, TruthErrors
+from gaitcal.person.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.results.json_types import Json
 from gaitcal.results.table_file import write_csv
 from gaitcal.study.truth import MOMENTS, MOTION
@@ -19,7 +19,7 @@ PARAMETERS_HEADER = (
     "z: error in standard errors; of honest ones 95 of 100 are below 1.96",
 )
 MOTION_HEADER = (
-    "true coordinates in degrees and m at the frames of motion/TRIAL.csv, counted from the same zero",
+    "true coordinates in degrees and m at the frames of motion/TRIAL.csv, from the anatomical zero",
     "_error: calibrated minus true; empty: the truth has no such instant",
 )
 MOMENTS_HEADER = (
@@ -76,14 +76,8 @@ def truth_summary(truth: TruthErrors) -> dict[str, Json]:
             if p.status == "fitted"
         },
         "joints": {
-            f.words: _known(
-                unit=f.unit,
-                nominal=f.nominal,
-                calibrated=f.fitted,
-                within=sum(f.within) if f.within else None,
-                of=len(f.within) or None,
-            )
-            for f in truth.features
+            joint: {f.part: _feature(f) for f in truth.features if f.joint == joint}
+            for joint in dict.fromkeys(f.joint for f in truth.features)
         },
         "trials": {
             name: {"coordinates": _curves(trial.coordinates), "forces": _curves(trial.forces)}
@@ -92,9 +86,15 @@ def truth_summary(truth: TruthErrors) -> dict[str, Json]:
     }
 
 
+def _feature(f: FeatureTruth) -> dict[str, Json]:
+    """`within`: how many `of` its parameters with standard errors hold the truth."""
+    held = (sum(f.within), len(f.within)) if f.within else (None, None)
+    return _known(unit=f.unit, nominal_error=f.nominal, error=f.fitted, within=held[0], of=held[1])
+
+
 def _curves(curves: Mapping[str, CurveTruth]) -> dict[str, Json]:
     return {
-        name: _known(rms=c.rms, nominal_rms=c.nominal_rms, within=c.share_within)
+        name: _known(rms_error=c.rms, nominal_rms_error=c.nominal_rms, share_within=c.share_within)
         for name, c in curves.items()
         if c.rms is not None
     }

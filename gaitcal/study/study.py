@@ -89,7 +89,7 @@ class Study:
             source=str(path),
             files=files,
             rename=dict(file.markers.rename),
-            truth=read_truth(file.truth, file.calibration, [trial.name for trial in trials], path),
+            truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
         )
 
     @property

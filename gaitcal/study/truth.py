@@ -5,9 +5,9 @@
     TRIAL_moments.csv     names and units of a result's moments/TRIAL.csv: time, generalised forces, _bwh
 
 All of it is told in the segment frames and from the ankle zero that the calibration makes of the static trial, so that
-the numbers are those of a calibration without error. The study file says with which rules (`[truth]` hip_centre,
-ankle_zero); a study that calibrates with others would be compared with numbers that mean something else, and is
-refused. Curves have their units in a comment line, which must be there as it is written.
+the numbers are those of a calibration without error. The study file says with which rules (`[truth]` markers,
+hip_centre, ankle_zero); a study that calibrates with others would be compared with numbers that mean something else,
+and is refused. Curves have their units in a comment line, which must be there as it is written.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ MOMENT_UNITS = "true generalised forces: N m (pelvis_tx, _ty, _tz: N); NAME_bwh 
 FORCE_NAMES: tuple[str, ...] = (*FILE_COORDINATES, *REACTIONS)
 """Columns of a moments file, without time."""
 DIGITS = "%.9g"
+"""Of written numbers: a millionth of a degree and of a newton metre, and more."""
 SLACK = 1e-4
 """s: a tenth of a millisecond of rounding in times that were written as text."""
 _UNIT = dict(zip(JP_NAMES, (p.kind.unit for p in JOINT_PARAMETERS), strict=True)) | dict(
@@ -63,6 +64,8 @@ class TrueCurves:
 class Truth:
     """What is known to be true of the person of a study."""
 
+    told: TruthTable
+    """By which rules."""
     parameters: Mapping[str, float]
     """Parameter -> m, rad, kg, kg m^2, as far as the file has it."""
     motions: Mapping[str, TrueCurves]
@@ -77,7 +80,7 @@ def motion_text(time: Array, q: Array, velocity: Array | None = None, accelerati
     for suffix, values in ((suffix, part) for suffix, part in parts.items() if part is not None):
         for name in FILE_COORDINATES:
             columns[name + suffix] = values[:, COORDINATES.index(name)] / _scale(name)
-    return f"# {MOTION_UNITS}\n" + pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
+    return _text(MOTION_UNITS, columns)
 
 
 def moments_text(time: Array, forces: Array, bwh: float) -> str:
@@ -87,7 +90,12 @@ def moments_text(time: Array, forces: Array, bwh: float) -> str:
         value = forces[:, (*COORDINATES, *REACTIONS).index(name)]
         columns[name] = value
         columns[f"{name}_bwh"] = np.full(len(time), np.nan) if is_translation(name) else 100.0 * value / bwh
-    return f"# {MOMENT_UNITS}\n" + pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
+    return _text(MOMENT_UNITS, columns)
+
+
+def _text(units: str, columns: Mapping[str, Array]) -> str:
+    rows: str = pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
+    return f"# {units}\n{rows}"
 
 
 def truth_files(table: TruthTable | None, trials: Sequence[str]) -> tuple[Path, ...]:
@@ -99,9 +107,9 @@ def truth_files(table: TruthTable | None, trials: Sequence[str]) -> tuple[Path, 
 
 
 def read_truth(
-    table: TruthTable | None, settings: CalibrationSettings, trials: Sequence[str], source: Path
+    table: TruthTable | None, settings: CalibrationSettings, marker_set: str, trials: Sequence[str], source: Path
 ) -> Truth | None:
-    """The truth that the study file `source` names; None where it names none.
+    """The truth that the study file `source` names; None where it names none. `marker_set`: its name.
 
     Raises
     ------
@@ -110,17 +118,37 @@ def read_truth(
     """
     if table is None:
         return None
-    for rule, used in (("hip_centre", settings.hip_rule), ("ankle_zero", settings.ankle_rule)):
-        if (told := getattr(table, rule)) != used:
-            message = f"found '{told}', and the calibration uses '{used}': the truth would be told in other frames"
-            raise InputError(f"{message}; set calibration.{rule} = '{told}'", source=source, field=f"truth.{rule}")
+    other = other_rule(table, settings, marker_set)
+    if other is not None:
+        message = f"{other.words}; allowed: the same, or no [truth]"
+        raise InputError(message, source=source, field=f"truth.{other.rule}")
     motions, moments = (_curves(table.folder, trials, end) for end in (MOTION, MOMENTS))
     if table.folder and not motions and not moments:
         wanted = f"TRIAL{MOTION} or TRIAL{MOMENTS} of a trial of the study"
         raise InputError(
             f"found no such file in '{table.folder.name}'; allowed: {wanted}", source=source, field="truth.folder"
         )
-    return Truth(parameters=_parameters(table.parameters), motions=motions, moments=moments)
+    return Truth(told=table, parameters=_parameters(table.parameters), motions=motions, moments=moments)
+
+
+@dataclass(frozen=True)
+class OtherRule:
+    """A rule by which the truth is told and the calibration is not."""
+
+    rule: str
+    told: str
+    used: str
+
+    @property
+    def words(self) -> str:
+        """What was found, and what it would do."""
+        return f"found '{self.told}', and the study uses '{self.used}', whose segment frames and zeros are others"
+
+
+def other_rule(table: TruthTable, settings: CalibrationSettings, marker_set: str) -> OtherRule | None:
+    """The first rule that makes frames other than those of the truth; None: its numbers mean the same."""
+    used = {"markers": marker_set, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
+    return next((OtherRule(rule, told, u) for rule, u in used.items() if (told := getattr(table, rule)) != u), None)
 
 
 def _parameters(path: Path) -> dict[str, float]:

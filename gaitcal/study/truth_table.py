@@ -19,6 +19,7 @@ class TruthTable(Table):
     folder: Path | None = Field(
         default=None, strict=False, description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves"
     )
+    markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
         description="the nominal hip centre whose segment frames the truth is told in; that of the calibration"
     )

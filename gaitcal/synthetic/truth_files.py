@@ -18,7 +18,11 @@ from gaitcal.synthetic.truth import static_frames, truth_table
 
 PARAMETERS, CURVES = Path("truth.csv"), Path("truth")
 TRUTH: Final = TruthTable(
-    parameters=PARAMETERS, folder=CURVES, hip_centre=HipCentre.BELL.value, ankle_zero=AnkleZero.MARKERS.value
+    parameters=PARAMETERS,
+    folder=CURVES,
+    markers="published",
+    hip_centre=HipCentre.BELL.value,
+    ankle_zero=AnkleZero.MARKERS.value,
 )
 """`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes."""
 
