@@ -10,9 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.figures.calibration import charts_of
+from gaitcal.figures.chart import Panel, panel_figure
+from gaitcal.figures.curves import TRUTH_WIDTH
+from gaitcal.figures.style import INK, TRUTH_DASHES, line_style
+from gaitcal.model.linkage import SIDES
 from gaitcal.page import report_html
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
@@ -130,8 +135,35 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     (section,) = re.findall(r'<section id="truth">.*?</section>', page, re.S)
     for total in sums(known, errors(known)):
         assert total.words in section
-    # The curves themselves: without the truth they draw fewer lines.
-    assert len(page) > len(report_html(replace(known, truth=None))) + 20_000
+
+
+def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
+    """Heights of the black lines of these dashes in a panel."""
+    (axes,) = panel_figure(panel).axes
+    found = [line for line in axes.lines if line.get_color() == INK]
+    wanted = Line2D([], [], linestyle=line_style(style), linewidth=TRUTH_WIDTH)
+    return [np.asarray(line.get_ydata()) for line in found if line._dash_pattern == wanted._dash_pattern]
+
+
+def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
+    (view,) = charts_of(known).gait
+    truth, mass = errors(known).of("gait"), known.model.subject.mass
+    assert view.moments is not None
+    for chart, curves, name, title, scale in (
+        (view.angles, truth.coordinates, "knee_angle", "Knee flexion", 1.0),
+        (view.moments, truth.forces, "knee_adduction", "Knee adduction", mass),
+    ):
+        (panel,) = (p for p in chart.panels if p.label.startswith(title))
+        for side in SIDES:
+            (line,) = drawn(panel, TRUTH_DASHES[side])
+            expected = view.layout.lay(side, curves[f"{name}_{side}"].truth / scale)[1]
+            np.testing.assert_allclose(line, expected)
+    assert charts_of(known).parameters is not None
+    panel = charts_of(known).parameters.panels[0]  # type: ignore[union-attr]
+    (axes,) = panel_figure(panel).axes
+    rings = [line for line in axes.lines if line.get_markerfacecolor() == "none"]
+    changes = sorted(p.truth - p.nominal for p in errors(known).fitted("joint position"))
+    np.testing.assert_allclose(sorted(float(ring.get_xdata()[0]) for ring in rings), changes, atol=1e-12)
 
 
 def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
