@@ -150,7 +150,7 @@ def synthesize(
         bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
     ] = False,
 ) -> None:
-    """A synthetic subject with known parameters as a study folder: C3D files, study.toml, truth.csv."""
+    """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
 
     write_subject(out, talk, seed=seed, noise=noise, perturb=perturb)

@@ -142,3 +142,7 @@ def test_demo_recovers_its_subject(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "report.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"
     assert (tmp_path / "demo/result/view.html").exists()
+    assert "gait: leg moments against the truth (RMS over 14)" in done.stdout
+    manifest = json.loads((tmp_path / "demo/result/manifest.json").read_text(encoding="utf-8"))
+    assert "truth/gait_moments.csv" in manifest["files"], "what a result holds is in its manifest"
+    assert "truth/gait_moments.csv" in manifest["inputs_sha256"], "it is an input like the recordings"

@@ -14,6 +14,7 @@ from rich.text import Text
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.person.truth_words import sums
 from gaitcal.runtime import Progress, silent
 from gaitcal.verdict.verdict import Verdict
 
@@ -59,6 +60,8 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     print_trials(talk, calibration.trials)
+    for total in sums(calibration, calibration.truth) if calibration.truth else ():
+        talk.line(total.sentence)
     print_verdict(talk, calibration.verdict)
     print_remarks(talk, (), calibration.notes)
 

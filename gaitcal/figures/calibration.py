@@ -60,7 +60,10 @@ def charts_of(calibration: Calibration) -> Charts:
     gait = [(stem(i, t.name), t) for i, t in enumerate(calibration.trials, start=1) if t.joint is None]
     return Charts(
         fit_chart(calibration),
-        parameters_chart(joint_groups(calibration)),
+        parameters_chart(
+            joint_groups(calibration),
+            {p.name: p.truth for p in calibration.truth.parameters} if calibration.truth else None,
+        ),
         tuple(_gait_view(calibration, trial, name) for name, trial in gait),
     )
 

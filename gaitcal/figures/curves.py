@@ -12,6 +12,7 @@ from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart, Panel
 from gaitcal.figures.style import (
     FAINT,
+    INK,
     NOMINAL,
     SIDE_COLOURS,
     SIDE_DASHES,
@@ -19,6 +20,8 @@ from gaitcal.figures.style import (
     STANCE,
     STANCE_ALPHA,
     STANCE_KEY,
+    TRUTH_DASHES,
+    TRUTH_WORDS,
     Key,
     dress,
     limits,
@@ -32,6 +35,7 @@ from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
 """Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""
+TRUTH_WIDTH = 1.1
 
 
 @dataclass(frozen=True)
@@ -45,18 +49,25 @@ class Trace:
     """(nf,) with the nominal model."""
     error: Array | None
     """(nf,) standard error."""
+    truth: Array | None = None
+    """(nf,) where it is known; in frames that are not valid, too."""
 
 
 BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
 
 
-def _keys(middle: str, *, bands: bool) -> tuple[Key, ...]:
-    """The legend; `middle` says what the curves without a side are of."""
+def _keys(middle: str, *, bands: bool, truth: bool) -> tuple[Key, ...]:
+    """The legend; `middle` says what the curves without a side are of, `truth` whether it is drawn."""
+    known = (
+        Key(label=TRUTH_WORDS, colour=INK, dashes=TRUTH_DASHES["r"], width=TRUTH_WIDTH),
+        Key(label="truth, left", colour=INK, dashes=TRUTH_DASHES["l"], width=TRUTH_WIDTH),
+    )
     return (
         *SIDE_KEYS,
         Key(label=middle, colour=SIDE_COLOURS[""]),
         *((BAND_KEY,) if bands else ()),
         Key(label="nominal model", colour=NOMINAL, width=0.9),
+        *(known if truth else ()),
         Key(label="stance (toe-off: thin line)", colour=STANCE_KEY, kind="area"),
     )
 
@@ -65,12 +76,14 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
     """Joint angles of a whole-body trial."""
     frozen = set(calibration.model.frozen)
     before, after = np.degrees(trial.nominal.q), np.degrees(trial.body.q)
+    known = calibration.truth.of(trial.name).coordinates if calibration.truth else {}
 
     def trace(name: str) -> Trace:
         column = trial.body.coordinates.index(name)
         old = trial.nominal.coordinates.index(name)
         error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, column])
-        return Trace(split_side(name)[1], after[:, column], before[:, old], error)
+        true = known[name].truth if name in known else None
+        return Trace(split_side(name)[1], after[:, column], before[:, old], error, true)
 
     names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
     return Chart(
@@ -80,7 +93,7 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
         "against the laboratory, trunk angles against the pelvis"
         + (", over the right cycle." if layout.by_cycle else "."),
         panels=_panels(names, trace, layout, "deg", LEAST_ANGLE, moment=False),
-        keys=_keys("pelvis and trunk", bands=trial.coordinate_errors is not None),
+        keys=_keys("pelvis and trunk", bands=trial.coordinate_errors is not None, truth=bool(known)),
         subject=trial.name,
     )
 
@@ -88,6 +101,7 @@ def angle_chart(calibration: Calibration, trial: TrialResult, layout: Layout, st
 def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTrial, layout: Layout, stem: str) -> Chart:
     """Joint moments per body mass; frames that are not valid stay empty."""
     mass = calibration.model.subject.mass
+    known = calibration.truth.of(trial.name).forces if calibration.truth else {}
 
     def trace(name: str) -> Trace:
         value, nominal = (
@@ -95,7 +109,8 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
             for forces in (loads.final, loads.nominal)
         )
         errors = None if loads.errors is None else moment_of(loads.errors, name) / mass
-        return Trace(split_side(name)[1], value, nominal, errors)
+        true = known[name].truth / mass if name in known else None
+        return Trace(split_side(name)[1], value, nominal, errors, true)
 
     names = moment_names(calibration.model)
     return Chart(
@@ -103,9 +118,10 @@ def moment_chart(calibration: Calibration, trial: TrialResult, loads: LoadedTria
         title="Joint moments",
         caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
         "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
-        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one.",
+        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one."
+        + (" The truth goes on through these." if known else ""),
         panels=_panels(names, trace, layout, "N·m/kg", LEAST_MOMENT, moment=True),
-        keys=_keys("trunk", bands=loads.errors is not None),
+        keys=_keys("trunk", bands=loads.errors is not None, truth=bool(known)),
         subject=trial.name,
     )
 
@@ -157,6 +173,10 @@ def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
         axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.25, linewidth=0)
         drawn += [y - spread, y + spread]
     axes.plot(x, y, color=colour, linewidth=1.5, linestyle=dashes)
+    if trace.truth is not None:
+        x, true = layout.lay(trace.side, trace.truth)
+        axes.plot(x, true, color=INK, linewidth=TRUTH_WIDTH, linestyle=line_style(TRUTH_DASHES[trace.side]))
+        drawn.append(true)
     return drawn
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from gaitcal.figures.chart import Chart, Panel, Size
-from gaitcal.figures.style import FAINT, SIDE_COLOURS, SMALL, Key, dress, dress_rows
+from gaitcal.figures.style import FAINT, INK, SIDE_COLOURS, SMALL, TRUTH_WORDS, Key, dress, dress_rows
 from gaitcal.gait.moments import MomentNumbers
 from gaitcal.gait.words import coordinate_words, split_side
 from gaitcal.person.parameter_words import Group, Row
@@ -17,12 +19,16 @@ OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}
 """Of the right and the left side of one row, in rows."""
 
 
-def parameters_chart(groups: tuple[Group, ...]) -> Chart | None:
-    """Changes of positions (mm) and orientations (deg); None where no joint parameter was fitted."""
+def parameters_chart(groups: tuple[Group, ...], truth: Mapping[str, float] | None = None) -> Chart | None:
+    """Changes of positions (mm) and orientations (deg); None where no joint parameter was fitted.
+
+    `truth`: parameter -> true value in the unit of the rows, where it is known.
+    """
+    known = truth or {}
     panels = [
         panel
         for title, unit in (("Positions", "mm"), ("Orientations", "deg"))
-        if (panel := _panel(groups, title, unit)) is not None
+        if (panel := _panel(groups, title, unit, known)) is not None
     ]
     if not panels:
         return None
@@ -32,14 +38,18 @@ def parameters_chart(groups: tuple[Group, ...]) -> Chart | None:
         name="joint_parameters",
         title="How far each joint parameter moved",
         caption="Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of "
-        "the named segment: forward, up, to the right.",
+        "the named segment: forward, up, to the right."
+        + (" A ring around a dot: calibration found the truth; around zero: the nominal value was true." * bool(known)),
         panels=tuple(panels),
-        keys=tuple(Key(label=label, colour=SIDE_COLOURS[side], kind="dot") for side, label in shown.items()),
+        keys=(
+            *(Key(label=label, colour=SIDE_COLOURS[side], kind="dot") for side, label in shown.items()),
+            *((Key(label=TRUTH_WORDS, colour=INK, kind="ring"),) if known else ()),
+        ),
         columns=2,
     )
 
 
-def _panel(groups: tuple[Group, ...], title: str, unit: str) -> Panel | None:
+def _panel(groups: tuple[Group, ...], title: str, unit: str, truth: Mapping[str, float]) -> Panel | None:
     rows: dict[str, list[Row]] = {}
     for group in groups:
         for row in (*group.right, *group.left):
@@ -57,6 +67,9 @@ def _panel(groups: tuple[Group, ...], title: str, unit: str) -> Panel | None:
                 y, colour, error = line + OFFSET[row.side], SIDE_COLOURS[row.side], row.error or 0.0
                 axes.plot([row.change - error, row.change + error], [y, y], color=colour, linewidth=1.2)
                 axes.plot([row.change], [y], "o", color=colour, markersize=3.6)
+                if row.name in truth:
+                    at = truth[row.name] - row.nominal
+                    axes.plot([at], [y], "o", color=colour, markerfacecolor="none", markersize=5.6, markeredgewidth=0.9)
         dress_rows(axes, [words.replace(" in the ", ", ") for words in rows], labelsize=SMALL)
 
     return Panel(f"{title} of joints: change by calibration, right and left, {unit}", draw, size)

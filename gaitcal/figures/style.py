@@ -29,6 +29,9 @@ SIDE_COLOURS = {"r": RIGHT, "l": LEFT, "": WHOLE}
 SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 """The left side is dashed too: a print in grey stays readable."""
 
+TRUTH_DASHES: dict[str, tuple[float, ...]] = {"r": (1.3, 1.3), "l": (5.0, 1.3, 1.3, 1.3), "": (1.3, 1.3)}
+"""The truth is black, and of no dashes that another line has."""
+
 FONT = "DejaVu Sans"
 """Comes with matplotlib: the same figure on every machine."""
 SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
@@ -52,6 +55,8 @@ SIDE_KEYS = tuple(
     Key(label=SIDE_WORDS[side], colour=SIDE_COLOURS[side], dashes=SIDE_DASHES[side]) for side in ("r", "l")
 )
 """Right and left in the legend of curves."""
+TRUTH_WORDS = "truth (known: this person is made up)"
+"""In legends."""
 
 
 def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:

@@ -25,6 +25,7 @@ from gaitcal.page.answers import answers
 from gaitcal.page.error_sources import COLOURS, ErrorSources, error_sources
 from gaitcal.page.svg import SvgPage
 from gaitcal.page.trials import phase_words, trial_facts, trial_fits
+from gaitcal.page.truth import near_truth
 from gaitcal.person.parameter_words import blind_spots, counts_sentence, fixed_joints, inertial_groups, joint_groups
 from gaitcal.person.result import Calibration, TrialResult
 
@@ -91,6 +92,7 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         source_colours=COLOURS,
         show=show,
         sprite=svg.sprite,
+        near_truth=near_truth(calibration),
         phase_words=phase_words,
         coordinate_title=coordinate_title,
     )

@@ -36,6 +36,7 @@ from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
 from gaitcal.person.trial_result import axis_deviations, trial_result
+from gaitcal.person.truth_comparison import with_truth
 from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
 from gaitcal.person.warnings import calibration_findings
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -143,9 +144,8 @@ def calibrate(
         *calibration_findings(settings, results, parameters, phases),
         *unmeasured_mass(results, nominal.parameters),
     )
-    of_trials = (finding for t in results for finding in t.findings)
     walks = [t.name for t in trials if t.joint is None]
-    found = without_consequences((*checked, *later, *of_trials))
+    found = without_consequences((*checked, *later, *(finding for t in results for finding in t.findings)))
     verdict = judge(found, walks, forced=bool(stopping(checked, walks)))
     remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
     notes = (
@@ -170,7 +170,7 @@ def calibrate(
         findings=found,
         verdict=verdict,
     )
-    return withdrawn(calibration)
+    return with_truth(withdrawn(calibration))
 
 
 def _inertial_fit(

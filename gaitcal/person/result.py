@@ -26,6 +26,7 @@ from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.trial_bandwidth import Bandwidth
+from gaitcal.person.truth_errors import TruthErrors
 from gaitcal.recording.recording import Recording
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
@@ -234,6 +235,8 @@ class Calibration:
     """How far it can be believed, with reasons: what of `findings` is no note, one a cause."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which `model` meets the static posture."""
+    truth: TruthErrors | None = None
+    """How near it came, where the study names the truth."""
 
     @property
     def warnings(self) -> tuple[str, ...]:

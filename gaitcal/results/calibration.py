@@ -35,6 +35,7 @@ from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import refused_lines, write_csv
+from gaitcal.results.truth import write_truth
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
@@ -76,6 +77,7 @@ def write_results(
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
         write_cycles(out / CYCLES, calibration.model, calibration.trials, calibration.relative_to)
+        write_truth(calibration.truth, out)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)

@@ -9,6 +9,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.results.json_types import Json
+from gaitcal.results.truth import truth_summary
 from gaitcal.results.verdict import verdict_summary, walk_summary
 from gaitcal.verdict.verdict import Verdict
 
@@ -49,6 +50,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
             }
             for phase in calibration.phases
         ],
+        **({} if calibration.truth is None else {"truth": truth_summary(calibration.truth)}),
     }
 
 

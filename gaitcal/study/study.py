@@ -20,6 +20,7 @@ from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, load_study_file
 from gaitcal.study.study_trial import Role, StudyTrial, read_trial
 from gaitcal.study.subject import subject_of
+from gaitcal.study.truth import Truth, read_truth, truth_files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +45,8 @@ class Study:
     """Paths of every input: a result must not take their place."""
     rename: Mapping[str, str] = field(default_factory=dict)
     """Label in the files -> label in the marker set."""
+    truth: Truth | None = None
+    """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
 
     @classmethod
     def load(cls, path: Path | str) -> Study:
@@ -86,6 +89,7 @@ class Study:
             source=str(path),
             files=files,
             rename=dict(file.markers.rename),
+            truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
         )
 
     @property
@@ -139,10 +143,11 @@ def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[Marker
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
-    """The study file at `path`, its recordings and forces, and a marker set of one's own."""
+    """The study file at `path`, its recordings and forces, a marker set of one's own, and a known truth."""
     forces = (f for trial in file.trials if trial.forces for f in (trial.forces, *loads_tables(trial.forces)))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
-    return (path, *(trial.file for trial in file.trials), *forces, *marker_set)
+    truth = truth_files(file.truth, [trial.name for trial in file.trials])
+    return (path, *(trial.file for trial in file.trials), *forces, *marker_set, *truth)
 
 
 def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:

@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 from gaitcal.files.toml import require_file, toml_table
 from gaitcal.files.validation import Table, read_validated, shown
 from gaitcal.study.settings import CalibrationSettings, frequency
+from gaitcal.study.truth_table import TruthTable
 
 __all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "load_study_file"]
 
@@ -201,6 +202,7 @@ class StudyFile(Table):
         alias="trial", strict=False, description="at least one [[trial]], with name, role and file"
     )
     calibration: CalibrationSettings = Field(default=CalibrationSettings(), description="settings, all optional")
+    truth: TruthTable | None = Field(default=None, description="what is known to be true of a made-up person")
 
     @field_validator("trials", mode="before")
     @classmethod
@@ -244,6 +246,8 @@ class StudyFile(Table):
         tables += [toml_table("[[trial]]", content(trial)) for trial in self.trials]
         if settings := content(self.calibration):
             tables.append(toml_table("[calibration]", settings))
+        if self.truth:
+            tables.append(toml_table("[truth]", content(self.truth)))
         return "\n".join(tables)
 
 
@@ -281,4 +285,5 @@ def load_study_file(path: Path | str) -> StudyFile:
         if trial.forces:
             files["forces"] = found(trial.forces, f"trial[{number}].forces")
         trials.append(trial.model_copy(update=files))
-    return study.model_copy(update={"markers": markers, "trials": tuple(trials)})
+    truth = study.truth and study.truth.found(lambda file: source.parent.absolute() / file, source)
+    return study.model_copy(update={"markers": markers, "trials": tuple(trials), "truth": truth})

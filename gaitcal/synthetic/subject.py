@@ -31,7 +31,7 @@ from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import WALK_NODES, TrueMotion, isolated_motion, static_motion, two_strides
-from gaitcal.synthetic.truth import in_static_frames, truth_table
+from gaitcal.synthetic.truth_files import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
 POSITION_BOUND = 0.010
@@ -67,7 +67,7 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
 
 
 def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
-    """Write a synthetic subject as a study folder: C3D files, `study.toml`, `truth.csv`. Returns the study file.
+    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
 
     Parameters
     ----------
@@ -88,9 +88,13 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     trials["gait"] = two_strides(model.parameters)
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
+        curves: dict[str, tuple[TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
-            recording = _recording(name, motion if name == "gait" else _on_the_floor(model, motion), model, labels)
+            placed = _on_the_floor(model, motion)
+            recording = _recording(name, placed, model, labels)
+            if name != "static":
+                curves[name] = placed, residual_free_wrench(model.parameters, placed) if name == "gait" else None
             if noise and name != "static":
                 moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
@@ -98,7 +102,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
             entries.append(_entry(name))
         study = _study_file(model.subject, tuple(entries))
         (target / "study.toml").write_text(study.to_toml(), encoding="utf-8")
-        (target / "truth.csv").write_text(truth_table(in_static_frames(model)), encoding="utf-8")
+        write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
@@ -116,7 +120,9 @@ def _generators(seed: int) -> list[np.random.Generator]:
 
 
 def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
-    """The same motion, raised or lowered so that the lowest foot marker stays just above the floor."""
+    """The same motion, raised or lowered so that the lowest foot marker stays just above the floor, where a gait is."""
+    if motion.phase is not None:
+        return motion
     heights = synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
     feet = [s.startswith("foot") for s in model.markers.segments]
     nodes = motion.nodes.copy()
@@ -177,4 +183,5 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
             hip_centre=PUBLISHED_HIPS.value,
             ankle_zero="markers",
         ),
+        truth=TRUTH,
     )

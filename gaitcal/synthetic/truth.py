@@ -9,6 +9,9 @@ axis at its common perpendicular with the subtalar one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -17,11 +20,11 @@ from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.linkage import JOINTS, SIDES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording
@@ -29,8 +32,25 @@ from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose
 
 
+@dataclass(frozen=True)
+class StaticFrames:
+    """A linkage as the static trial's landmarks tell it, and what they are."""
+
+    parameters: Parameters
+    """In these frames, zero angles as they were."""
+    posture: StaticPosture
+    legs: LowerBody
+    frames: Mapping[str, Frame]
+    """Segment -> its frame in the laboratory while standing; no talus."""
+
+
 def in_static_frames(model: SubjectModel) -> Parameters:
     """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration."""
+    return static_frames(model).parameters
+
+
+def static_frames(model: SubjectModel) -> StaticFrames:
+    """The same, with the frames and the posture that they are from."""
     true, pose = model.parameters, standing_pose()
     markers = synthetic_markers(true, model.markers, pose[None])
     still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)
@@ -39,7 +59,8 @@ def in_static_frames(model: SubjectModel) -> Parameters:
     legs = lower_body(posture, model.subject.height, HipCentre.BELL)
     frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
-    return Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
+    told = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
+    return StaticFrames(told, posture, legs, frames)
 
 
 def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:

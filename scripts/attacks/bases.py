@@ -63,7 +63,7 @@ def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ..
             for t in study.trials
             if not joints or t.joint is None or t.joint in joints
         )
-        content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings()})
+        content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings(), "truth": None})
         path.write_text(content.to_toml(path.parent), encoding="utf-8")
         return path
 

@@ -73,7 +73,7 @@ def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
 
 def test_same_seed_same_files(tmp_path: Path) -> None:
     folders = [synthesize(tmp_path / name, seed=3, noise=True, perturb=True).parent for name in ("a", "b")]
-    for file in sorted(p.name for p in folders[0].iterdir()):
+    for file in sorted(p.relative_to(folders[0]) for p in folders[0].rglob("*") if p.is_file()):
         assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes(), file
 
 

@@ -1,0 +1,88 @@
+"""How near the truth, as the report shows it: of a person of whom it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from gaitcal.gait.words import coordinate_words, split_side
+from gaitcal.person.result import Calibration
+from gaitcal.person.truth_errors import CurveTruth, FeatureTruth
+from gaitcal.person.truth_words import TruthSum, compared_trials, curve_rows, sums, truth_sentence
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """RMS error, distance or angle, and how often the truth lies within 1.96 standard errors."""
+
+    nominal: float
+    fitted: float
+    within: str
+    """`2 of 3`, `98 %`; a dash without standard errors."""
+
+    @property
+    def farther(self) -> bool:
+        """Calibration led away from the truth, by as much as the table shows."""
+        return round(self.fitted, 1) > round(self.nominal, 1)
+
+
+@dataclass(frozen=True)
+class SidedRow:
+    """One line of a table: both sides of the body."""
+
+    words: str
+    right: Errors | None
+    left: Errors | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearTruth:
+    """What the section is filled with."""
+
+    sentence: str
+    sums: tuple[TruthSum, ...]
+    joints: tuple[SidedRow, ...]
+    """Centres and axes, mm or deg."""
+    angles: tuple[tuple[str, tuple[SidedRow, ...]], ...]
+    """Trial and its rows, deg."""
+    moments: tuple[tuple[str, tuple[SidedRow, ...]], ...]
+    """Trial and its rows, N·m."""
+
+
+def near_truth(calibration: Calibration) -> NearTruth | None:
+    """None where the study names no truth: the page has no such section then."""
+    truth = calibration.truth
+    if truth is None:
+        return None
+    trials = {name: curve_rows(calibration, truth, name) for name in compared_trials(calibration, truth)}
+    angles = {name: _sided(_curves(row.angle for row in rows)) for name, rows in trials.items()}
+    moments = {name: _sided(_curves(row.moment for row in rows)) for name, rows in trials.items()}
+    return NearTruth(
+        sentence=truth_sentence(truth),
+        sums=sums(calibration, truth),
+        joints=_sided((f"{f.words}, {f.unit}", f.side, _of_feature(f)) for f in truth.features),
+        angles=tuple((name, rows) for name, rows in angles.items() if rows),
+        moments=tuple((name, rows) for name, rows in moments.items() if rows),
+    )
+
+
+def _sided(found: Iterable[tuple[str, str, Errors]]) -> tuple[SidedRow, ...]:
+    """Rows of (words, side, errors), each side in its place."""
+    rows: dict[str, dict[str, Errors]] = {}
+    for words, side, errors in found:
+        rows.setdefault(words, {})[side] = errors
+    return tuple(SidedRow(words, sides.get("r"), sides.get("l")) for words, sides in rows.items())
+
+
+def _curves(curves: Iterable[CurveTruth | None]) -> Iterable[tuple[str, str, Errors]]:
+    for curve in curves:
+        if curve is not None and curve.rms is not None and curve.nominal_rms is not None:
+            share = curve.share_within
+            within = "–" if share is None else f"{100 * share:.0f} %"
+            errors = Errors(nominal=curve.nominal_rms, fitted=curve.rms, within=within)
+            yield coordinate_words(curve.name).title, split_side(curve.name)[1], errors
+
+
+def _of_feature(feature: FeatureTruth) -> Errors:
+    within = f"{sum(feature.within)} of {len(feature.within)}" if feature.within else "–"
+    return Errors(nominal=feature.nominal, fitted=feature.fitted, within=within)

@@ -1,0 +1,216 @@
+"""The known truth of a made-up person, as files beside the recordings: written by who made them, read with the study.
+
+    PARAMETERS            name,unit,value: joint and inertial parameters, names and units of a result's parameters.csv
+    TRIAL_motion.csv      names and units of a result's motion/TRIAL.csv: time, coordinates, _velocity, _acceleration
+    TRIAL_moments.csv     names and units of a result's moments/TRIAL.csv: time, generalised forces, _bwh
+
+All of it is told in the segment frames and from the ankle zero that the calibration makes of the static trial, so that
+the numbers are those of a calibration without error. The study file says with which rules (`[truth]` markers,
+hip_centre, ankle_zero); a study that calibrates with others would be compared with numbers that mean something else,
+and is refused. Curves have their units in a comment line, which must be there as it is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError, nearest
+from gaitcal.files.validation import shown
+from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
+from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.truth_table import TruthTable
+
+MOTION, MOMENTS = "_motion.csv", "_moments.csv"
+"""Endings of the files of a trial."""
+MOTION_UNITS = "true coordinates in degrees and m, _velocity per s, _acceleration per s^2"
+MOMENT_UNITS = "true generalised forces: N m (pelvis_tx, _ty, _tz: N); NAME_bwh percent of body weight times height"
+"""Comment lines of the two kinds: what their numbers are."""
+FORCE_NAMES: tuple[str, ...] = (*FILE_COORDINATES, *REACTIONS)
+"""Columns of a moments file, without time."""
+DIGITS = "%.9g"
+"""Of written numbers: a millionth of a degree and of a newton metre, and more."""
+SLACK = 1e-4
+"""s: a tenth of a millisecond of rounding in times that were written as text."""
+_UNIT = dict(zip(JP_NAMES, (p.kind.unit for p in JOINT_PARAMETERS), strict=True)) | dict(
+    zip(IP_NAMES, IP_UNITS, strict=True)
+)
+_TO_SI = dict(zip(JP_NAMES, JP_TO_SI, strict=True)) | dict(zip(IP_NAMES, IP_TO_SI, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueCurves:
+    """Curves of one trial over time, of which some may be unknown."""
+
+    time: Array
+    """(nf,) s."""
+    values: Mapping[str, Array]
+    """Name -> (nf,): m and rad of coordinates, N and N·m of generalised forces."""
+
+    def at(self, time: Array) -> dict[str, Array]:
+        """Name -> values at `time` (n,); between rows of the file linear, NaN beyond its ends."""
+        inside = (time >= self.time[0] - SLACK) & (time <= self.time[-1] + SLACK)
+        return {n: np.where(inside, np.interp(time, self.time, v), np.nan) for n, v in self.values.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is known to be true of the person of a study."""
+
+    told: TruthTable
+    """By which rules."""
+    parameters: Mapping[str, float]
+    """Parameter -> m, rad, kg, kg m^2, as far as the file has it."""
+    motions: Mapping[str, TrueCurves]
+    """Trial -> coordinates."""
+    moments: Mapping[str, TrueCurves]
+    """Trial -> generalised forces."""
+
+
+def motion_text(time: Array, q: Array, velocity: Array | None = None, acceleration: Array | None = None) -> str:
+    """The content of TRIAL_motion.csv; (nf,) s, then (nf, 27) m and rad, and their derivatives where given."""
+    columns, parts = {"time": time}, {"": q, "_velocity": velocity, "_acceleration": acceleration}
+    for suffix, values in ((suffix, part) for suffix, part in parts.items() if part is not None):
+        for name in FILE_COORDINATES:
+            columns[name + suffix] = values[:, COORDINATES.index(name)] / _scale(name)
+    return _text(MOTION_UNITS, columns)
+
+
+def moments_text(time: Array, forces: Array, bwh: float) -> str:
+    """The content of TRIAL_moments.csv; (nf,) s, (nf, 29) N·m and N, and body weight times height in N·m."""
+    columns = {"time": time}
+    for name in FORCE_NAMES:
+        value = forces[:, (*COORDINATES, *REACTIONS).index(name)]
+        columns[name] = value
+        columns[f"{name}_bwh"] = np.full(len(time), np.nan) if is_translation(name) else 100.0 * value / bwh
+    return _text(MOMENT_UNITS, columns)
+
+
+def _text(units: str, columns: Mapping[str, Array]) -> str:
+    rows: str = pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
+    return f"# {units}\n{rows}"
+
+
+def truth_files(table: TruthTable | None, trials: Sequence[str]) -> tuple[Path, ...]:
+    """The files that `[truth]` names, those of the trials as far as they are there."""
+    if table is None:
+        return ()
+    curves = (table.folder / (name + end) for name in trials for end in (MOTION, MOMENTS)) if table.folder else ()
+    return (table.parameters, *(file for file in curves if file.is_file()))
+
+
+def read_truth(
+    table: TruthTable | None, settings: CalibrationSettings, marker_set: str, trials: Sequence[str], source: Path
+) -> Truth | None:
+    """The truth that the study file `source` names; None where it names none. `marker_set`: its name.
+
+    Raises
+    ------
+    InputError
+        One line: a name, a unit, a number or a rule that is not what a result has; no curves of any trial.
+    """
+    if table is None:
+        return None
+    other = other_rule(table, settings, marker_set)
+    if other is not None:
+        message = f"{other.words}; allowed: the same, or no [truth]"
+        raise InputError(message, source=source, field=f"truth.{other.rule}")
+    motions, moments = (_curves(table.folder, trials, end) for end in (MOTION, MOMENTS))
+    if table.folder and not motions and not moments:
+        wanted = f"TRIAL{MOTION} or TRIAL{MOMENTS} of a trial of the study"
+        raise InputError(
+            f"found no such file in '{table.folder.name}'; allowed: {wanted}", source=source, field="truth.folder"
+        )
+    return Truth(told=table, parameters=_parameters(table.parameters), motions=motions, moments=moments)
+
+
+@dataclass(frozen=True)
+class OtherRule:
+    """A rule by which the truth is told and the calibration is not."""
+
+    rule: str
+    told: str
+    used: str
+
+    @property
+    def words(self) -> str:
+        """What was found, and what it would do."""
+        return f"found '{self.told}', and the study uses '{self.used}', whose segment frames and zeros are others"
+
+
+def other_rule(table: TruthTable, settings: CalibrationSettings, marker_set: str) -> OtherRule | None:
+    """The first rule that makes frames other than those of the truth; None: its numbers mean the same."""
+    used = {"markers": marker_set, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
+    return next((OtherRule(rule, told, u) for rule, u in used.items() if (told := getattr(table, rule)) != u), None)
+
+
+def _parameters(path: Path) -> dict[str, float]:
+    rows = _read(path)
+    if list(rows.columns) != ["name", "unit", "value"]:
+        raise InputError(f"found columns {shown(list(rows.columns))}; allowed: name,unit,value", source=path)
+    out: dict[str, float] = {}
+    for name, unit, value in rows.itertuples(index=False):
+        if name not in _UNIT:
+            hint = nearest(str(name), _UNIT) or "; allowed: names of a result's parameters.csv"
+            raise InputError(f"found {shown(name)}, which is no parameter{hint}", source=path, field="name")
+        if unit != _UNIT[name]:
+            raise InputError(f"found {shown(unit)}; allowed: {_UNIT[name]}", source=path, field=f"unit of {name}")
+        if name in out:
+            raise InputError("found twice; a parameter has one true value", source=path, field=str(name))
+        if not np.isfinite(value):
+            raise InputError(f"found {shown(value)}; allowed: a finite number", source=path, field=str(name))
+        out[name] = float(value * _TO_SI[name])
+    return out
+
+
+def _curves(folder: Path | None, trials: Sequence[str], ending: str) -> dict[str, TrueCurves]:
+    if folder is None:
+        return {}
+    files = {name: folder / (name + ending) for name in trials}
+    return {name: _curve(path, ending) for name, path in files.items() if path.is_file()}
+
+
+def _curve(path: Path, ending: str) -> TrueCurves:
+    """One file; columns that follow from others (derivatives, _bwh) are for people and are not read."""
+    units = MOTION_UNITS if ending == MOTION else MOMENT_UNITS
+    first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
+    if first != units:
+        raise InputError(f"found {shown(first)}; allowed: '# {units}'", source=path, field="line 1, the units")
+    rows = _read(path)
+    known = FILE_COORDINATES if ending == MOTION else FORCE_NAMES
+    derived = ("_velocity", "_acceleration") if ending == MOTION else ("_bwh",)
+    allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
+    for column in rows.columns:
+        if column not in allowed:
+            hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
+            raise InputError(f"found {shown(column)}, which is no column{hint}", source=path, field="columns")
+        if column in ("time", *known) and not np.isfinite(pd.to_numeric(rows[column], errors="coerce")).all():
+            raise InputError("found a value that is no finite number; allowed: numbers", source=path, field=column)
+    if "time" not in rows or len(rows) < 2 or (np.diff(rows["time"]) <= 0).any():
+        raise InputError("found no increasing times; allowed: two rows or more, in s", source=path, field="time")
+    scale = _scale if ending == MOTION else _one
+    values = {name: rows[name].to_numpy(dtype=np.float64) * scale(name) for name in known if name in rows}
+    return TrueCurves(time=rows["time"].to_numpy(dtype=np.float64), values=values)
+
+
+def _read(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_csv(path, comment="#")
+    except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
+        raise InputError(f"cannot be read as CSV: {error}", source=path) from None
+
+
+def _scale(coordinate: str) -> float:
+    """SI per unit of the file."""
+    return 1.0 if is_translation(coordinate) else np.pi / 180.0
+
+
+def _one(_: str) -> float:
+    return 1.0

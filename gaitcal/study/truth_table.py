@@ -1,0 +1,33 @@
+"""`[truth]` of a study file: where the known truth of a made-up person lies, and how it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from gaitcal.files.toml import require_file
+from gaitcal.files.validation import Table
+
+
+class TruthTable(Table):
+    """`[truth]`: only where somebody knows it, as the program that made the recordings does."""
+
+    parameters: Path = Field(strict=False, description="CSV of the true parameters: name,unit,value")
+    folder: Path | None = Field(
+        default=None, strict=False, description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves"
+    )
+    markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
+    hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
+        description="the nominal hip centre whose segment frames the truth is told in; that of the calibration"
+    )
+    ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
+        description="what the true ankle angles are counted from; that of the calibration"
+    )
+
+    def found(self, at: Callable[[Path], Path], source: Path) -> TruthTable:
+        """The same with paths that `at` makes absolute, and a file there."""
+        files = {"parameters": require_file(at(self.parameters), source=source, field="truth.parameters")}
+        return self.model_copy(update=files | ({"folder": at(self.folder)} if self.folder else {}))

@@ -1,0 +1,207 @@
+"""A result against the truth that its study names: in numbers, files, summary, page and words; or in none of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.lines import Line2D
+
+from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.figures.calibration import charts_of
+from gaitcal.figures.chart import Panel, panel_figure
+from gaitcal.figures.curves import TRUTH_WIDTH
+from gaitcal.figures.style import INK, TRUTH_DASHES, line_style
+from gaitcal.model.linkage import SIDES
+from gaitcal.page import report_html
+from gaitcal.person.calibrate import calibrate
+from gaitcal.person.result import Calibration
+from gaitcal.person.truth_comparison import with_truth
+from gaitcal.person.truth_errors import TruthErrors
+from gaitcal.person.truth_words import sums
+from gaitcal.results.calibration import json_text
+from gaitcal.results.summary import summary
+from gaitcal.results.truth import write_truth
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
+from gaitcal.synthetic.subject import synthesize
+
+SAME_ANGLE, SAME_PLACE = 0.05, 0.05
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the README, 0.01 deg, are RMS."""
+SAME_TORQUE = 1.0
+"""N·m: nominal masses are off by up to 10 %."""
+DIGITS = {"rtol": 1e-9, "atol": 1e-12}
+
+
+def of_walk_alone(folder: Path, *, perturb: bool) -> Calibration:
+    """Noiseless; the walk alone, which is quick."""
+    study = Study.load(synthesize(folder / "study", seed=4, perturb=perturb))
+    return calibrate(replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT)))
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    """Its nominal model is the truth, but for the digits in which the published subject is printed."""
+    return of_walk_alone(tmp_path_factory.mktemp("known"), perturb=False)
+
+
+def errors(calibration: Calibration) -> TruthErrors:
+    assert calibration.truth is not None
+    return calibration.truth
+
+
+def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) -> None:
+    walk = errors(known).of("gait")
+    legs = {name: curve for name, curve in walk.coordinates.items() if leg_of(name)}
+    assert len(legs) == 12
+    for name, curve in legs.items():
+        assert curve.rms is not None
+        assert curve.rms < SAME_ANGLE, name
+        assert np.ptp(curve.truth) > 1.0, name
+    for name, curve in walk.forces.items():
+        if leg_of(name):
+            assert curve.rms is not None
+            assert curve.rms < SAME_TORQUE, name
+            assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()  # type: ignore[union-attr]
+
+
+@pytest.mark.slow
+def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(tmp_path: Path) -> None:
+    """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
+    truth = errors(calibrate(Study.load(synthesize(tmp_path / "study", seed=3, perturb=True))))
+    assert len(truth.features) == 12
+    for feature in truth.features:
+        assert feature.fitted < SAME_PLACE < 1.0 < feature.nominal, (feature.joint, feature.part)
+        assert all(feature.within)
+    for name, curve in truth.of("gait").coordinates.items():
+        if leg_of(name):
+            assert curve.rms is not None and curve.nominal_rms is not None
+            assert curve.rms < 0.01 < 0.2 < curve.nominal_rms, name  # as the README says
+    for name, curve in truth.of("gait").forces.items():
+        if leg_of(name):
+            assert curve.rms is not None
+            assert curve.rms < SAME_TORQUE, name
+            assert curve.share_within is not None
+            assert curve.share_within > 0.95, name
+
+
+def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tmp_path: Path) -> None:
+    truth = errors(known)
+    write_truth(truth, tmp_path)
+    assert {p.name for p in (tmp_path / "truth").iterdir()} == {"parameters.csv", "gait_motion.csv", "gait_moments.csv"}
+    motion = pd.read_csv(tmp_path / "truth/gait_motion.csv", comment="#")
+    body, study = known.trial("gait").body, known.study
+    assert study.truth is not None
+    np.testing.assert_allclose(motion["time"], body.time)
+    true = np.rad2deg(study.truth.motions["gait"].values["hip_flexion_r"])
+    np.testing.assert_allclose(motion["hip_flexion_r"], true, **DIGITS)
+    found = np.rad2deg(body.q[:, body.coordinates.index("hip_flexion_r")])
+    np.testing.assert_allclose(motion["hip_flexion_r_error"], found - true, rtol=1e-6, atol=1e-9)
+    moments = pd.read_csv(tmp_path / "truth/gait_moments.csv", comment="#")
+    loads = known.trial("gait").loads
+    assert loads is not None
+    valid = loads.reactions.valid_for("knee_adduction_l")
+    assert 0 < valid.sum() < len(valid)
+    np.testing.assert_array_equal(moments["knee_adduction_l_error"].notna(), valid)
+    assert moments["knee_adduction_l"].notna().all()
+    table = pd.read_csv(tmp_path / "truth/parameters.csv", comment="#").set_index("name")
+    assert len(table) == 182
+    np.testing.assert_allclose(table["error"], table["fitted"] - table["truth"])
+    with_bars = table[table["standard_error"] > 0]
+    np.testing.assert_allclose(with_bars["z"], with_bars["error"] / with_bars["standard_error"])
+
+
+def test_summary_has_every_curve_and_fitted_parameter(known: Calibration) -> None:
+    told = json.loads(json_text(summary(known)))["truth"]
+    truth = errors(known)
+    assert set(told["parameters"]) == {p.name for p in truth.parameters if p.status == "fitted"}
+    hip = truth.of("gait").coordinates["hip_flexion_r"]
+    assert told["trials"]["gait"]["coordinates"]["hip_flexion_r"] == {
+        "rms_error": pytest.approx(hip.rms, abs=1e-6),
+        "nominal_rms_error": pytest.approx(hip.nominal_rms, abs=1e-6),
+        "share_within": pytest.approx(hip.share_within, abs=1e-6),
+    }
+
+
+def test_the_page_draws_and_tells_it(known: Calibration) -> None:
+    page = report_html(known)
+    assert 'id="truth"' in page
+    assert page.count("truth (known: this person is made up)") >= 3  # legends of parameters, angles, moments
+    (section,) = re.findall(r'<section id="truth">.*?</section>', page, re.S)
+    for total in sums(known, errors(known)):
+        assert total.words in section
+
+
+def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
+    """Heights of the black lines of these dashes in a panel."""
+    (axes,) = panel_figure(panel).axes
+    found = [line for line in axes.lines if line.get_color() == INK]
+    wanted = Line2D([], [], linestyle=line_style(style), linewidth=TRUTH_WIDTH)
+    return [np.asarray(line.get_ydata()) for line in found if line._dash_pattern == wanted._dash_pattern]
+
+
+def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
+    (view,) = charts_of(known).gait
+    truth, mass = errors(known).of("gait"), known.model.subject.mass
+    assert view.moments is not None
+    for chart, curves, name, title, scale in (
+        (view.angles, truth.coordinates, "knee_angle", "Knee flexion", 1.0),
+        (view.moments, truth.forces, "knee_adduction", "Knee adduction", mass),
+    ):
+        (panel,) = (p for p in chart.panels if p.label.startswith(title))
+        for side in SIDES:
+            (line,) = drawn(panel, TRUTH_DASHES[side])
+            expected = view.layout.lay(side, curves[f"{name}_{side}"].truth / scale)[1]
+            np.testing.assert_allclose(line, expected)
+    assert charts_of(known).parameters is not None
+    panel = charts_of(known).parameters.panels[0]  # type: ignore[union-attr]
+    (axes,) = panel_figure(panel).axes
+    rings = [line for line in axes.lines if line.get_markerfacecolor() == "none"]
+    changes = sorted(p.truth - p.nominal for p in errors(known).fitted("joint position"))
+    np.testing.assert_allclose(sorted(float(ring.get_xdata()[0]) for ring in rings), changes, atol=1e-12)
+
+
+def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
+    unknown = replace(known, truth=None)
+    page = report_html(unknown)
+    assert "truth" not in page.lower().replace("truth.csv", "").replace("truth/", "")
+    assert "truth" not in summary(unknown)
+    write_truth(unknown.truth, tmp_path)
+    assert not list(tmp_path.iterdir())
+    assert not any("truth" in key.label for chart in charts_of(unknown).all() for key in chart.keys)
+
+
+def test_other_frames_are_not_compared(known: Calibration) -> None:
+    """Settings that were changed after the study was read."""
+    settings = known.study.settings.model_copy(update={"hip_centre": "harrington"})
+    changed = with_truth(replace(known, study=replace(known.study, settings=settings), truth=None))
+    assert changed.truth is None
+    assert "truth.hip_centre: found 'bell', and the study uses 'harrington'" in changed.notes[-1]
+
+
+def test_intervals_and_directions() -> None:
+    """What `within` and the angle of an axis are, on numbers made by hand."""
+    from gaitcal.person.truth_comparison import _angle, _distance
+    from gaitcal.person.truth_errors import CurveTruth
+
+    curve = CurveTruth(
+        name="hip_flexion_r",
+        truth=np.array([0.0, 0.0, 0.0, np.nan]),
+        fitted=np.array([1.9, -2.0, 50.0, 7.0]),
+        nominal=np.array([3.0, -4.0, 0.0, 0.0]),
+        error_bar=np.ones(4),
+        counts=np.array([True, True, False, True]),
+    )
+    assert curve.within.tolist() == [True, False]
+    assert curve.rms == pytest.approx(np.sqrt((1.9**2 + 2.0**2) / 2))
+    assert curve.nominal_rms == pytest.approx(np.sqrt(12.5))
+    for directions in (("front", "trans"), ("trans", "sag")):
+        gap = _angle(directions)
+        assert gap(np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
+        assert gap(np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
+    assert _distance(np.array([0.0, 3.0]), np.array([4.0, 0.0])) == 5.0

@@ -1,0 +1,155 @@
+"""The truth that a study names: written and read back, refused where a name, a unit or a rule is another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_file import load_study_file
+from gaitcal.study.truth import Truth, moments_text, motion_text, read_truth, truth_files
+from gaitcal.study.truth_table import TruthTable
+
+SETTINGS = CalibrationSettings(hip_centre="bell", ankle_zero="markers")
+TIME = np.linspace(0.0, 1.0, 11)
+DIGITS = 1e-8  # relative: nine are written
+
+
+def written(folder: Path, **changes: str) -> TruthTable:
+    """A truth of one trial and three parameters; `changes`: file -> its whole text instead."""
+    rng = np.random.default_rng(1)
+    curves = folder / "truth"
+    curves.mkdir()
+    q, forces = rng.normal(0, 0.3, (11, 27)), rng.normal(0, 50.0, (11, 29))
+    texts = {
+        "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\nknee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
+        "motion": motion_text(TIME, q, q, q),
+        "moments": moments_text(TIME, forces, 1200.0),
+    } | changes
+    (folder / "truth.csv").write_text(texts["parameters"], encoding="utf-8")
+    (curves / "walk_motion.csv").write_text(texts["motion"], encoding="utf-8")
+    (curves / "walk_moments.csv").write_text(texts["moments"], encoding="utf-8")
+    return TruthTable(
+        parameters=folder / "truth.csv", folder=curves, markers="published", hip_centre="bell", ankle_zero="markers"
+    )
+
+
+def read(table: TruthTable, settings: CalibrationSettings = SETTINGS, markers: str = "published") -> Truth:
+    truth = read_truth(table, settings, markers, ["still", "walk"], Path("study.toml"))
+    assert truth is not None
+    return truth
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    table = written(tmp_path)
+    truth, rng = read(table), np.random.default_rng(1)
+    assert truth.parameters["hip_r.pelvis.ant"] == pytest.approx(-0.0405)
+    assert truth.parameters["knee_l.thigh.front"] == pytest.approx(np.deg2rad(3.0))
+    assert truth.parameters["thigh_r.mass"] == 8.1
+    for curves, names, scale in ((truth.motions, COORDINATES, 0.3), (truth.moments, (*COORDINATES, *REACTIONS), 50.0)):
+        assert list(curves) == ["walk"]
+        expected = rng.normal(0, scale, (11, len(names)))
+        for k, name in enumerate(names):
+            np.testing.assert_allclose(curves["walk"].values[name], expected[:, k], rtol=DIGITS)
+    files = truth_files(table, ["still", "walk"])
+    assert [f.name for f in files] == ["truth.csv", "walk_motion.csv", "walk_moments.csv"]
+
+
+def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
+    curve = read(written(tmp_path)).motions["walk"]
+    name = "hip_flexion_r"
+    middle = curve.at(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
+    values = curve.values[name]
+    np.testing.assert_allclose(middle, [np.nan, values[0], 0.5 * (values[0] + values[1]), values[-1], np.nan])
+
+
+def lines(text: str, old: str, new: str) -> str:
+    assert old in text
+    return text.replace(old, new)
+
+
+Q = np.zeros((11, 27))
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "told"),
+    [
+        ("parameters", "name,unit,value\nhip_r.pelvis.anterior,mm,1\n", "did you mean 'hip_r.pelvis.ant'"),
+        (
+            "parameters",
+            "name,unit,value\nhip_r.pelvis.ant,m,0.04\n",
+            "unit of hip_r.pelvis.ant: found 'm'; allowed: mm",
+        ),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,\n", "allowed: a finite number"),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n", "found twice"),
+        ("parameters", "name,value\nhip_r.pelvis.ant,1\n", "allowed: name,unit,value"),
+        ("parameters", "", "cannot be read as CSV"),
+        ("motion", lines(motion_text(TIME, Q), "in degrees", "in radians"), "allowed: '# true coordinates in degrees"),
+        ("motion", lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"), "which is no column"),
+        ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
+        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
+        ("moments", motion_text(TIME, Q), "allowed: '# true generalised forces"),
+    ],
+)
+def test_refused_in_one_line(tmp_path: Path, file: str, text: str, told: str) -> None:
+    table = written(tmp_path, **{file: text})
+    with pytest.raises(InputError) as refused:
+        read(table)
+    message = str(refused.value)
+    assert told in message
+    assert "\n" not in message
+    assert ".csv" in message
+
+
+@pytest.mark.parametrize(
+    ("settings", "markers", "field"),
+    [
+        (CalibrationSettings(ankle_zero="markers"), "published", "truth.hip_centre"),
+        (CalibrationSettings(hip_centre="bell"), "published", "truth.ankle_zero"),
+        (SETTINGS, "gait2354", "truth.markers"),
+    ],
+)
+def test_told_in_other_frames_than_the_calibration_uses(
+    tmp_path: Path, settings: CalibrationSettings, markers: str, field: str
+) -> None:
+    with pytest.raises(InputError, match=field):
+        read(written(tmp_path), settings, markers)
+
+
+def test_a_folder_without_any_trial_of_the_study(tmp_path: Path) -> None:
+    table = written(tmp_path)
+    with pytest.raises(InputError, match=r"truth\.folder: found no such file"):
+        read_truth(table, SETTINGS, "published", ["run"], Path("study.toml"))
+
+
+def test_every_parameter_of_a_result_has_a_unit(tmp_path: Path) -> None:
+    rows = "".join(f"{name},deg,0\n" for name in JP_NAMES if name.endswith(("front", "trans", "sag")))
+    assert len(read(written(tmp_path, parameters="name,unit,value\n" + rows)).parameters) == rows.count("\n")
+
+
+def test_the_study_file_names_it(tmp_path: Path) -> None:
+    written(tmp_path)
+    (tmp_path / "still.csv").write_text("", encoding="utf-8")
+    text = '[subject]\nname = "n"\nmass_kg = 70.0\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n'
+    text += '[[trial]]\nname = "still"\nrole = "static"\nfile = "still.csv"\n'
+    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nmarkers = "published"\nhip_centre = "bell"\n'
+    path = tmp_path / "study.toml"
+    path.write_text(text + 'ankle_zero = "markers"\n', encoding="utf-8")
+    file = load_study_file(path)
+    assert file.truth is not None
+    assert file.truth.folder == tmp_path.absolute() / "truth"
+    again = tmp_path / "again.toml"
+    again.write_text(file.to_toml(tmp_path), encoding="utf-8")
+    assert load_study_file(again) == file
+    for more, told in (('ankle_zer = "markers"', "did you mean 'ankle_zero'"), ("", "truth.ankle_zero: missing")):
+        path.write_text(text + more + "\n", encoding="utf-8")
+        with pytest.raises(InputError, match=told):
+            load_study_file(path)
+    path.write_text(text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"truth\.parameters: no such file.*did you mean 'truth.csv'"):
+        load_study_file(path)

@@ -1,0 +1,79 @@
+"""The true motion told in the static trial's frames: the same body in the same place, doing the same work."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
+from gaitcal.motion.spline import spline_basis
+from gaitcal.synthetic.ground import residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.motion import TrueMotion, standing_pose
+from gaitcal.synthetic.subject import synthetic_model, true_gait
+from gaitcal.synthetic.told_motion import Teller, ToldMotion
+from gaitcal.synthetic.truth import segment_frames, static_frames
+
+SEED = 11
+SPLINE = 5e-3
+"""N, N·m: derivatives of the told motion are those of a quintic spline through its frames."""
+
+
+def person() -> SubjectModel:
+    """Whose gait `true_gait` tells."""
+    model = synthetic_model(np.random.default_rng(np.random.SeedSequence(SEED).spawn(2)[0]), perturb=True)
+    np.testing.assert_array_equal(model.parameters.joint, true_gait(SEED)[0].joint)
+    return model
+
+
+@pytest.fixture(scope="module")
+def told() -> tuple[Teller, TrueMotion, np.ndarray, ToldMotion]:
+    model, motion = person(), true_gait(SEED)[1]
+    wrench = residual_free_wrench(model.parameters, motion)
+    teller = Teller(model, static_frames(model))
+    return teller, motion, wrench, teller.tell(motion, wrench)
+
+
+def test_markers_are_where_they_were(told: tuple[Teller, TrueMotion, np.ndarray, ToldMotion]) -> None:
+    teller, motion, _, result = told
+    model = person()
+    own, static = segment_frames(model.parameters, standing_pose()), static_frames(model).frames
+    there = np.array(
+        [static[s].local(own[s].point(p)) for s, p in zip(model.markers.segments, model.markers.local, strict=True)]
+    )
+    placed = MarkerPlacement(model.markers.labels, model.markers.segments, there, model.markers.weight)
+    before = synthetic_markers(model.parameters, model.markers, motion.q)
+    after = synthetic_markers(teller.parameters, placed, result.q)
+    np.testing.assert_allclose(after, before, atol=1e-12)
+    assert np.abs(result.q - motion.q).max() > np.deg2rad(1.0)  # the angles are others, or this shows nothing
+
+
+def test_the_same_work_and_nothing_left_at_the_pelvis(told: tuple[Teller, TrueMotion, np.ndarray, ToldMotion]) -> None:
+    """Power of all generalised forces is that of the true ones, whatever the coordinates; so is that of each joint."""
+    _, motion, wrench, result = told
+    model = person()
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    true = Dynamics(model.parameters).forces(q, v, a, wrench)
+    assert result.forces is not None
+    assert np.abs(pelvis_residual(result.q, result.forces)).max() < SPLINE
+    for joint in ("hip", "knee_angle", "ankle_angle", "subtalar", "lumbar", "arm", "elbow"):
+        columns = [k for k, name in enumerate(COORDINATES) if name.startswith(joint)]
+        power = (true[:, columns] * v[:, columns]).sum(axis=1)
+        again = (result.forces[:, columns] * result.velocity[:, columns]).sum(axis=1)
+        np.testing.assert_allclose(again, power, atol=20 * SPLINE, err_msg=joint)
+
+
+def test_ankles_are_counted_from_the_static_posture() -> None:
+    """Standing, the feet have the dorsiflexion of their heel and toe markers, and no inversion."""
+    model = person()
+    teller = Teller(model, static_frames(model))
+    placed = synthetic_markers(model.parameters, model.markers, standing_pose()[None])[0]
+    marker = dict(zip(model.markers.labels, placed, strict=True))
+    pose = teller.tell(TrueMotion(spline_basis(np.arange(20) / 100.0, 6), np.tile(standing_pose(), (6, 1)))).q[0]
+    for side in "rl":
+        sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
+        shank = static_frames(model).frames[f"shank_{side}"].rotation[:, 1]
+        up = np.arcsin(sole @ shank / np.linalg.norm(sole))
+        assert pose[COORDINATE_INDEX[f"ankle_angle_{side}"]] == pytest.approx(up, abs=1e-9)
+        assert pose[COORDINATE_INDEX[f"subtalar_angle_{side}"]] == pytest.approx(0.0, abs=1e-9)
