@@ -116,7 +116,8 @@ def _local_points() -> Array:
 def _tip_beyond_marker() -> float:
     """The length of a foot, as a part of the distance from its heel to its toe marker."""
     heel, toe = _local_points()[0, :2]
-    return float(max(1.0, FOOT_LENGTH * published_model().subject.height / np.linalg.norm(toe - heel)))
+    marked = float(np.linalg.norm(toe - heel))
+    return max(1.0, FOOT_LENGTH * published_model().subject.height / marked)
 
 
 def _ramp(x: Array) -> Array:
