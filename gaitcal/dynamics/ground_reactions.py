@@ -181,6 +181,7 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
         width=FOOT_BREADTH * model.subject.height,
+        ground=ground,
     )
 
 
