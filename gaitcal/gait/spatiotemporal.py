@@ -177,7 +177,7 @@ def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: 
 
 
 def _supports(other: FootEvents, strike: float, off: float) -> dict[str, float]:
-    """Double and single support of a stance from `strike` to `off`; 0 where the other foot is in the air, as in running."""
+    """Double and single support of a stance from `strike` to `off`; 0 where the other foot is in the air (running)."""
     out: dict[str, float] = {}
     changes = sorted([(t, True) for t in other.strikes.tolist()] + [(t, False) for t in other.toe_offs.tolist()])
     before = [down for t, down in changes if t <= strike]
@@ -235,9 +235,9 @@ def _lengths(
         along = placed - heels.at(side, start)
         length = float(np.linalg.norm(along))
         out |= {"stride_length": length, "speed": length / (stop - start)}
-    elif struck is not None and len(ahead := other.strikes[other.strikes > stop]):
-        if ahead[0] - struck <= CYCLE_RANGE[1]:
-            along = heels.at(opposite, float(ahead[0])) - heels.at(opposite, struck)
+    elif struck is not None:
+        ahead = other.strikes[(other.strikes > stop) & (other.strikes <= struck + CYCLE_RANGE[1])]
+        along = heels.at(opposite, float(ahead[0])) - heels.at(opposite, struck) if len(ahead) else None
     if along is not None and struck is not None and (size := float(np.linalg.norm(along))) > 0.0:
         step, forward = placed - heels.at(opposite, struck), along / size
         right = np.array([-forward[1], forward[0]])

@@ -30,9 +30,9 @@ from gaitcal.person.tables import (
     relative_header,
 )
 from gaitcal.recording import write_trc
-from gaitcal.results.cycles import CYCLES, write_cycles
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
+from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import refused_lines, write_csv
 
@@ -75,7 +75,7 @@ def write_results(
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        write_cycles(out / CYCLES, calibration.model, calibration.trials, calibration.relative_to)
+        write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)

@@ -1,0 +1,46 @@
+"""The table of strides as an xarray Dataset, with named dimensions; xarray itself is installed by who wants it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from gaitcal.errors import InputError
+from gaitcal.gait.variables import unit_of
+
+DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
+COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}
+"""Ending of a data variable -> column of the table."""
+
+
+def cycles_to_xarray(strides: pd.DataFrame) -> Any:
+    """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
+
+    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
+    variables `hip_flexion`, `hip_flexion_se` (standard error) and `hip_flexion_valid` (1: may be used), with `units` in their
+    attributes; NaN where a trial has no such stride.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("xarray is not installed; pip install xarray") from None
+    several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
+    wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
+    columns: dict[str, pd.Series] = {}
+    for variable in dict.fromkeys(strides["variable"]):
+        columns |= {f"{variable}{ending}": wide[column, variable] for ending, column in COLUMNS.items()}
+    dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
+    for name in dataset.data_vars:
+        variable = str(name).removesuffix("_se").removesuffix("_valid")
+        dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit_of(variable)
+    dataset["percent"].attrs["units"] = "%"
+    for name in ("person", "session"):
+        if name not in several and len(strides):
+            dataset.attrs[name] = strides[name].iloc[0]
+    return dataset
