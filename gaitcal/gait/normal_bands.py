@@ -11,11 +11,11 @@ Lines that begin with `#` are comments, but for `signs`, which must be there, as
 
 | signs | angles | moments |
 |---|---|---|
-| `gaitcal` | as in `cycles.csv` | internal, positive in the direction of the coordinate: flexor, adductor, dorsiflexor |
+| `gaitcal` | as in `cycles.csv` | internal, in the direction of the coordinate: flexor, adductor, dorsiflexor |
 | `external` | as in `cycles.csv` | external: all of the other sign |
 | `clinical` | pelvis: forward tilt, this side up, this side forward | internal: extensor, abductor, plantarflexor |
 
-The clinical signs are Plug-in Gait's (`export/plug_in_gait.py`), external rotator and evertor moments positive, too; all
+The clinical signs are Plug-in Gait's (`export/plug_in_gait.py`), external rotator and evertor moments positive, too;
 angles of joints mean the same in all three. Powers and ground reactions have one sign.
 
 Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from its strike,
@@ -25,11 +25,12 @@ increasing, at any steps: between them a straight line. Other percents are empty
 from __future__ import annotations
 
 import csv
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -44,6 +45,17 @@ from gaitcal.recording.text_file import read_lines
 
 COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2
+
+
+class _Row(NamedTuple):
+    """One row of a file."""
+
+    line: int
+    variable: str
+    unit: str
+    percent: float
+    mean: float
+    sd: float
 
 
 class Signs(Enum):
@@ -100,6 +112,10 @@ class NormalBand:
         return 1.0
 
 
+Bands: TypeAlias = Mapping[str, NormalBand]
+"""Variable of `cycles.csv` -> its band."""
+
+
 def _to_ours(unit: str, subject: Subject) -> float:
     """What one of a unit is in that of `cycles.csv`, for a body of that mass and height."""
     return {
@@ -135,9 +151,9 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     header = tuple(cell.strip() for cell in rows[0][1]) if rows else ()
     if header != COLUMNS:
         raise InputError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
-    points: dict[str, list[tuple[int, str, float, float, float]]] = {}
-    for number, variable, *rest in _read(rows[1:], source):
-        points.setdefault(variable, []).append((number, *rest))
+    points: dict[str, list[_Row]] = {}
+    for row in _read(rows[1:], source):
+        points.setdefault(row.variable, []).append(row)
     if not points:
         raise InputError("found no row below the names of the columns", source=source)
     return {
@@ -152,8 +168,7 @@ def _told(comments: Sequence[str]) -> dict[str, str]:
     return {name.strip().lower(): text.strip() for name, _, text in reversed(pairs)}
 
 
-def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[tuple[int, str, str, float, float, float]]:
-    """Line, variable, unit, percent, mean, sd of each row."""
+def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
     known = known_variables()
     for number, row in rows:
         cells, at = [cell.strip() for cell in row], f"line {number}"
@@ -183,39 +198,38 @@ def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[tuple
                     f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}", source=source, field=at
                 )
             numbers.append(value)
-        yield number, variable, spelt[_plain(unit)], *numbers
+        yield _Row(number, variable, spelt[_plain(unit)], *numbers)
 
 
 def _plain(unit: str) -> str:
     """A unit without what people write differently: `N·m/kg`, `Nm/kg`, `N m / kg`."""
-    return unit.replace("·", "").replace("*", "").replace(" ", "").replace("x", "").lower()
+    return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(
-    variable: str, points: Sequence[tuple[int, str, float, float, float]], signs: Signs, told: str, source: Path
-) -> NormalBand:
-    for (_, unit, percent, *_), (number, next_unit, next_percent, *_) in zip(points, points[1:], strict=False):
-        if next_unit != unit:
-            raise InputError(
-                f"found {variable} in {next_unit}, before it in {unit}; allowed: one unit",
-                source=source,
-                field=f"line {number}",
-            )
-        if next_percent <= percent:
-            raise InputError(
-                f"found percent {next_percent:g} of {variable} after {percent:g}; allowed: increasing percents",
-                source=source,
-                field=f"line {number}",
-            )
-    if len(points) < LEAST_POINTS:
+def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: Path) -> NormalBand:
+    for before, row in itertools.pairwise(rows):
+        at = f"line {row.line}"
+        if row.unit != before.unit:
+            found = f"found {variable} in {row.unit}, before it in {before.unit}"
+            raise InputError(f"{found}; allowed: one unit", source=source, field=at)
+        if row.percent <= before.percent:
+            found = f"found percent {row.percent:g} of {variable} after {before.percent:g}"
+            raise InputError(f"{found}; allowed: increasing percents", source=source, field=at)
+    if len(rows) < LEAST_POINTS:
         raise InputError(f"found one percent of {variable}; allowed: two or more", source=source)
     if signs is Signs.CLINICAL and variable.startswith("lumbar"):
         raise InputError(
-            f"found {variable} with clinical signs, which mean several things there; allowed: signs: gaitcal, external",
-            source=source,
+            f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
         )
-    percent, mean, sd = (np.array(column) for column in list(zip(*points, strict=True))[2:])
-    return NormalBand(variable=variable, unit=points[0][1], signs=signs, percent=percent, mean=mean, sd=sd, source=told)
+    return NormalBand(
+        variable=variable,
+        unit=rows[0].unit,
+        signs=signs,
+        percent=np.array([row.percent for row in rows]),
+        mean=np.array([row.mean for row in rows]),
+        sd=np.array([row.sd for row in rows]),
+        source=told,
+    )
 
 
 def known_variables() -> tuple[str, ...]:

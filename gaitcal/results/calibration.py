@@ -14,6 +14,7 @@ from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
@@ -45,6 +46,7 @@ def write_results(
     settings: Mapping[str, Json] | None = None,
     *,
     drafted: str | None = None,
+    normal: Bands | None = None,
 ) -> Path:
     """Write everything a calibration gives into `folder`, whole or not at all. Returns the folder.
 
@@ -55,6 +57,8 @@ def write_results(
         it is kept.
     settings : further entries of `manifest.json`, beside those of the study.
     drafted : text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
+
+    normal : bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
 
     Raises
     ------
@@ -81,8 +85,8 @@ def write_results(
         scene = scene_of(calibration)
         save_scene(scene, out / "scene.npz")
         write_view(scene, out / "view.html")
-        write_report(calibration, out / "report.html", manifest=content)
-        write_figures(calibration, out / "figures")
+        write_report(calibration, out / "report.html", manifest=content, normal=normal)
+        write_figures(calibration, out / "figures", normal)
     return folder
 
 

@@ -18,7 +18,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
 
     Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
-    variables `hip_flexion`, `hip_flexion_se` (standard error) and `hip_flexion_valid` (1: may be used), with `units` in their
+    variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
     attributes; NaN where a trial has no such stride.
 
     Raises

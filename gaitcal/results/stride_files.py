@@ -23,7 +23,7 @@ STRIDE_FILES: Final = (CYCLES, SPATIOTEMPORAL)
 ENSEMBLE_HEADER: Final = (
     "mean curves of cycles.csv over all strides of its trials, valid samples alone; units as there",
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, sd_between trials",
-    "(empty where no trial has two strides); sd_error: the part of sd, and of sd_within, that is measurement error (at most)",
+    "(empty where no trial has two strides); sd_error: what of sd and sd_within is measurement error, at most",
     "se: standard error of the mean, with the errors that all strides share",
 )
 """Comment lines above the header."""
