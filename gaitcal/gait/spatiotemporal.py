@@ -184,8 +184,9 @@ def _supports(other: FootEvents, strike: float, off: float) -> dict[str, float]:
     inside = [(t, down) for t, down in changes if strike < t < off]
     after = [down for t, down in changes if t >= off]
     # The foot is what its last event made it, else what its next one ends.
-    down_first = before[-1] if before else not inside[0][1] if inside else None
-    down_last = not after[0] if after else inside[-1][1] if inside else None
+    turns = [down for _, down in inside]
+    down_first = before[-1] if before else not [*turns, *after][0] if turns or after else None
+    down_last = not after[0] if after else [*before, *turns][-1] if turns or before else None
     if down_first is not None:
         left = [t for t, down in inside if not down]
         out |= {"first_double_support": left[0] - strike} if down_first and left else {}
