@@ -145,7 +145,7 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     rows = [(number, next(csv.reader([line]))) for number, line in lines if not line.startswith("#")]
     told = _told(comments)
     names = {signs.value: signs for signs in Signs}
-    if told.get("signs") not in names:
+    if (said := told.get("signs", "").lower()) not in names:
         found = f"found '{told['signs']}'" if "signs" in told else "missing"
         raise InputError(f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs")
     header = tuple(cell.strip() for cell in rows[0][1]) if rows else ()
@@ -157,7 +157,7 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     if not points:
         raise InputError("found no row below the names of the columns", source=source)
     return {
-        variable: _band(variable, found, names[told["signs"]], told.get("source", ""), source)
+        variable: _band(variable, found, names[said], told.get("source", ""), source)
         for variable, found in points.items()
     }
 
