@@ -50,8 +50,9 @@ class Trace:
     """(nf,) standard error."""
 
 
-NORMAL_ALPHA = 0.16
-NORMAL_KEY = Key(label="normal band (mean ±1 SD)", colour=FAINT, kind="band")
+NORMAL_COLOUR = "#CC79A7"
+"""Okabe and Ito's purple, with dotted edges: the stance is grey."""
+NORMAL_KEY = Key(label="normal band (mean ±1 SD, dotted edges)", colour=NORMAL_COLOUR, kind="band")
 BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
 
 
@@ -178,7 +179,10 @@ def _panel(
             _stance(axes, layout, trace.side)
         if normal is not None:
             ends = (normal[0] - normal[1], normal[0] + normal[1])
-            axes.fill_between(np.arange(float(POINTS)), *ends, color=FAINT, alpha=NORMAL_ALPHA, linewidth=0)
+            percent = np.arange(float(POINTS))
+            axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
+            for edge in ends:
+                axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
             drawn += ends
         for trace in traces:
             drawn += _trace(axes, layout, trace)
