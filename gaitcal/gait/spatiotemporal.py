@@ -14,6 +14,9 @@ one that ends it: that of the leg that is named. Stance lasts from strike to off
 double support is the part of a stance in which the other foot is down, too, single support the rest of it. Percent are
 of the stride.
 
+Vicon's programs measure between the toe markers, which are further apart as toes point outwards: in five walks of a
+hospital its step width is 55 to 80 mm larger than between heels (`tests/gait/test_spatiotemporal.py`).
+
 A stride that the recording cuts counts for what it shows: the stance of a last strike, the step to a first one (along
 the other foot's stride, where that is whole). Nothing is told of a foot at a strike at which no marker shows it.
 """
