@@ -40,6 +40,8 @@ from gaitcal.errors import InputError
 
 GROUP: Final = ("person", "session", "side", "variable")
 """Columns of `cycles.csv` whose strides belong together."""
+WHERE: Final = [*GROUP, "trial", "stride", "percent"]
+"""Columns that tell one sample from all others."""
 STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd_error", "se")
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
@@ -118,6 +120,17 @@ def _mean_over(values: Array, there: Array) -> Array:
     return out
 
 
+def require_once(strides: pd.DataFrame) -> None:
+    """InputError where a table of strides has one twice, as those of two sessions without a name have."""
+    if (twice := strides.duplicated(WHERE)).any():
+        row = strides.loc[twice].iloc[0]
+        raise InputError(
+            f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
+            "person and session; name the sessions",
+            field="strides",
+        )
+
+
 def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     """Mean and spread over strides and trials of every variable of each side, at every percent.
 
@@ -138,15 +151,8 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     if strides.empty:
         return pd.DataFrame(columns=list(ENSEMBLE_COLUMNS))
     errors = [name for name in ("se_stride", "se") if name in strides]
-    where = [*GROUP, "trial", "stride", "percent"]
-    if (twice := strides.duplicated(where)).any():
-        row = strides.loc[twice].iloc[0]
-        raise InputError(
-            f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
-            "person and session; name the sessions",
-            field="strides",
-        )
-    wide = strides.set_index(where)[["value", "valid", *errors]].astype(float).unstack("percent")
+    require_once(strides)
+    wide = strides.set_index(WHERE)[["value", "valid", *errors]].astype(float).unstack("percent")
     percent = wide["value"].columns.to_numpy()
     rows_of = wide.groupby(level=list(GROUP), sort=False, dropna=False).indices
     usable = np.where(wide["valid"].to_numpy() == 1, wide["value"].to_numpy(), np.nan)

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from gaitcal.errors import InputError
+from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.variables import unit_of
 
 DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
@@ -19,17 +20,20 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
 
     Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
     variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
-    attributes; NaN where a trial has no such stride.
+    attributes; NaN where a trial has no such stride. Without any stride it is empty.
 
     Raises
     ------
     InputError
-        xarray is not installed.
+        xarray is not installed, or a stride is there twice.
     """
     try:
         import xarray
     except ImportError:
         raise InputError("xarray is not installed; pip install xarray") from None
+    if strides.empty:
+        return xarray.Dataset()
+    require_once(strides)
     several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
     wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
     columns: dict[str, pd.Series] = {}
@@ -41,6 +45,6 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit_of(variable)
     dataset["percent"].attrs["units"] = "%"
     for name in ("person", "session"):
-        if name not in several and len(strides):
+        if name not in several:
             dataset.attrs[name] = strides[name].iloc[0]
     return dataset

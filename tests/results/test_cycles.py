@@ -139,6 +139,9 @@ def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) 
         np.testing.assert_array_equal(curve, one(table, side, "knee_angle_moment")["value"])
     several = cycles_to_xarray(pd.concat([table, table.assign(session="second")]))
     assert several.sizes["session"] == 2 and "session" not in several.attrs
+    assert not cycles_to_xarray(table.iloc[:0]).data_vars
+    with pytest.raises(InputError, match="found stride 1 of walk, side r, twice"):
+        cycles_to_xarray(pd.concat([table, table]))
 
 
 def test_without_xarray_a_line_says_what_to_install(whole: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
