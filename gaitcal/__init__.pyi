@@ -7,6 +7,8 @@ from .dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .errors import ConvergenceError as ConvergenceError
 from .errors import GaitcalError as GaitcalError
 from .errors import InputError as InputError
+from .gait.ensemble import ensemble as ensemble
+from .gait.normal_bands import read_normal_bands as read_normal_bands
 from .model.build import build_model as build_model
 from .model.linkage import COORDINATES as COORDINATES
 from .model.marker_set import MarkerSet as MarkerSet
@@ -27,5 +29,9 @@ from .person.tables import parameter_table as parameter_table
 from .recording import Recording as Recording
 from .recording import read_recording as read_recording
 from .results.calibration import write_results as write_results
+from .results.cycle_arrays import cycles_to_xarray as cycles_to_xarray
+from .results.cycles import cycles as cycles
+from .results.cycles import read_cycles as read_cycles
+from .results.spatiotemporal import spatiotemporal as spatiotemporal
 from .study.study import Study as Study
 from .synthetic.subject import synthesize as synthesize

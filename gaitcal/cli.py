@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitcal.commands.options import Age, Height, Mass, Out, Quiet, Result, Sex, StudyPath, Verbose
+from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
@@ -99,12 +99,13 @@ def calibrate(
     hold_out: Annotated[
         bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
     ] = False,
+    normal: Normal = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
     from gaitcal.commands.init import options_of
 
-    run(study, out, talk, options_of(mass, height, sex, age), force=force, hold_out=hold_out)
+    run(study, out, talk, options_of(mass, height, sex, age), force=force, hold_out=hold_out, normal=normal)
 
 
 @command

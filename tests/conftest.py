@@ -16,7 +16,7 @@ settings.load_profile("patient")
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Result folders without `figures/`, half of the time they take: for tests that look at something else."""
-    monkeypatch.setattr("gaitcal.results.calibration.write_figures", lambda calibration, folder: [])
+    monkeypatch.setattr("gaitcal.results.calibration.write_figures", lambda calibration, folder, normal=None: [])
 
 
 @pytest.fixture(scope="session")

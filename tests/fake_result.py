@@ -16,6 +16,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.events import trial_events
+from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
@@ -34,6 +35,8 @@ from gaitcal.verdict.verdict import judge
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
 """rad."""
+OWN_ANGLE_ERROR = 0.012
+"""rad, the part of it that differs from stride to stride."""
 STRIDE = 1.0
 ERROR_SHARES = {
     Source.MOTION: 0.2, Source.JOINT_MARKERS: 0.1, Source.JOINT_NOMINAL: 0.25, Source.SKIN: 0.05,
@@ -263,6 +266,9 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
     before, after = (_motion(names, COORDINATES, level, segments) for level in (0.011, 0.006))
     floor = _errors(names, 0.005, segments)
     loads = _loads(rng, valid, errors, cycles) if plates else None
+    events = trial_events(
+        cast(Any, SimpleNamespace(landmarks={})), after, loads.reactions if loads else None, _recording(names)
+    )
     return TrialResult(
         name=names.trial,
         role=Role.GAIT,
@@ -276,9 +282,9 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
         body=after,
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
-        events=trial_events(
-            cast(Any, SimpleNamespace(landmarks={})), after, loads.reactions if loads else None, _recording(names)
-        ),
+        own_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR) if errors else None,
+        events=events,
+        strides=strides_measured(events, after.time, None),
     )
 
 

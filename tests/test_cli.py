@@ -84,6 +84,14 @@ def test_options_that_we_refuse_end_with_2_too(words: tuple[str, ...]) -> None:
     assert done.stderr.startswith(f"gaitcal: {words[2]}: found ")
 
 
+def test_a_wrong_file_of_normal_bands_ends_with_1_before_anything_is_read(tmp_path: Path) -> None:
+    bands = tmp_path / "normal.csv"
+    bands.write_text("variable,unit,percent,mean,sd\nhip_flexion,deg,0,1,1\n", encoding="utf-8")
+    done = gaitcal("calibrate", "no-study.toml", "--out", str(tmp_path / "out"), "--normal", str(bands))
+    assert done.returncode == 1 and "normal.csv: signs: missing; allowed: " in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_readme_tells_every_command_and_setting() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for name in (*ORDER, "compare"):

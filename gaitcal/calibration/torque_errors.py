@@ -200,17 +200,28 @@ def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, A
     return out
 
 
-def coordinate_standard_errors(problem: TrialProblem, moves: MarkerMoves, turned: Array | None = None) -> Array:
+def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Source, Array]:
+    """Source -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
+    basis, nq = problem.basis, len(problem.chain.coordinates)
+    out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
+    for start in range(0, len(basis.time), BLOCK):
+        part = slice(start, min(start + BLOCK, len(basis.time)))
+        still = np.broadcast_to(np.eye(nq), (part.stop - part.start, nq, nq))
+        for source, variance in moves.variances(*moves.through(basis, part, (still,))).items():
+            out[source][part] = variance
+    return out
+
+
+def coordinate_standard_errors(
+    problem: TrialProblem,
+    moves: MarkerMoves,
+    turned: Array | None = None,
+    variances: Mapping[Source, Array] | None = None,
+) -> Array:
     """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
 
     `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
-    no marker moves with is held at zero, and has none.
+    no marker moves with is held at zero, and has none. `variances`: of `coordinate_variances`, where known already.
     """
-    basis, nq = problem.basis, len(problem.chain.coordinates)
-    out = np.empty((len(basis.time), nq))
-    for start in range(0, len(out), BLOCK):
-        part = slice(start, min(start + BLOCK, len(out)))
-        still = np.broadcast_to(np.eye(nq), (part.stop - part.start, nq, nq))
-        variances = moves.variances(*moves.through(basis, part, (still,)))
-        out[part] = np.sqrt(sum(variances.values()))
+    out: Array = np.sqrt(sum((variances or coordinate_variances(problem, moves)).values()))
     return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

@@ -12,6 +12,8 @@ from gaitcal.commands.init import NOTHING_SAID, files_of, study_or_draft, tell_f
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
+from gaitcal.files.snapshot import sha256_of
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import STUDY, draft_text, study_of
@@ -26,16 +28,25 @@ from gaitcal.verdict.verdict import Judgement
 
 
 def run(
-    path: Path, out: Path, talk: Talk, options: Options = NOTHING_SAID, *, force: bool = False, hold_out: bool = False
+    path: Path,
+    out: Path,
+    talk: Talk,
+    options: Options = NOTHING_SAID,
+    *,
+    force: bool = False,
+    hold_out: bool = False,
+    normal: Path | None = None,
 ) -> None:
     """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
 
-    `force` goes on past errors that the checks find, and keeps every trial of a drafted study.
+    `force` goes on past errors that the checks find, and keeps every trial of a drafted study. `normal`: file of normal
+    bands.
     """
+    bands = None if normal is None else read_normal_bands(normal)
     source = study_or_draft(path, options, talk)
     drafted = source if isinstance(source, Draft) else None
     inputs = input_files(load_study_file(source), source) if isinstance(source, Path) else files_of(source)
-    kept = require_room(out, ResultKind.CALIBRATION, inputs)
+    kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *([] if normal is None else [normal])])
     with talk.working() as step:
         step("reading the recordings")
         loaded = Study.load(source) if isinstance(source, Path) else study_of(source)
@@ -53,7 +64,9 @@ def run(
         if drafted is not None:
             calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))
         step("writing the results")
-        write_results(calibration, out, drafted=None if drafted is None else draft_text(drafted, out))
+        made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+        text = None if drafted is None else draft_text(drafted, out)
+        write_results(calibration, out, made_with, drafted=text, normal=bands)
     print_calibration(talk, calibration)
     tell_changed(talk, loaded.changed_inputs())
     tell_kept(talk, kept)

@@ -15,6 +15,7 @@ Mass = Annotated[float | None, typer.Option(help="Body mass in kg, where the rec
 Height = Annotated[float | None, typer.Option(help="Body height in m, the same.")]
 Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
+Normal = Annotated[Path | None, typer.Option(help="CSV of normal bands, drawn behind the report's angles and moments.")]
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]

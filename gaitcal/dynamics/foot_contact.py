@@ -9,7 +9,7 @@ that agree with its own plates, they say it to the frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,6 +46,8 @@ class FootPoints:
     """(nf, 2) m/s, against the ground."""
     width: float = 0.0
     """m, of the sole where it is widest; 0: not known, a line from heel to tip."""
+    ground: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) m/s, how the ground moves: zero on a floor, the belt's velocity on a treadmill."""
 
     @property
     def resting(self) -> BoolArray:

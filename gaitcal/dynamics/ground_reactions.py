@@ -158,6 +158,11 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
     ]
 
 
+def has_feet(model: SubjectModel) -> bool:
+    """Whether the model knows where heels and toes are."""
+    return {f"{end}_{side}" for end in ("heel", "toe") for side in SIDES} <= set(model.landmarks)
+
+
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
     chain = Chain()
@@ -181,6 +186,7 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
         width=FOOT_BREADTH * model.subject.height,
+        ground=ground,
     )
 
 

@@ -13,6 +13,7 @@ from gaitcal.figures.fit import fit_chart
 from gaitcal.figures.forces import forces_chart, residuals_chart
 from gaitcal.figures.parameters import moment_change_chart, parameters_chart
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import Layout, cycle_sentence, layout
 from gaitcal.person.parameter_words import joint_groups
 from gaitcal.person.result import Calibration, TrialResult
@@ -55,8 +56,8 @@ class Charts:
         return [chart for chart in (self.fit, self.parameters, *of_gait) if chart is not None]
 
 
-def charts_of(calibration: Calibration) -> Charts:
-    """Prepare all charts; nothing is drawn yet."""
+def charts_of(calibration: Calibration, normal: Bands | None = None) -> Charts:
+    """Prepare all charts; nothing is drawn yet. `normal`: bands of healthy people behind angles and moments."""
     gait = [(stem(i, t.name), t) for i, t in enumerate(calibration.trials, start=1) if t.joint is None]
     return Charts(
         fit_chart(calibration),
@@ -64,7 +65,7 @@ def charts_of(calibration: Calibration) -> Charts:
             joint_groups(calibration),
             {p.name: p.truth for p in calibration.truth.parameters} if calibration.truth else None,
         ),
-        tuple(_gait_view(calibration, trial, name) for name, trial in gait),
+        tuple(_gait_view(calibration, trial, name, normal) for name, trial in gait),
     )
 
 
@@ -74,14 +75,14 @@ def stem(number: int, name: str) -> str:
     return f"{number:02d}_{plain}" if plain else f"{number:02d}"
 
 
-def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitView:
+def _gait_view(calibration: Calibration, trial: TrialResult, name: str, normal: Bands | None) -> GaitView:
     loads, model = trial.loads, calibration.model
     drawn = layout(trial.body, loads.reactions if loads else None, trial.events)
     view = GaitView(
         trial=trial,
         layout=drawn,
         axis=cycle_sentence(drawn),
-        angles=angle_chart(calibration, trial, drawn, name),
+        angles=angle_chart(calibration, trial, drawn, name, normal),
         forces=forces_chart(calibration, trial, loads, name) if loads else None,
     )
     if loads is None or not loads.reactions.has_torques:
@@ -89,7 +90,7 @@ def _gait_view(calibration: Calibration, trial: TrialResult, name: str) -> GaitV
     numbers = moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors)
     view = replace(
         view,
-        moments=moment_chart(calibration, trial, loads, drawn, name),
+        moments=moment_chart(calibration, trial, loads, drawn, name, normal),
         change=moment_change_chart(trial, numbers, name),
         numbers=numbers,
     )
@@ -104,7 +105,7 @@ DPI = 300
 """What journals ask for."""
 
 
-def write_figures(calibration: Calibration, folder: Path | str) -> list[Path]:
+def write_figures(calibration: Calibration, folder: Path | str, normal: Bands | None = None) -> list[Path]:
     """Write every figure of the report into `folder` (made if missing) as PNG (300 dpi) and SVG.
 
     File names are plain ASCII: the number and a simplified name of the trial, then what is shown.
@@ -116,7 +117,7 @@ def write_figures(calibration: Calibration, folder: Path | str) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for chart in charts_of(calibration).all():
+    for chart in charts_of(calibration, normal).all():
         figure = chart_figure(chart)
         for suffix in ("png", "svg"):
             path = folder / f"{chart.name}.{suffix}"

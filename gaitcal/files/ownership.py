@@ -46,7 +46,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
 
 _TRIAL_FILES = (
     *("motion/*.mot", "motion/*.csv", "moments/*.sto", "moments/*.csv", "marker_errors/*.csv", "markers/*.trc"),
-    *("forces/*.mot", "forces/*.xml", "cycles.csv", "summary.json"),
+    *("forces/*.mot", "forces/*.xml", "cycles.csv", "ensemble.csv", "spatiotemporal.csv", "summary.json"),
 )
 _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.CALIBRATION: (

@@ -17,7 +17,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points
+from gaitcal.dynamics.ground_reactions import foot_points, has_feet
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import FootEvents, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events
@@ -109,7 +109,7 @@ def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
 
 
 def _by_motion(model: SubjectModel, motion: Motion) -> list[FootEvent]:
-    if not {f"{end}_{side}" for end in ("heel", "toe") for side in SIDES} <= set(model.landmarks):
+    if not has_feet(model):
         return []
     feet = foot_points(model, motion, model.parameters)
     return motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))

@@ -8,8 +8,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
-from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.dynamics.torque_sources import TorqueErrors
+from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
+from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
@@ -35,6 +35,15 @@ def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:
         return reaction
     moment: Array = forces.tau[:, COORDINATE_INDEX[name]]
     return moment
+
+
+def own_error_of(errors: TorqueErrors, name: str) -> Array | None:
+    """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make; None: not known."""
+    variance = errors.by_source.get(Source.MOTION)
+    if variance is None:
+        return None
+    own: Array = np.sqrt(variance[:, FORCES.index(name)])
+    return own
 
 
 @dataclass(frozen=True)

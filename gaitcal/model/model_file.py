@@ -71,6 +71,7 @@ class _Subject(Table):
     ankle_width_mm: dict[str, _Number] = Field(default={})
     asis_distance_mm: _Number | None = None
     marker_diameter_mm: _Number | None = None
+    session: str = ""
 
 
 class _Value(Table):
@@ -135,6 +136,7 @@ def model_text(model: SubjectModel) -> str:
         *([] if s.marker_diameter is None else [f"marker_diameter_mm = {_text(s.marker_diameter, 'mm')}"]),
         *_widths("knee", s.knee_width),
         *_widths("ankle", s.ankle_width),
+        *([f"session = {toml_value(s.session)}"] if s.session else []),
         "",
         "[joint_parameters] # mm, deg",
         *_values(JP_NAMES, _JP_UNITS, now.joint, nominal.joint),
@@ -243,6 +245,7 @@ def load_model(path: Path | str) -> SubjectModel:
             ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
             asis_distance=None if s.asis_distance_mm is None else _si(s.asis_distance_mm, "mm"),
             marker_diameter=None if s.marker_diameter_mm is None else _si(s.marker_diameter_mm, "mm"),
+            session=s.session,
         ),
         parameters=Parameters(joint[0], inertial[0], zero[0]),
         nominal=Parameters(joint[1], inertial[1], zero[1]),

@@ -32,6 +32,8 @@ class Subject:
     """m between the two anterior superior iliac spines, where measured by hand."""
     marker_diameter: float | None = None
     """m; None where not known."""
+    session: str = ""
+    """A date or a label of the day of these recordings; empty where nobody says."""
 
     @property
     def weight(self) -> float:

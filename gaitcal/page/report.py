@@ -20,9 +20,11 @@ from gaitcal.figures.calibration import charts_of
 from gaitcal.figures.chart import Chart, panel_figure
 from gaitcal.figures.style import Key
 from gaitcal.files.package_data import package_version
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.words import coordinate_title, explained
 from gaitcal.page.answers import answers
 from gaitcal.page.error_sources import COLOURS, ErrorSources, error_sources
+from gaitcal.page.steps import step_rows
 from gaitcal.page.svg import SvgPage
 from gaitcal.page.trials import phase_words, trial_facts, trial_fits
 from gaitcal.page.truth import near_truth
@@ -45,7 +47,13 @@ class ShownChart:
     """Panels wider than a third of the page."""
 
 
-def write_report(calibration: Calibration, path: Path | str, *, manifest: Mapping[str, object] | None = None) -> None:
+def write_report(
+    calibration: Calibration,
+    path: Path | str,
+    *,
+    manifest: Mapping[str, object] | None = None,
+    normal: Bands | None = None,
+) -> None:
     """Write the report of a calibration as one self-contained page.
 
     Parameters
@@ -54,13 +62,16 @@ def write_report(calibration: Calibration, path: Path | str, *, manifest: Mappin
         of the page, or the page says so.
     path : the file, replaced if it exists.
     manifest : versions, settings and hashes of the inputs; made from `calibration` where not given.
+    normal : bands of healthy people, drawn behind angles and moments.
     """
-    Path(path).write_text(report_html(calibration, manifest=manifest), encoding="utf-8")
+    Path(path).write_text(report_html(calibration, manifest=manifest, normal=normal), encoding="utf-8")
 
 
-def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | None = None) -> str:
+def report_html(
+    calibration: Calibration, *, manifest: Mapping[str, object] | None = None, normal: Bands | None = None
+) -> str:
     """The page as text."""
-    charts = charts_of(calibration)
+    charts = charts_of(calibration, normal)
     svg = SvgPage()
 
     def show(chart: Chart) -> ShownChart:
@@ -81,6 +92,8 @@ def report_html(calibration: Calibration, *, manifest: Mapping[str, object] | No
         facts=trial_facts(calibration),
         answers=answers(calibration, charts.gait),
         charts=charts,
+        steps=step_rows(calibration.trials),
+        band_sources=tuple(dict.fromkeys(band.source for band in (normal or {}).values() if band.source)),
         fits=trial_fits(calibration),
         joints=joint_groups(calibration),
         inertias=inertial_groups(calibration),

@@ -19,6 +19,7 @@ from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.gait.events import TrialEvents
+from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -104,12 +105,17 @@ class TrialResult:
     """None without force plates."""
     coordinate_errors: Array | None = None
     """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and motion; gait only."""
+    own_coordinate_errors: Array | None = None
+    """(nf, 27) m, rad: the part of `coordinate_errors` that this trial's own markers make; the rest is shared by all
+    strides of the calibration."""
     held_out: HeldOut | None = None
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
     events: TrialEvents = field(default=TrialEvents())
     """When the feet meet and leave the ground, each moment with its source; none in an isolated trial."""
+    strides: tuple[Stride, ...] = ()
+    """Speed, steps, stance and swing of each stride of both feet; none in an isolated trial."""
     doubts: tuple[Finding, ...] = ()
     """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
     calibration are told for its trials together."""
@@ -176,14 +182,14 @@ class TrialResult:
         """
         if not legs:
             return self
-        loads, errors = self.loads, self.coordinate_errors
+        loads, errors, own = self.loads, self.coordinate_errors, self.own_coordinate_errors
         whole = set(legs) == set(SIDES)
         kept = np.array([leg_of(name) in {*SIDES} - {*legs} for name in COORDINATES])
         if loads is not None:
             of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
             loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
-        errors = None if whole or errors is None else np.where(kept, errors, np.nan)
-        return replace(self, loads=loads, coordinate_errors=errors, refused_legs=tuple(legs))
+        errors, own = (None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own))
+        return replace(self, loads=loads, coordinate_errors=errors, own_coordinate_errors=own, refused_legs=tuple(legs))
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from gaitcal.calibration.torque_errors import (
     MarkerMoves,
     coordinate_standard_errors,
+    coordinate_variances,
     marker_moves,
     torque_standard_errors,
 )
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.torque_sources import TorqueErrors
+from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.events import TrialEvents, trial_events
+from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -69,7 +75,9 @@ def trial_result(
     if trial.joint is not None:
         calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
     moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
+    variances = {} if moves is None else coordinate_variances(trial.body, moves)
     turned = AxisErrors(final, axes)
+    events = _events(trial, model.with_parameters(final), body, reactions)
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
@@ -89,10 +97,12 @@ def trial_result(
         loads=loads,
         coordinate_errors=None
         if moves is None
-        else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q)),
+        else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q), variances),
+        own_coordinate_errors=None if Source.MOTION not in variances else np.sqrt(variances[Source.MOTION]),
         held_out=held_out,
         bandwidth=trial.bandwidth,
-        events=_events(trial, model.with_parameters(final), body, reactions),
+        events=events,
+        strides=strides_measured(events, body.time, _feet(model.with_parameters(final), body), unseen_frames(body)),
         doubts=trial_findings(
             trial.body,
             final,
@@ -108,6 +118,11 @@ def trial_result(
 def _events(trial: PreparedTrial, model: SubjectModel, body: Motion, reactions: GroundReactions | None) -> TrialEvents:
     """Of a gait trial; an isolated one has none."""
     return TrialEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
+
+
+def _feet(model: SubjectModel, body: Motion) -> FootPoints | None:
+    """Heels and toes of a motion; None where the model does not know them."""
+    return foot_points(model, body, model.parameters) if has_feet(model) else None
 
 
 def _torque_errors(

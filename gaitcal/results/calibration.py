@@ -14,6 +14,7 @@ from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
@@ -30,9 +31,9 @@ from gaitcal.person.tables import (
     relative_header,
 )
 from gaitcal.recording import write_trc
-from gaitcal.results.cycles import CYCLES, write_cycles
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
+from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import refused_lines, write_csv
 from gaitcal.results.truth import write_truth
@@ -46,6 +47,7 @@ def write_results(
     settings: Mapping[str, Json] | None = None,
     *,
     drafted: str | None = None,
+    normal: Bands | None = None,
 ) -> Path:
     """Write everything a calibration gives into `folder`, whole or not at all. Returns the folder.
 
@@ -56,6 +58,8 @@ def write_results(
         it is kept.
     settings : further entries of `manifest.json`, beside those of the study.
     drafted : text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
+
+    normal : bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
 
     Raises
     ------
@@ -76,15 +80,15 @@ def write_results(
         _models(calibration.model, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        write_cycles(out / CYCLES, calibration.model, calibration.trials, calibration.relative_to)
+        write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
         write_truth(calibration.truth, out)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)
         save_scene(scene, out / "scene.npz")
         write_view(scene, out / "view.html")
-        write_report(calibration, out / "report.html", manifest=content)
-        write_figures(calibration, out / "figures")
+        write_report(calibration, out / "report.html", manifest=content, normal=normal)
+        write_figures(calibration, out / "figures", normal)
     return folder
 
 

@@ -12,20 +12,26 @@ import pandas as pd
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
-from gaitcal.gait.moments import moment_names, moment_of
+from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.strides import strides_of
+from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.model.linkage import SIDES, is_translation
-from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import TrialResult
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.person.tables import relative_header, taken_off
-from gaitcal.results.table_file import refused_lines, write_csv
+from gaitcal.results.table_file import read_csv, refused_lines, write_csv
 
-CYCLE_COLUMNS = ("trial", "side", "stride", "percent", "variable", "value", "se", "valid")
+CYCLE_COLUMNS = (
+    *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
+)
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
-    "degrees; with _moment its internal moment in N m; se: standard error, empty where unknown",
+    "degrees; with _moment its internal moment in N m; ground_reaction_vertical: upward force on that foot, N",
+    "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
+    "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
     "where markers show the segments that they are between; nothing of a leg that is refused, nor of the trunk with it",
 )
@@ -43,6 +49,8 @@ class _Signal:
     name: str
     value: Array
     error: Array | None
+    own_error: Array | None
+    """The part of the error that differs from stride to stride."""
     valid: BoolArray
 
 
@@ -53,14 +61,53 @@ def write_cycles(
     relative_to: Mapping[str, float] | None = None,
     earlier: pd.DataFrame | None = None,
     earlier_lines: Iterable[str] = (),
-) -> None:
-    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials, as text."""
+) -> pd.DataFrame:
+    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials, as text.
+
+    Returns the table that is written.
+    """
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     relative = () if relative_to is None else relative_header(relative_to)
     table = cycle_table(model, trials, relative_to)
     if earlier is not None and not earlier.empty:
         table = pd.concat([earlier, table], ignore_index=True) if len(table) else earlier
     write_csv(table, path, (*earlier_lines, *refused, *CYCLE_HEADER, *relative))
+    return table
+
+
+def cycles(calibration: Calibration) -> pd.DataFrame:
+    """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to 100 %, in long form.
+
+    Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
+    `gaitcal/gait/variables.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
+    to stride).
+    """
+    return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
+
+
+def read_cycles(path: Path | str) -> pd.DataFrame:
+    """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of `gaitcal.cycles`.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is no such table.
+    """
+    source = Path(path)
+    source = source / CYCLES if source.is_dir() else source
+    try:
+        return typed(read_csv(source)[0])
+    except (OSError, UnicodeError, ValueError, KeyError) as error:
+        raise InputError(f"cannot be read as a table of strides: {error}", source=source) from None
+
+
+def typed(table: pd.DataFrame) -> pd.DataFrame:
+    """A table of strides that may hold text, with numbers where numbers belong."""
+    whole = dict.fromkeys(("stride", "percent", "valid"), int)
+    return table.assign(
+        **{name: pd.to_numeric(table[name]).astype(kind) for name, kind in whole.items()},
+        **{name: pd.to_numeric(table[name]) for name in ("value", "se", "se_stride") if name in table},
+    )
 
 
 def cycle_table(
@@ -75,7 +122,7 @@ def cycle_table(
         if trial.joint is None:
             for side, cycles in strides_of(trial.events).items():
                 signals = list(_signals(model, trial, side, taken_off(relative_to)))
-                parts += [_rows(trial, side, k, cycle, signals) for k, cycle in enumerate(cycles, start=1)]
+                parts += [_rows(model.subject, trial, side, k, c, signals) for k, c in enumerate(cycles, start=1)]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(CYCLE_COLUMNS))
 
 
@@ -86,17 +133,22 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
     wanted = [name for name in body.coordinates if leg_of(name) == side or name.startswith(("pelvis", "lumbar"))]
     for k, name in enumerate(body.coordinates):
         if name in wanted and name not in frozen and not is_translation(name):
-            error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, k])
+            errors = (trial.coordinate_errors, trial.own_coordinate_errors)
+            error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
             usable = _angle_counts(trial, name, unseen)
-            yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, usable)
+            yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, own, usable)
     if loads is None:
         return
     for name in moment_names(model):
         if leg_of(name) == other or not (leg_of(name) or name.startswith("lumbar")):
             continue
         error = None if loads.errors is None else moment_of(loads.errors, name)
+        own = None if loads.errors is None else own_error_of(loads.errors, name)
         valid = loads.reactions.valid_for(name)
-        yield _Signal(f"{_plain(name)}_moment", moment_of(loads.final, name), error, valid)
+        yield _Signal(f"{_plain(name)}{Kind.MOMENT.ending}", moment_of(loads.final, name), error, own, valid)
+    leg = SIDES.index(side)
+    upward = loads.reactions.wrench[:, leg, 1]
+    yield _Signal(GROUND_REACTION, upward, None, None, np.asarray(loads.reactions.valid_legs[:, leg]))
 
 
 def _angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
@@ -114,7 +166,9 @@ def _plain(name: str) -> str:
     return name[:-2] if leg_of(name) else name
 
 
-def _rows(trial: TrialResult, side: str, stride: int, cycle: GaitCycle, signals: Sequence[_Signal]) -> pd.DataFrame:
+def _rows(
+    subject: Subject, trial: TrialResult, side: str, stride: int, cycle: GaitCycle, signals: Sequence[_Signal]
+) -> pd.DataFrame:
     time, count = trial.body.time, len(signals)
 
     def laid(values: Sequence[Array]) -> Array:
@@ -125,6 +179,8 @@ def _rows(trial: TrialResult, side: str, stride: int, cycle: GaitCycle, signals:
     usable = laid([np.where(s.valid, 1.0, np.nan) for s in signals])
     return pd.DataFrame(
         {
+            "person": subject.name,
+            "session": subject.session,
             "trial": trial.name,
             "side": side,
             "stride": stride,
@@ -133,6 +189,7 @@ def _rows(trial: TrialResult, side: str, stride: int, cycle: GaitCycle, signals:
             "value": _short(laid([s.value for s in signals])),
             "se": _short(laid([unknown if s.error is None else s.error for s in signals])),
             "valid": np.isfinite(usable).astype(int),
+            "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
         }
     )
 

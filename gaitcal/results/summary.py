@@ -9,6 +9,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.results.json_types import Json
+from gaitcal.results.spatiotemporal import means_summary
 from gaitcal.results.truth import truth_summary
 from gaitcal.results.verdict import verdict_summary, walk_summary
 from gaitcal.verdict.verdict import Verdict
@@ -31,6 +32,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
         "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
+        **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
         STATIC_ANGLES: {
             name: round(float(np.rad2deg(value)), 4)
             for name, value in calibration.static_angles.items()
@@ -93,6 +95,8 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             {"side": e.side, "event": e.moment.value, "time": round(e.time, TIME_DIGITS), "source": e.source.value}
             for e in trial.events.events
         ]
+        if trial.strides:
+            out["spatiotemporal"] = means_summary([trial])
     if trial.loads is not None:
         reactions = trial.loads.reactions
         out["valid_frames"] = int(reactions.valid.sum())

@@ -7,8 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import cast
 
-import pandas as pd
-
 from gaitcal.errors import InputError
 from gaitcal.export.xml_text import safe_name
 from gaitcal.files.atomic import also_at, atomic_directory
@@ -20,11 +18,10 @@ from gaitcal.files.snapshot import Snapshot, listed, sha256_of
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.results.calibration import json_text, write_trial
-from gaitcal.results.cycles import CYCLES, write_cycles
 from gaitcal.results.json_types import Json
 from gaitcal.results.saved import MODEL
+from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import trial_summary
-from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY, verdict_summary
 from gaitcal.verdict.verdict import Verdict
 
@@ -80,7 +77,7 @@ def write_trials(
             if digests.get(name) != digest
         )
         stale += _damaged(folder, earlier, kept)
-        write_cycles(out / CYCLES, model, trials, relative_to, *_cycles_of(folder, earlier, kept))
+        write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept, model.subject))
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
             "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
@@ -127,20 +124,11 @@ def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> t
         for file, digest in earlier.items()
         if (stem := Path(file).stem) in owners and sha256_of(folder / file) != digest
     ) + tuple(
-        f"{trial}: {CYCLES} is damaged, or was edited: its rows of this trial are left out{RUN_AGAIN}"
+        f"{trial}: {file} is damaged, or was edited: its rows of this trial are left out{RUN_AGAIN}"
+        for file in STRIDE_FILES
+        if file in earlier and sha256_of(folder / file) != earlier[file]
         for trial in kept
-        if CYCLES in earlier and sha256_of(folder / CYCLES) != earlier[CYCLES]
     )
-
-
-def _cycles_of(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Rows of kept trials in the table of strides, and its comment lines about them; none of a damaged table."""
-    if CYCLES not in earlier or sha256_of(folder / CYCLES) != earlier[CYCLES]:
-        return pd.DataFrame(), ()
-    table, comments = read_csv(folder / CYCLES)
-    names = tuple(kept)
-    lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: " for name in names)))
-    return table[table["trial"].isin(names)], lines
 
 
 def _trial_files(folder: Path) -> list[Path]:

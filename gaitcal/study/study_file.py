@@ -95,6 +95,14 @@ class SubjectTable(Table):
     marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
         default=None, description="diameter of the markers, mm"
     )
+    session: str = Field(default="", description="the day of the recordings, a date or a label, as tables show it")
+
+    @field_validator("session")
+    @classmethod
+    def _session(cls, session: str) -> str:
+        if len(session) > 200 or not session.isprintable():
+            raise ValueError(f"found {shown(session)}; allowed: up to 200 printable characters")
+        return session
 
     @field_validator("name")
     @classmethod

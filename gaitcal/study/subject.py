@@ -28,6 +28,7 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
         asis_distance=told.asis_distance if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
         marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+        session=table.session,
     )
 
 

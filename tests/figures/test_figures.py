@@ -14,10 +14,13 @@ from matplotlib.collections import PolyCollection
 from gaitcal.dynamics.residual_limits import residual_limits
 from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import Panel, chart_figure, panel_figure
+from gaitcal.figures.curves import NORMAL_KEY
 from gaitcal.figures.forces import forces_chart
 from gaitcal.figures.parameters import parameters_chart
 from gaitcal.figures.style import SIDE_COLOURS, plain
+from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import moment_names, moment_of
+from gaitcal.gait.normal_bands import NormalBand, Signs
 from gaitcal.gait.words import coordinate_words, explained, joint_words, parameter_words, segment_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -202,3 +205,27 @@ def test_moments_are_named_once(whole: Calibration) -> None:
     names = moment_names(whole.model)
     assert len(names) == len(set(names)) == 23
     assert names.index("knee_adduction_r") == names.index("knee_angle_r") + 1
+
+
+def test_normal_bands_lie_behind_the_panels_of_their_variables(whole: Calibration) -> None:
+    """In the units that are drawn; without a gait cycle there is none, and the legend does not promise one."""
+    percent, mean, sd = np.array([0.0, 100.0]), np.array([0.5, 0.5]), np.array([0.1, 0.1])
+    common = {"signs": Signs.CLINICAL, "percent": percent, "mean": mean, "sd": sd}
+    bands = {
+        name: NormalBand(variable=name, unit=unit, **common)  # type: ignore[arg-type]
+        for name, unit in (("knee_angle_moment", "N m/kg"), ("hip_flexion", "rad"))
+    }
+    view = charts_of(whole, bands).gait[0]
+    for chart, title, low, high in (
+        (view.moments, "Knee flexion", -0.6, -0.4),
+        (view.angles, "Hip flexion", np.degrees(0.4), np.degrees(0.6)),
+    ):
+        assert chart is not None and NORMAL_KEY in chart.keys
+        for panel in chart.panels:
+            (axes,) = panel_figure(panel).axes
+            edges = [line.get_ydata() for line in axes.lines if line.get_linestyle() == ":"]
+            assert bool(edges) == panel.label.startswith(title)
+            if edges:
+                np.testing.assert_allclose(edges, [np.full(POINTS, low), np.full(POINTS, high)])
+    by_time = charts_of(fake_calibration(cycles=False), bands).gait[0]
+    assert NORMAL_KEY not in by_time.angles.keys

@@ -49,7 +49,8 @@ def test_the_published_model_comes_back(tmp_path: Path) -> None:
 def test_what_was_measured_of_the_person_comes_back(tmp_path: Path) -> None:
     model = published_model()
     widths = {"knee_width": {"r": 0.105, "l": 0.107}, "ankle_width": {"r": 0.07}}
-    told = replace(model.subject, age=9.5, asis_distance=0.2451, marker_diameter=0.014, **widths)  # type: ignore[arg-type]
+    known = {"age": 9.5, "asis_distance": 0.2451, "marker_diameter": 0.014, "session": "2026-03-01, 'after'"}
+    told = replace(model.subject, **known, **widths)  # type: ignore[arg-type]
     save_model(replace(model, subject=told), tmp_path / "model.toml")
     assert load_model(tmp_path / "model.toml").subject == told
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.dynamics.torque_sources import Source
+from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.strides import strides_of
+from gaitcal.gait.variables import GROUND_REACTION
 from gaitcal.person.result import Calibration
-from gaitcal.results.cycles import CYCLE_COLUMNS, CYCLE_HEADER, cycle_table, write_cycles
+from gaitcal.results.cycle_arrays import cycles_to_xarray
+from gaitcal.results.cycles import CYCLE_COLUMNS, CYCLE_HEADER, cycle_table, cycles, read_cycles, write_cycles
 from gaitcal.results.table_file import read_csv
-from tests.fake_result import fake_calibration
+from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
 ROUNDED = 1e-6
 
@@ -35,9 +41,9 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     trial = whole.trial("walk")
     assert trial.loads is not None
     strides = strides_of(trial.events)
-    for side, cycles in strides.items():
+    for side, found in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]
-        assert sorted(own["stride"].unique()) == list(range(1, len(cycles) + 1))
+        assert sorted(own["stride"].unique()) == list(range(1, len(found) + 1))
         for _, rows in own.groupby(["stride", "variable"]):
             assert rows["percent"].tolist() == list(range(POINTS))
     names = set(table["variable"])
@@ -72,7 +78,76 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     expected = np.interp(at, time, np.degrees(trial.body.q[:, k]))
     np.testing.assert_allclose(one(table, "l", "hip_flexion")["value"], expected, atol=ROUNDED)
     np.testing.assert_allclose(of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED)
+    np.testing.assert_allclose(of_left["se_stride"], np.sqrt(ERROR_SHARES[Source.MOTION]) * of_left["se"], rtol=1e-5)
+    angle = one(table, "l", "hip_flexion")
+    np.testing.assert_allclose(angle["se_stride"], np.degrees(OWN_ANGLE_ERROR), atol=ROUNDED)
+    np.testing.assert_allclose(angle["se"], np.degrees(ANGLE_ERROR), atol=ROUNDED)
+    upward = one(table, "l", GROUND_REACTION)
+    np.testing.assert_allclose(upward["value"], np.interp(at, time, reactions.wrench[:, 1, 1]), atol=ROUNDED)
+    assert upward["valid"].tolist() == of_left["valid"].tolist() and upward["se"].isna().all()
     assert of_left["se"].notna().all()
+
+
+def test_every_row_names_person_and_session(whole: Calibration) -> None:
+    model = replace(whole.model, subject=replace(whole.model.subject, session="2026-03-01"))
+    table = cycles(replace(whole, model=model))
+    assert set(zip(table["person"], table["session"], strict=True)) == {("S07", "2026-03-01")}
+    assert tuple(table.columns) == CYCLE_COLUMNS
+    assert CYCLE_COLUMNS[:10] == (
+        *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid"),
+    )
+
+
+def test_what_was_written_is_read_back_also_by_pandas_alone(whole: Calibration, tmp_path: Path) -> None:
+    """A person called `001` stays one, in whatever folder; another file is told in a line."""
+    model = replace(whole.model, subject=replace(whole.model.subject, name="001"))
+    write_cycles(tmp_path / "cycles.csv", model, whole.trials)
+    found, table = read_cycles(tmp_path), cycle_table(model, whole.trials)
+    pd.testing.assert_frame_equal(found.astype({"person": str}), table.astype({"person": str}), check_dtype=False)
+    assert set(found["person"]) == {"001"} and set(found["session"]) == {""}
+    plain = pd.read_csv(tmp_path / "cycles.csv", comment="#")
+    np.testing.assert_allclose(plain["value"], table["value"])
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    for wrong in ("other.csv", "none.csv"):
+        with pytest.raises(InputError, match="cannot be read as a table of strides"):
+            read_cycles(tmp_path / wrong)
+
+
+def test_the_ensemble_of_one_calibration_is_the_mean_of_its_valid_strides(whole: Calibration) -> None:
+    table = cycles(whole)
+    found = ensemble(table)
+    right = found[(found["side"] == "r") & (found["variable"] == "hip_flexion_moment")].set_index("percent")
+    own = table[(table["side"] == "r") & (table["variable"] == "hip_flexion_moment") & (table["valid"] == 1)]
+    by_hand = own.groupby("percent")["value"]
+    pd.testing.assert_series_equal(right["mean"].dropna(), by_hand.mean(), check_names=False, check_index_type=False)
+    pd.testing.assert_series_equal(
+        right["n"][right["n"] > 0], by_hand.count(), check_names=False, check_index_type=False, check_dtype=False
+    )
+
+
+def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) -> None:
+    pytest.importorskip("xarray")
+    table = cycles(whole)
+    dataset = cycles_to_xarray(table)
+    assert dict(dataset.sizes) == {"trial": 1, "side": 2, "stride": 2, "percent": POINTS}
+    assert dataset["hip_flexion"].attrs["units"] == "deg" and dataset.attrs["person"] == "S07"
+    assert (
+        dataset["hip_flexion_moment_se"].attrs["units"] == "N m" and dataset["hip_flexion_valid"].attrs["units"] == "1"
+    )
+    for side in "rl":
+        curve = dataset["knee_angle_moment"].sel(trial="walk", side=side, stride=1)
+        np.testing.assert_array_equal(curve, one(table, side, "knee_angle_moment")["value"])
+    several = cycles_to_xarray(pd.concat([table, table.assign(session="second")]))
+    assert several.sizes["session"] == 2 and "session" not in several.attrs
+    assert not cycles_to_xarray(table.iloc[:0]).data_vars
+    with pytest.raises(InputError, match="found stride 1 of walk, side r, twice"):
+        cycles_to_xarray(pd.concat([table, table]))
+
+
+def test_without_xarray_a_line_says_what_to_install(whole: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="pip install xarray"):
+        cycles_to_xarray(cycles(whole))
 
 
 def test_a_trial_without_strides_has_no_rows(whole: Calibration) -> None:

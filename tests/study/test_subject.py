@@ -52,6 +52,13 @@ def test_the_distance_between_the_asis() -> None:
     assert subject_of(said, files).asis_distance == pytest.approx(0.230)
 
 
+def test_the_session_is_what_the_study_says() -> None:
+    assert subject_of(TABLE, []).session == ""
+    assert subject_of(TABLE.model_copy(update={"session": "2026-03-01"}), []).session == "2026-03-01"
+    with pytest.raises(ValidationError, match="allowed: up to 200 printable characters"):
+        SubjectTable(**{**TABLE.model_dump(), "session": "a\nb"})
+
+
 @pytest.mark.parametrize(
     ("field", "value", "unit"),
     [

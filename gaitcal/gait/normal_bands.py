@@ -1,0 +1,246 @@
+"""Normal bands from a user's CSV file: mean and standard deviation of healthy people over the gait cycle.
+
+    # source: Somebody et al. 2020, 50 adults, barefoot, free speed
+    # signs: clinical
+    variable,unit,percent,mean,sd
+    hip_flexion,deg,0,35.2,6.1
+    hip_flexion,deg,2,34.9,6.1
+    hip_flexion_moment,N m/kg,0,0.31,0.14
+
+Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it:
+
+| signs | angles | moments |
+|---|---|---|
+| `gaitcal` | as in `cycles.csv` | internal, in the direction of the coordinate: flexor, adductor, dorsiflexor |
+| `external` | as in `cycles.csv` | external: all of the other sign |
+| `clinical` | pelvis: forward tilt, this side up, this side forward | internal: extensor, abductor, plantarflexor |
+
+The clinical signs are Plug-in Gait's (`export/plug_in_gait.py`), external rotator and evertor moments positive, too;
+angles of joints mean the same in all three. Powers and ground reactions have one sign.
+
+Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from its strike,
+increasing, at any steps: between them a straight line. Other percents are empty, not extended.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError, nearest
+from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.variables import GROUND_REACTION, Kind, kind_of
+from gaitcal.gait.words import split_side
+from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.model.subject_model import Subject
+from gaitcal.recording.text_file import read_lines
+
+COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
+LEAST_POINTS: Final = 2
+
+
+class _Row(NamedTuple):
+    """One row of a file."""
+
+    line: int
+    variable: str
+    unit: str
+    percent: float
+    mean: float
+    sd: float
+
+
+class Signs(Enum):
+    """What positive numbers of a file mean; see the module's table."""
+
+    GAITCAL = "gaitcal"
+    EXTERNAL = "external"
+    CLINICAL = "clinical"
+
+
+UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
+    Kind.ANGLE: ("deg", "rad"),
+    Kind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
+    Kind.POWER: ("W/kg", "W"),
+    Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
+}
+"""What a file may say, per kind of variable."""
+_PELVIS: Final = {"pelvis_tilt": (-1.0, -1.0), "pelvis_list": (-1.0, 1.0), "pelvis_rotation": (1.0, -1.0)}
+"""Clinical pelvis angles to ours, of the right and of the left side."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalBand:
+    """One variable of healthy people, as its file has it."""
+
+    variable: str
+    """As in `cycles.csv`: `hip_flexion_moment`."""
+    unit: str
+    """One of `UNITS` of its kind."""
+    signs: Signs
+    percent: Array
+    """(n,) % of the stride, increasing."""
+    mean: Array
+    """(n,)"""
+    sd: Array
+    """(n,) at least 0."""
+    source: str = ""
+    """What the file says of where it is from."""
+
+    def for_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
+        """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a body of that size."""
+        at = np.arange(float(POINTS))
+        factor = _to_ours(self.unit, subject)
+        mean, sd = (np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd))
+        return self.sign(side) * factor * mean, factor * sd
+
+    def sign(self, side: str) -> float:
+        """1 where a positive number means what it means in `cycles.csv` of that side; else -1."""
+        kind = kind_of(self.variable)
+        if kind is Kind.MOMENT:
+            return 1.0 if self.signs is Signs.GAITCAL else -1.0
+        if kind is Kind.ANGLE and self.signs is Signs.CLINICAL:
+            return _PELVIS.get(self.variable, (1.0, 1.0))[0 if side == "r" else 1]
+        return 1.0
+
+
+Bands: TypeAlias = Mapping[str, NormalBand]
+"""Variable of `cycles.csv` -> its band."""
+
+
+def _to_ours(unit: str, subject: Subject) -> float:
+    """What one of a unit is in that of `cycles.csv`, for a body of that mass and height."""
+    return {
+        "deg": 1.0,
+        "rad": 180.0 / np.pi,
+        "N m/kg": subject.mass,
+        "N mm/kg": 1e-3 * subject.mass,
+        "%BW*H": 0.01 * subject.bwh,
+        "W/kg": subject.mass,
+        "BW": subject.weight,
+        "%BW": 0.01 * subject.weight,
+        "N/kg": subject.mass,
+    }.get(unit, 1.0)
+
+
+def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
+    """Variable -> its band, from a CSV file as the module describes it.
+
+    Raises
+    ------
+    InputError
+        One line: file, line, what was found, what is allowed.
+    """
+    source = Path(path)
+    lines = [(number, line) for number, line in enumerate(read_lines(source), start=1) if line.strip()]
+    comments = [line.lstrip("# ").strip() for _, line in lines if line.startswith("#")]
+    rows = [(number, next(csv.reader([line]))) for number, line in lines if not line.startswith("#")]
+    told = _told(comments)
+    names = {signs.value: signs for signs in Signs}
+    if (said := told.get("signs", "").lower()) not in names:
+        found = f"found '{told['signs']}'" if "signs" in told else "missing"
+        raise InputError(f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs")
+    header = tuple(cell.strip() for cell in rows[0][1]) if rows else ()
+    if header != COLUMNS:
+        raise InputError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
+    points: dict[str, list[_Row]] = {}
+    for row in _read(rows[1:], source):
+        points.setdefault(row.variable, []).append(row)
+    if not points:
+        raise InputError("found no row below the names of the columns", source=source)
+    return {
+        variable: _band(variable, found, names[said], told.get("source", ""), source)
+        for variable, found in points.items()
+    }
+
+
+def _told(comments: Sequence[str]) -> dict[str, str]:
+    """What comments of the form `name: text` say, the first of each name."""
+    pairs = [comment.partition(":") for comment in comments if ":" in comment]
+    return {name.strip().lower(): text.strip() for name, _, text in reversed(pairs)}
+
+
+def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
+    known = known_variables()
+    for number, row in rows:
+        cells, at = [cell.strip() for cell in row], f"line {number}"
+        if len(cells) != len(COLUMNS):
+            raise InputError(f"found {len(cells)} cells; allowed: {len(COLUMNS)}", source=source, field=at)
+        variable, unit = cells[:2]
+        if variable not in known:
+            hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
+            raise InputError(
+                f"found variable '{variable}'; allowed: those of cycles.csv{hint}", source=source, field=at
+            )
+        allowed = UNITS[kind_of(variable)]
+        spelt = {_plain(u): u for u in allowed}
+        if _plain(unit) not in spelt:
+            raise InputError(
+                f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}", source=source, field=at
+            )
+        numbers = []
+        for name, cell in zip(COLUMNS[2:], cells[2:], strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = float("nan")
+            low, high = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}[name]
+            if not low <= value <= high:
+                raise InputError(
+                    f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}", source=source, field=at
+                )
+            numbers.append(value)
+        yield _Row(number, variable, spelt[_plain(unit)], *numbers)
+
+
+def _plain(unit: str) -> str:
+    """A unit without what people write differently: `N·m/kg`, `Nm/kg`, `N m / kg`."""
+    return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
+
+
+def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: Path) -> NormalBand:
+    for before, row in itertools.pairwise(rows):
+        at = f"line {row.line}"
+        if row.unit != before.unit:
+            found = f"found {variable} in {row.unit}, before it in {before.unit}"
+            raise InputError(f"{found}; allowed: one unit", source=source, field=at)
+        if row.percent <= before.percent:
+            found = f"found percent {row.percent:g} of {variable} after {before.percent:g}"
+            raise InputError(f"{found}; allowed: increasing percents", source=source, field=at)
+    if len(rows) < LEAST_POINTS:
+        raise InputError(f"found one percent of {variable}; allowed: two or more", source=source)
+    if signs is Signs.CLINICAL and variable.startswith("lumbar"):
+        raise InputError(
+            f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
+        )
+    return NormalBand(
+        variable=variable,
+        unit=rows[0].unit,
+        signs=signs,
+        percent=np.array([row.percent for row in rows]),
+        mean=np.array([row.mean for row in rows]),
+        sd=np.array([row.sd for row in rows]),
+        source=told,
+    )
+
+
+def known_variables() -> tuple[str, ...]:
+    """Every variable that a table of strides may hold, without sides."""
+    bases = [split_side(n)[0] for n in COORDINATES if not is_translation(n) and not n.startswith(("arm", "elbow"))]
+    angles = tuple(dict.fromkeys(bases))
+    moved = (*(n for n in angles if not n.startswith("pelvis")), "knee_adduction")
+    powers = (*moved, "hip", "knee", "ankle")
+    return (
+        *angles,
+        *(f"{name}{Kind.MOMENT.ending}" for name in moved),
+        *(f"{name}{Kind.POWER.ending}" for name in powers),
+        GROUND_REACTION,
+    )

@@ -1,0 +1,50 @@
+"""The table of strides as an xarray Dataset, with named dimensions; xarray itself is installed by who wants it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from gaitcal.errors import InputError
+from gaitcal.gait.ensemble import require_once
+from gaitcal.gait.variables import unit_of
+
+DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
+COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}
+"""Ending of a data variable -> column of the table."""
+
+
+def cycles_to_xarray(strides: pd.DataFrame) -> Any:
+    """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
+
+    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
+    variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
+    attributes; NaN where a trial has no such stride. Without any stride it is empty.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed, or a stride is there twice.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("xarray is not installed; pip install xarray") from None
+    if strides.empty:
+        return xarray.Dataset()
+    require_once(strides)
+    several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
+    wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
+    columns: dict[str, pd.Series] = {}
+    for variable in dict.fromkeys(strides["variable"]):
+        columns |= {f"{variable}{ending}": wide[column, variable] for ending, column in COLUMNS.items()}
+    dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
+    for name in dataset.data_vars:
+        variable = str(name).removesuffix("_se").removesuffix("_valid")
+        dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit_of(variable)
+    dataset["percent"].attrs["units"] = "%"
+    for name in ("person", "session"):
+        if name not in several:
+            dataset.attrs[name] = strides[name].iloc[0]
+    return dataset

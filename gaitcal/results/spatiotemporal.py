@@ -1,0 +1,85 @@
+"""`spatiotemporal.csv`, in long form, and its means in `summary.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import pandas as pd
+
+from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.symmetry import Average, MeasureMeans, measure_means
+from gaitcal.model.subject_model import Subject
+from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.results.json_types import Json
+
+SPATIOTEMPORAL: Final = "spatiotemporal.csv"
+SPATIOTEMPORAL_COLUMNS: Final = (
+    *("person", "session", "trial", "side", "stride", "start", "stop", "source", "variable", "unit", "value"),
+)
+SPATIOTEMPORAL_HEADER: Final = (
+    "strides of each foot, numbered as in cycles.csv; without a number: the recording holds a part of it alone",
+    "start, stop: s, the strikes of that foot; source: what told them (file, plates, motion)",
+    "lengths between heels at strikes on the ground, or on a treadmill's belt, along the line from the strike of that",
+    "foot to its next one (Huxham et al. 2006), width across it; the step is the one that ends the stride",
+    "speed: stride length / stride time; cadence: 120 / stride time; _percent: of the stride",
+)
+"""Comment lines above the header."""
+DIGITS: Final = 6
+
+
+def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.DataFrame:
+    """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`."""
+    rows = [
+        {
+            "person": subject.name,
+            "session": subject.session,
+            "trial": trial.name,
+            "side": stride.side,
+            "stride": stride.number,
+            "start": stride.start,
+            "stop": stride.stop,
+            "source": " ".join(dict.fromkeys(source.value for source in stride.sources)),
+            "variable": name,
+            "unit": MEASURES[name],
+            "value": value,
+        }
+        for trial in trials
+        for stride in trial.strides
+        for name, value in stride.measures.items()
+    ]
+    table = pd.DataFrame(rows, columns=list(SPATIOTEMPORAL_COLUMNS))
+    kinds = {"stride": "Int64", "start": float, "stop": float, "value": float}
+    return table.astype(kinds).round({"start": DIGITS, "stop": DIGITS, "value": DIGITS})
+
+
+def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
+    """Speed, cadence, steps, stance, swing and support of every stride of a calibration's walks, in long form.
+
+    Columns as in `spatiotemporal.csv`: person, session, trial, side, stride (none where the recording holds only a part
+    of it), start and stop (s), source, variable, unit, value. Definitions: `gaitcal/gait/spatiotemporal.py`.
+    """
+    return spatiotemporal_table(calibration.model.subject, calibration.trials)
+
+
+def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, ...]:
+    """Means of both legs over strides and trials."""
+    return measure_means({trial.name: trial.strides for trial in trials})
+
+
+def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
+    """Measure -> unit, mean, SD and number of strides of each leg, and symmetry index (%), as `summary.json` has it."""
+    out: dict[str, Json] = {}
+    for found in spatiotemporal_means(trials):
+        entry: dict[str, Json] = {"unit": found.unit}
+        entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
+        if found.symmetry is not None:
+            entry["symmetry_percent"] = round(found.symmetry, DIGITS)
+        out[found.name] = entry
+    return out
+
+
+def _entry(average: Average) -> dict[str, Json]:
+    known = {"mean": average.mean, "sd": average.sd, "sd_within": average.sd_within, "sd_between": average.sd_between}
+    figures: dict[str, Json] = {name: round(value, DIGITS) for name, value in known.items() if value is not None}
+    return {**figures, "strides": average.n, "trials": average.trials}

@@ -1,0 +1,120 @@
+"""Strides of recorded walks, and what their files, or their markers by hand, say of them."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+
+from gaitcal.dynamics.foot_contact import FootPoints
+from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, unseen_frames
+from gaitcal.gait.events import TrialEvents, trial_events
+from gaitcal.gait.gait_event import EventSource, GaitEvent
+from gaitcal.gait.spatiotemporal import Stride, strides_measured
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.person.prepare import prepare_trial
+from gaitcal.recording.metadata import FootMoment
+from gaitcal.study.study import Study, nominal_of
+
+PEOPLE = {
+    "labs_c3d/multi": (53.5, 1.634, ("walk03", "walk04", "walk05", "walk06", "walk07")),
+    "children/HC030A": (27.7, 1.33, ("straight", "turn")),
+    "children/HC031A": (60.3, 1.58, ("straight", "turn")),
+}
+"""Folder -> kg, m (as good as lengths need it), walks."""
+
+
+def recorded_strides(data: Path, scratch: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
+    """`HC030A/turn` -> its strides, tracked with the nominal model, and its file."""
+    out = {}
+    for folder, (mass, height, names) in PEOPLE.items():
+        trials = [("static", "static"), *((name, "gait") for name in names)]
+        tables = [
+            f'[[trial]]\nname = "{name}"\nrole = "{role}"\nfile = "{(data / folder / name).as_posix()}.c3d"\n'
+            for name, role in trials
+        ]
+        person = f'[subject]\nname = "x"\nmass_kg = {mass}\nheight_m = {height}\nsex = "female"\n'
+        path = scratch / f"{Path(folder).name}.toml"
+        path.write_text(person + '[markers]\nset = "plug-in-gait"\n' + "".join(tables), encoding="utf-8")
+        study = Study.load(path)
+        model = nominal_of(study)
+        for trial in study.trials:
+            if trial.name in names:
+                prepared = prepare_trial(trial, model, study.settings)
+                motion = tracked_motion(prepared.body, model.parameters)
+                reactions = ground_reactions(model, motion, prepared.recording)
+                events = trial_events(model, motion, reactions, prepared.recording)
+                feet = foot_points(model, motion, model.parameters)
+                strides = strides_measured(events, motion.time, feet, unseen_frames(motion))
+                out[f"{Path(folder).name}/{trial.name}"] = strides, data / folder / f"{trial.name}.c3d"
+    return out
+
+
+def vendor_figures(path: Path) -> dict[tuple[str, str], float]:
+    """(side, name) -> what the laboratory's own program wrote into the file (ANALYSIS); empty where nothing."""
+    group = ezc3d.c3d(str(path))["parameters"]["ANALYSIS"]
+    if "NAMES" not in group:
+        return {}
+    columns = [group[name]["value"] for name in ("CONTEXTS", "NAMES", "VALUES")]
+    return {(side[0].lower(), name): float(value) for side, name, value in zip(*columns, strict=True)}
+
+
+def strides_of_markers(path: Path, marker: str) -> tuple[Stride, ...]:
+    """Of the file's own events, with a marker of each foot, `TOE`, where the heels would be."""
+    file = ezc3d.c3d(str(path))
+    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
+    labels = [label.strip() for label in point["LABELS"]["value"]]
+    time = file["header"]["points"]["first_frame"] / point["RATE"]["value"][0] + (
+        np.arange(file["data"]["points"].shape[2]) / point["RATE"]["value"][0]
+    )
+    both = [1e-3 * file["data"]["points"][:3, labels.index(f"{side}{marker}")].T for side in "RL"]
+    places = np.stack([np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) for p in both], axis=1)  # z is up
+    moments = {"Foot Strike": FootMoment.STRIKE, "Foot Off": FootMoment.OFF}
+    told = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
+    events = sorted(
+        (GaitEvent(moments[label], side[0].lower(), float(t), EventSource.FILE) for side, label, t in told),
+        key=lambda e: e.time,
+    )
+    still = np.zeros(places.shape[:2])
+    feet = FootPoints(heel=places, toe=places, tip=places, heel_speed=still, toe_speed=still)
+    return strides_measured(TrialEvents(tuple(events)), time, feet)
+
+
+def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
+    """Side -> measures of each whole stride, from the file's events and heel markers alone."""
+    file = ezc3d.c3d(str(path))
+    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
+    labels = [label.strip() for label in point["LABELS"]["value"]]
+    rate, first = point["RATE"]["value"][0], file["header"]["points"]["first_frame"]
+
+    def times(side: str, label: str) -> list[float]:
+        rows = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
+        return sorted(float(t) for context, name, t in rows if (context, name) == (side, label))
+
+    def heel(side: str, when: float) -> np.ndarray:
+        track = 1e-3 * file["data"]["points"][:2, labels.index(f"{side[0]}HEE")]
+        return np.array([np.interp(when * rate - first, np.arange(track.shape[1]), axis) for axis in track])
+
+    out: dict[str, list[dict[str, float]]] = {}
+    for side, other in (("Right", "Left"), ("Left", "Right")):
+        strikes, offs, theirs = times(side, "Foot Strike"), times(side, "Foot Off"), times(other, "Foot Strike")
+        for begin, end in itertools.pairwise(strikes):
+            stride = heel(side, end) - heel(side, begin)
+            counted = {
+                "stride_time": end - begin,
+                "cadence": 120.0 / (end - begin),
+                "stride_length": float(np.hypot(*stride)),
+                "speed": float(np.hypot(*stride)) / (end - begin),
+            }
+            if inside := [t for t in offs if begin < t < end]:
+                counted |= {"stance": inside[0] - begin, "swing": end - inside[0]}
+            if between := [t for t in theirs if begin < t < end]:
+                step = heel(side, end) - heel(other, between[0])
+                counted["step_time"] = end - between[0]
+                counted["step_length"] = float(step @ stride / np.hypot(*stride))
+                rightwards = float(step[0] * stride[1] - step[1] * stride[0]) / float(np.hypot(*stride))  # z is up
+                counted["step_width"] = rightwards if side == "Right" else -rightwards
+            out.setdefault(side[0].lower(), []).append(counted)
+    return out

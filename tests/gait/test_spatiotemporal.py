@@ -1,0 +1,222 @@
+"""Speed, cadence, steps and phases: on feet that are put down where we say, and on files that tell theirs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.dynamics.foot_contact import FootPoints
+from gaitcal.gait.events import TrialEvents
+from gaitcal.gait.gait_event import EventSource, GaitEvent
+from gaitcal.gait.spatiotemporal import MEASURES, Stride, strides_measured
+from gaitcal.gait.symmetry import measure_means
+from gaitcal.recording.metadata import FootMoment
+from tests.gait.recorded_walks import hand_count, recorded_strides, strides_of_markers, vendor_figures
+
+RATE = 100.0
+STEP_S, STANCE_S = 0.55, 0.66
+"""s: a stride of 1.1 s of which 60 % are stance."""
+EXACT = 1e-9
+
+
+def steps(
+    count: int, length: float = 0.6, width: float = 0.12, stance: float = STANCE_S, step: float = STEP_S
+) -> tuple[np.ndarray, FootPoints, TrialEvents]:
+    """Feet that stand still from strike to off and glide to the next place: right first, along x."""
+    time = np.arange(0.0, step * count + 1.0, 1.0 / RATE)
+    heel, events = np.zeros((len(time), 2, 3)), []
+    for foot, side in enumerate("rl"):
+        strikes = [0.2 + step * k for k in range(foot, count, 2)]
+        places = [length * k for k in range(foot, count, 2)]
+        at, x = [], []
+        for when, place in zip(strikes, places, strict=True):
+            at += [when, when + stance]
+            x += [place, place]
+            events.append(GaitEvent(FootMoment.STRIKE, side, when, EventSource.PLATES))
+            events.append(GaitEvent(FootMoment.OFF, side, when + stance, EventSource.PLATES))
+        heel[:, foot, 0] = np.interp(time, at, x)
+        heel[:, foot, 2] = 0.5 * width * (1.0 if side == "r" else -1.0)
+    feet = FootPoints(heel=heel, toe=heel + [0.2, 0, 0], tip=heel, heel_speed=heel[:, :, 0], toe_speed=heel[:, :, 0])
+    kept = [e for e in events if e.time <= time[-1]]
+    return time, feet, TrialEvents(tuple(sorted(kept, key=lambda e: e.time)))
+
+
+def whole(strides: tuple[Stride, ...], side: str = "r") -> list[Stride]:
+    return [s for s in strides if s.side == side and s.number]
+
+
+def test_a_walk_measures_what_it_was_made_of() -> None:
+    time, feet, events = steps(6)
+    found = strides_measured(events, time, feet)
+    assert [s.number for s in whole(found)] == [1, 2] and [s.number for s in whole(found, "l")] == [1, 2]
+    expected = {
+        "speed": 0.6 / STEP_S, "cadence": 60.0 / STEP_S, "stride_length": 1.2, "stride_time": 2 * STEP_S,
+        "step_length": 0.6, "step_width": 0.12, "step_time": STEP_S, "stance": 0.66, "stance_percent": 60.0,
+        "swing": 0.44, "swing_percent": 40.0, "first_double_support": 0.11, "first_double_support_percent": 10.0,
+        "second_double_support": 0.11, "second_double_support_percent": 10.0, "double_support": 0.22,
+        "double_support_percent": 20.0, "single_support": 0.44, "single_support_percent": 40.0,
+    }  # fmt: skip
+    stride = whole(found)[1]
+    assert tuple(stride.measures) == tuple(MEASURES) and stride.sources == (EventSource.PLATES,) * 2
+    assert {n: round(v, 9) for n, v in stride.measures.items()} == {n: round(v, 9) for n, v in expected.items()}
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.0, 2 * np.pi), st.floats(0.3, 2.0), st.floats(-0.05, 0.3))
+def test_nothing_depends_on_the_direction_in_the_room_nor_on_a_belt(turn: float, belt: float, width: float) -> None:
+    """A walk turned about the vertical, and the same on a belt that carries it back, measure the same."""
+    time, feet, events = steps(6, width=width)
+    plain = strides_measured(events, time, feet)
+    c, s = np.cos(turn), np.sin(turn)
+    about = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    velocity = about @ np.array([-belt, 0.0, 0.0])
+    carried = feet.heel @ about.T + (time - time[0])[:, None, None] * velocity
+    turned = strides_measured(events, time, replace(feet, heel=carried, ground=velocity))
+    for one, other in zip(plain, turned, strict=True):
+        np.testing.assert_allclose(list(one.measures.values()), list(other.measures.values()), atol=EXACT)
+    assert whole(plain)[0].measures["step_width"] == pytest.approx(width)  # negative where feet cross
+
+
+def test_in_a_turn_lengths_follow_each_stride_and_the_outer_foot_steps_longer() -> None:
+    """Feet on two circles about one centre, radius 2 m and 0.1 m between them: chords, by hand (Huxham et al. 2006)."""
+    time, feet, events = steps(6)
+    angle = 0.3
+    radius = {0: 2.05, 1: 1.95}  # to the left: the right foot is the outer one
+    heel = feet.heel.copy()
+    for foot in (0, 1):
+        turned = angle * feet.heel[:, foot, 0] / 0.6
+        heel[:, foot, 0], heel[:, foot, 2] = radius[foot] * np.sin(turned), radius[foot] * np.cos(turned)
+    found = strides_measured(events, time, replace(feet, heel=heel))
+    right, left = whole(found)[0].measures, whole(found, "l")[0].measures
+    assert right["stride_length"] == pytest.approx(2 * 2.05 * np.sin(angle))
+    assert left["stride_length"] == pytest.approx(2 * 1.95 * np.sin(angle))
+    # The inner foot's place is half way along the outer one's chord, as far from it as the chord's middle less 1.95.
+    assert right["step_length"] == pytest.approx(right["stride_length"] / 2)
+    assert right["step_width"] == pytest.approx(2.05 * np.cos(angle) - 1.95)
+    assert left["step_width"] == pytest.approx(2.05 - 1.95 * np.cos(angle))
+
+
+def test_strides_that_the_recording_cuts_count_for_what_they_show() -> None:
+    time, feet, events = steps(4)  # strikes of the right foot: 1st and 3rd step
+    found = strides_measured(events, time, feet)
+    parts = [s for s in found if s.number is None]
+    assert [(s.side, s.start is None, s.stop is None) for s in parts] == [
+        ("r", False, True), ("l", True, False), ("l", False, True),
+    ]  # fmt: skip
+    last, first_left, _ = parts
+    assert set(last.measures) == {
+        "stance", "first_double_support", "second_double_support", "double_support", "single_support",
+    }  # fmt: skip
+    assert last.measures["stance"] == pytest.approx(STANCE_S)
+    assert first_left.measures == pytest.approx({"step_time": STEP_S, "step_length": 0.6, "step_width": 0.12})
+    assert not any("percent" in name or "speed" in name for s in parts for name in s.measures)
+
+
+def test_a_gap_between_strikes_that_is_no_stride_is_none() -> None:
+    *_, events = steps(8)
+    kept = TrialEvents(tuple(e for e in events.events if not (e.side == "r" and 1.0 < e.time < 3.0)))
+    late = TrialEvents(
+        tuple(replace(e, time=e.time + 3.0) if e.side == "r" and e.time > 3.0 else e for e in kept.events)
+    )
+    assert not whole(strides_measured(late, np.arange(0.0, 9.0, 0.01), None))
+
+
+def test_running_has_no_double_support() -> None:
+    time, feet, events = steps(6, length=1.2, stance=0.25, step=0.35)
+    stride = whole(strides_measured(events, time, feet))[0].measures
+    assert stride["double_support"] == 0.0 and stride["single_support"] == pytest.approx(0.25)
+    assert stride["speed"] == pytest.approx(1.2 / 0.35)
+
+
+def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
+    time, feet, events = steps(6)
+    lost = np.abs(time - (0.2 + 2 * STEP_S)) < 0.05  # about the right foot's second strike
+    found = strides_measured(events, time, feet, {"foot_r": lost})
+    first, second = whole(found)
+    for stride in (first, second):
+        assert not {"stride_length", "speed"} & set(stride.measures) and "cadence" in stride.measures
+    assert "step_length" not in first.measures
+    assert "stride_length" in whole(found, "l")[0].measures
+    assert "stride_length" not in whole(strides_measured(events, time, None))[0].measures
+
+
+def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
+    def stride(side: str, value: float) -> Stride:
+        return Stride(side=side, number=1, start=0.0, stop=1.0, sources=(), measures={"step_length": value})
+
+    trials = {"a": [stride("r", 0.6), stride("r", 0.7), stride("l", 0.5)], "b": [stride("r", 0.8)]}
+    (found,) = measure_means(trials)
+    assert found.right is not None and found.left is not None
+    assert (found.right.n, found.right.trials, found.left.n) == (3, 2, 1) and found.unit == "m"
+    assert found.right.mean == pytest.approx(0.7) and found.right.sd == pytest.approx(0.1) and found.left.sd is None
+    assert found.right.sd_within == pytest.approx(np.std([0.6, 0.7], ddof=1))
+    assert found.symmetry == pytest.approx(100 * (0.7 - 0.5) / 0.6)
+
+
+# ------------------------------------------------------------------------------------------------ other people's files
+
+VENDOR_S, VENDOR_M = 2e-3, 0.012
+"""Times to 1 ms, as the files have them; lengths to a centimetre: theirs are between markers, ours between heels."""
+
+
+BETWEEN_MARKERS_M = 5e-3
+"""Between the same markers: its program takes a frame, we a place between two, and at a strike a toe still moves at up
+to 1 m/s, which is 5 mm in half a frame."""
+
+
+@pytest.fixture(scope="module")
+def walks(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[tuple[Stride, ...], Path]]:
+    """Strides of nine walks of three people, tracked with their nominal models."""
+    return recorded_strides(data_dir, tmp_path_factory.mktemp("people"))
+
+
+def test_walks_of_a_hospital_measure_what_its_own_program_says(
+    walks: dict[str, tuple[tuple[Stride, ...], Path]],
+) -> None:
+    ours = {
+        "Cadence": "cadence", "Walking Speed": "speed", "Stride Time": "stride_time", "Step Time": "step_time",
+        "Opposite Foot Off": "first_double_support_percent", "Foot Off": "stance_percent",
+        "Single Support": "single_support", "Double Support": "double_support", "Stride Length": "stride_length",
+        "Step Length": "step_length",
+    }  # fmt: skip
+    compared = 0
+    for strides, path in walks.values():
+        for (side, name), value in vendor_figures(path).items():
+            if name in ours:
+                mine = whole(strides, side)[0].measures[ours[name]]
+                scale = {"m": VENDOR_M, "m/s": VENDOR_M, "s": VENDOR_S}.get(MEASURES[ours[name]], 0.2)
+                assert mine == pytest.approx(value, abs=scale), (path.name, side, name)
+                compared += 1
+    assert compared == 5 * 2 * len(ours)
+
+
+@pytest.mark.parametrize("walk", ["walk03", "walk04", "walk05", "walk06", "walk07"])
+def test_between_the_markers_of_the_hospital_lengths_and_widths_are_its_own(data_dir: Path, walk: str) -> None:
+    """Its program measures between the toe markers: with those in place of heels, to half a frame."""
+    path = data_dir / "labs_c3d/multi" / f"{walk}.c3d"
+    strides, figures = strides_of_markers(path, "TOE"), vendor_figures(path)
+    for side in "rl":
+        mine = whole(strides, side)[0].measures
+        for name, theirs in (("step_width", "Step Width"), ("stride_length", "Stride Length")):
+            assert mine[name] == pytest.approx(figures[side, theirs], abs=BETWEEN_MARKERS_M), (side, name)
+
+
+def test_children_measure_what_a_hand_count_of_events_and_heel_markers_gives(
+    walks: dict[str, tuple[tuple[Stride, ...], Path]],
+) -> None:
+    """Straight and in a turn: the file's own events and heel markers, with nothing of ours between."""
+    compared = 0
+    for name, (strides, path) in walks.items():
+        if name.startswith("HC"):
+            for side, counted in hand_count(path).items():
+                for mine, by_hand in zip(whole(strides, side), counted, strict=True):
+                    for measure, value in by_hand.items():
+                        close = 0.02 if MEASURES[measure] in ("m", "m/s") else VENDOR_S
+                        assert mine.measures[measure] == pytest.approx(value, abs=close), (name, side, measure)
+                        compared += 1
+    assert compared > 50
