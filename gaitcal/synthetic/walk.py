@@ -29,13 +29,15 @@ from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.synthetic.feet import FeetOnGround, feet_of, resting, right_share, rolled
+from gaitcal.synthetic.feet import DOUBLE_SUPPORT, FeetOnGround, feet_of, resting, right_share, rolled
 from gaitcal.synthetic.gait_curves import gait_accelerations, gait_curves
 
 CENTRE_M = 0.006
 """m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
-FORCE = np.array([0.10, 0.03, 0.04])
+FORCE = np.array([0.10, 0.03, 0.01])
 """Body weights, of the total force from that of walking people."""
+LATER = 0.076 - 0.5 * DOUBLE_SUPPORT
+"""Strides by which the usual force comes later in the recording that it is from."""
 ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
 ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
 """rad/s^2, m/s^2: without these the ends of a spline swing."""
@@ -153,17 +155,18 @@ def _forces(
 
 
 def _usual_force(phase: Array) -> Array:
-    """(nf, 3) body weights, what the ground does to both feet of a walking person in all: the first harmonic.
+    """(nf, 3) body weights, what the ground does to both feet of a walking person in all.
 
-    That of OpenSim's `subject01` (the recording from which the curves come): up and forward once a step, sideways once
-    a stride.
+    The first two harmonics that symmetry leaves of OpenSim's `subject01` (the recording from which the curves come):
+    forward and up once and twice a step, sideways once and three times a stride. Its load passes from one foot to the
+    other at 0.076 of a stride, here it does in the middle of double support.
     """
-    step, stride = 4 * np.pi * phase, 2 * np.pi * phase
+    step, stride = 4 * np.pi * (phase + LATER), 2 * np.pi * (phase + LATER)
     return np.stack(
         [
-            0.109 * np.cos(step) - 0.033 * np.sin(step),
+            0.109 * np.cos(step) - 0.033 * np.sin(step) + 0.055 * np.cos(2 * step) + 0.027 * np.sin(2 * step),
             1.0 + 0.147 * np.cos(step) + 0.111 * np.sin(step),
-            0.043 * np.cos(stride) - 0.058 * np.sin(stride),
+            0.043 * np.cos(stride) - 0.058 * np.sin(stride) + 0.033 * np.cos(3 * stride),
         ],
         axis=1,
     )
