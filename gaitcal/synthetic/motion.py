@@ -9,7 +9,7 @@ flexion negative and shoulder abduction positive; the signs of the product's coo
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,8 +84,12 @@ def gait_motion() -> TrueMotion:
     return _in_spline_space(time, q)
 
 
-def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
-    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still."""
+def isolated_motion(joint: str, standing: Array | None = None, rate: float = RATE) -> TrueMotion:
+    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still.
+
+    At another `rate` (frames per second) the same 1200 poses follow one another more slowly or faster: the cycles are
+    as many, so that 20 nodes still hold them exactly.
+    """
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
     q = np.tile(standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
@@ -111,7 +115,8 @@ def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
     q[:, COORDINATE_INDEX["pelvis_tx"]] += sway
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
-    return _in_spline_space(time, q)
+    moved = _in_spline_space(time, q)
+    return moved if rate == RATE else replace(moved, basis=spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES))
 
 
 def standing_pose() -> Array:
