@@ -126,7 +126,9 @@ def _printed(problem: str) -> float:
     return value
 
 
-_CLAIM = "sensitivity: the four printed marker distances with noise together are an ordinary draw of noise in 41 markers"
+_CLAIM = (
+    "sensitivity: the four printed marker distances with noise together are an ordinary draw of noise in 41 markers"
+)
 _PUBLISHED = ", ".join(f"{p} {_printed(p):.2f}" for p in PROBLEMS) + " mm; marker set not printed"
 
 

@@ -23,7 +23,7 @@ _SAME = 1e-9
 
 
 def joint_p(draws: Array, printed: Array) -> float:
-    """p of the printed figures (d,) among draws (n, d), all positive; NaN for n <= d, where every draw lies as far."""
+    """P of the printed figures (d,) among draws (n, d), all positive; NaN for n <= d, where every draw lies as far."""
     count, width = draws.shape
     if count <= width:
         return float("nan")

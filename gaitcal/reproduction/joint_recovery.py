@@ -133,9 +133,7 @@ def free_parameters(problem: str) -> tuple[str, ...]:
     return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(
-    problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE
-) -> TrialProblem:
+def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> TrialProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
     model, motion = true_model(), true_motion(problem, isolated_hz)
     markers = synthetic_markers(model.parameters, model.markers, motion.q)

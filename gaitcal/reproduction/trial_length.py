@@ -57,7 +57,8 @@ class LengthDraws:
     def values(self, problem: str, key: str) -> Array:
         """(n,) a figure of Table I, draw by draw; NaN where the problem has none of its kind."""
         figure = next(f for k, _, _, f in JOINT_FIGURES if k == key)
-        return np.array([figure(found[problem]) for found in self.problems], dtype=float)
+        values = [figure(found[problem]) for found in self.problems]
+        return np.array([np.nan if value is None else value for value in values])
 
     @property
     def p(self) -> float:
