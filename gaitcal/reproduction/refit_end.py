@@ -9,7 +9,6 @@ figures are those of the end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pandas as pd
@@ -124,11 +123,10 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
     """Whether any number of iterations gives all that is printed, for either frame of the ground reactions."""
     if stopped is None:
         return [Claim(f"{_AT_ONCE} ({words})", _PUBLISHED, "", Verdict.NOT_RUN) for words in FRAMES.values()]
-    claims = []
+    claims, studies = [], {_label(key): stopped.as_study(key) for key in stopped.tables}
+    markers = [label for label, study in studies.items() if printed_markers(study)[1]]
     for frame, words in FRAMES.items():
-        outcomes = list(_outcomes(stopped, frame))
-        markers = [label for label, marker, _ in outcomes if marker]
-        torques = [label for label, _, torque in outcomes if torque]
+        torques = [label for label, study in studies.items() if printed_torques(study, frame)[1]]
         both = [label for label in markers if label in torques]
         ours = (
             f"printed marker errors: {_listed(markers)}; printed torque errors: {_listed(torques)}; both at once: "
@@ -138,16 +136,14 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
     return claims
 
 
-def _outcomes(stopped: StoppedRefits, frame: ReactionFrame) -> Iterator[tuple[str, bool, bool]]:
-    """Number of iterations in words, whether the markers and whether the torques are as printed."""
-    for iteration, count in stopped.tables:
-        study = stopped.as_study((iteration, count))
-        label = shown(count) if count == CONVERGED else f"{iteration.value} {count}"
-        yield label, bool(printed_markers(study)[1]), bool(printed_torques(study, frame)[1])
+def _label(key: tuple[Iteration, int]) -> str:
+    """The end is the same of every iteration."""
+    iteration, count = key
+    return shown(count) if count == CONVERGED else f"{iteration.value} {count}"
 
 
 def _listed(labels: list[str]) -> str:
-    return ", ".join(dict.fromkeys(labels)) or "at no number"
+    return ", ".join(labels) or "at no number"
 
 
 def _course(stopped: StoppedRefits, frame: ReactionFrame) -> str:

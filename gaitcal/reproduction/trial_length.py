@@ -15,8 +15,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.reproduction.claims import Claim, Verdict, tested
-from gaitcal.reproduction.joint_place import ORDINARY, joint_p
+from gaitcal.reproduction.claims import Claim, Verdict
+from gaitcal.reproduction.joint_place import ORDINARY, joint_p, ordinary
 from gaitcal.reproduction.joint_recovery import FoundFromZero, find_joints, synthetic_problem
 from gaitcal.reproduction.noise_seed import generators
 from gaitcal.reproduction.published import PROBLEMS, table_one
@@ -114,19 +114,16 @@ def trial_length_claims(lengths: Sequence[LengthDraws] | None) -> list[Claim]:
     """Whether the seven printed rows together are an ordinary draw, for each length."""
     if lengths is None:
         return [Claim(_claim(ISOLATED_FRAMES / rate), _PUBLISHED, "", Verdict.NOT_RUN) for rate in RATES]
-    return [
-        tested(
-            _claim(length.seconds),
-            _PUBLISHED,
+    claims = []
+    for length in lengths:
+        errors = (f"{problem} {np.median(length.values(*row)):.2f} {unit}" for row, problem, unit in _ROW_WORDS)
+        markers = (f"{p} {np.median(length.values(p, 'marker_distance_mm')):.2f}" for p in PROBLEMS)
+        words = (
             f"joint p = {length.p:.2g} of {len(length.problems)} draws (limit {ORDINARY:g}); medians "
-            + ", ".join(f"{problem} {np.median(length.values(problem, key)):.2f}" for problem, key in PARAMETER_ROWS)
-            + "; markers "
-            + ", ".join(f"{p} {np.median(length.values(p, 'marker_distance_mm')):.2f}" for p in PROBLEMS)
-            + " mm",
-            length.p >= ORDINARY,
+            f"{', '.join(errors)}; marker distances {', '.join(markers)} mm"
         )
-        for length in lengths
-    ]
+        claims.append(ordinary(_claim(length.seconds), _PUBLISHED, length.p, words))
+    return claims
 
 
 def _claim(seconds: float) -> str:
@@ -136,7 +133,8 @@ def _claim(seconds: float) -> str:
     )
 
 
+_ROW_WORDS = tuple((row, row[0], "deg" if row[1].endswith("deg") else "mm") for row in PARAMETER_ROWS)
+"""The row, its problem and unit."""
 _PUBLISHED = "length not printed; " + ", ".join(
-    f"{problem} {table_one(PRINTED, key)[problem]} {'deg' if key.endswith('deg') else 'mm'}"
-    for problem, key in PARAMETER_ROWS
+    f"{problem} {table_one(PRINTED, row[1])[problem]} {unit}" for row, problem, unit in _ROW_WORDS
 )

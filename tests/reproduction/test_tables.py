@@ -19,6 +19,7 @@ from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import table_four, table_two
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings
 from gaitcal.reproduction.reproduce import reproduce as run
+from gaitcal.reproduction.sensitivities import SensitivityDraws
 from gaitcal.reproduction.tables import (
     Cell,
     discussion_rows,
@@ -32,7 +33,8 @@ from gaitcal.reproduction.tables import (
 )
 from tests.reproduction.conftest import FEW_SEEDS
 
-TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, jobs=1)
+FEW = SensitivityDraws(noise=1, absorbed=2, stopped=1, centres=1)
+TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, sensitivities=FEW, jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -119,10 +121,11 @@ def test_experimental_rows_have_no_figure_of_ours(clean: SeedResult, draws: list
 
 def test_csv_schema(files: Path) -> None:
     names = {path.name for path in files.iterdir()}
-    assert names == {"tables.csv", "claims.csv", "draws.csv", "times.csv", "README.txt", "manifest.json"}
+    tables = {"tables.csv", "claims.csv", "draws.csv", "times.csv", "iterations.csv"}
+    assert names == tables | {"README.txt", "manifest.json"}
     tables = pd.read_csv(files / "tables.csv")
     assert tuple(tables.columns) == TABLE_COLUMNS
-    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion"}
+    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion", "sensitivity"}
     assert tables[["published", "ours"]].dtypes.eq(float).all()
     assert not tables[["table", "row", "column"]].duplicated().any()
     claims = pd.read_csv(files / "claims.csv", keep_default_na=False)
