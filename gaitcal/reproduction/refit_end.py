@@ -17,7 +17,7 @@ from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.conclusions import PUBLISHED
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import levels_of, statistics
+from gaitcal.montecarlo.statistics import statistics
 from gaitcal.montecarlo.unfinished_refit import CONVERGED, Iteration, unfinished_draws
 from gaitcal.reproduction.claims import Claim, Verdict, tested
 from gaitcal.reproduction.disturbance_claims import FRAMES, Disturbances, printed_markers, printed_torques
@@ -29,6 +29,8 @@ DRAWS = 40
 """At each set and level: averages to some 5 %."""
 PRINTED_MM = ((Varied.JP, 50, 14.0), (Varied.NOISE, 50, 4.0))
 """Set, level and the marker error that the paper says it means, mm."""
+DECIMALS = 5
+"""Of mm and %BW*H in `iterations.csv`."""
 _AT_ONCE = (
     "sensitivity: some number of iterations from the undisturbed motion gives the printed marker and torque errors at "
     "once"
@@ -76,13 +78,14 @@ def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
 
     Average RMS of the left leg: `markers_mm`, then each torque as `hip_flexion.lab`, %BW*H.
     """
-    torques = {f"{t}.{frame.value}": (f"{t}_{SIDE}", frame) for t in TORQUES for frame in ReactionFrame}
+    quantities = {"markers_mm": (f"markers_{SIDE}", "")}
+    quantities |= {f"{t}.{frame.value}": (f"{t}_{SIDE}", frame.value) for t in TORQUES for frame in ReactionFrame}
     rows: list[dict[str, object]] = []
     for (iteration, count), table in stopped.tables.items():
-        for varied, level in table[["set", "level"]].drop_duplicates().itertuples(index=False):
-            quantities = {"markers_mm": (f"markers_{SIDE}", None), **torques}
-            values = {name: _at(table, Varied(varied), level, *where) for name, where in quantities.items()}
-            key = {"set": varied, "level": level, "iteration": iteration.value, "iterations": shown(count)}
+        averages = _averages(table)
+        for cell, level in dict.fromkeys((cell, level) for cell, level, _, _ in averages):
+            values = {name: averages[cell, level, quantity, frame] for name, (quantity, frame) in quantities.items()}
+            key = {"set": cell, "level": level, "iteration": iteration.value, "iterations": shown(count)}
             rows.append(key | values)
     for varied, level, value in PRINTED_MM:
         rows.append({"set": varied.value, "level": level, "iteration": "printed", "markers_mm": value})
@@ -90,12 +93,18 @@ def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
     rows.append({"set": Varied.JP.value, "level": 100, "iteration": "printed", **both})
     frame = pd.DataFrame(rows)
     order = {varied.value: varied.key for varied in Varied}
-    return frame.sort_values(["set", "level"], key=lambda c: c.map(order) if c.name == "set" else c, kind="stable")
+    ordered = frame.sort_values(["set", "level"], key=lambda c: c.map(order) if c.name == "set" else c, kind="stable")
+    return ordered.round(DECIMALS)
 
 
-def _at(table: pd.DataFrame, varied: Varied, level: int, quantity: str, frame: ReactionFrame | None) -> float:
-    rows = levels_of(table, varied, quantity, frame)
-    return float(rows.loc[rows["level"] == level, "average"].iloc[0])
+_Averages = dict[tuple[str, int, str, str], float]
+
+
+def _averages(table: pd.DataFrame) -> _Averages:
+    """Average RMS by set, level, quantity and frame of the ground reactions (markers have none)."""
+    rows = table[table["measure"] == "rms"]
+    keys = zip(rows["set"], rows["level"], rows["quantity"], rows["grf"], strict=True)
+    return dict(zip(keys, rows["average"], strict=True))
 
 
 def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
@@ -105,16 +114,16 @@ def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
         end = "re-fit to the end" if count == CONVERGED else f"{iteration.value}, {count} iterations"
         if count == CONVERGED and iteration is not next(iter(Iteration)):
             continue  # the same draws
-        note = f"mean of {stopped.draws} draws, from the undisturbed motion"
+        note, averages = f"mean of {stopped.draws} draws, from the undisturbed motion", _averages(table)
         for varied, level, printed in PRINTED_MM:
             cell = Cell(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
-            rows.append(cell.filled(printed, _at(table, varied, level, f"markers_{SIDE}", None), note))
+            rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
         for figure in PUBLISHED:
             if figure.varied is Varied.JP:
                 for frame, words in FRAMES.items():
                     column = f"{TORQUE_WORDS[figure.torque]}, {words}"
                     cell = Cell(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
-                    ours = _at(table, Varied.JP, 100, f"{figure.torque}_{SIDE}", frame)
+                    ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
                     rows.append(cell.filled(figure.value, ours, note))
     return rows
 
@@ -152,6 +161,6 @@ def _course(stopped: StoppedRefits, frame: ReactionFrame) -> str:
     parts = []
     for count in (0, 1, 2, CONVERGED):
         study = stopped.as_study((first, count))
-        mm = _at(study.table, Varied.JP, 50, f"markers_{SIDE}", None)
+        mm = _averages(study.table)[Varied.JP.value, 50, f"markers_{SIDE}", ""]
         parts.append(f"{shown(count)}: {mm:.1f} mm, {printed_torques(study, frame)[0]}")
     return f"{first.value} (markers at JP 50 %, torques at JP 100 %) " + "; ".join(parts)

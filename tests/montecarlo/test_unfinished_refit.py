@@ -1,4 +1,4 @@
-"""Re-fits stopped on the way: nothing moves at first, the markers come nearer with every step, the end is the study's."""
+"""Re-fits stopped on the way: nothing moves at first, markers come nearer with every step, the end is the study's."""
 
 from __future__ import annotations
 
