@@ -8,7 +8,7 @@ import pytest
 from gaitcal.reproduction.claims import Verdict
 from gaitcal.reproduction.joint_place import joint_p, ordinary
 
-DRAWS, FIGURES, REPEATS = 24, 4, 4000
+DRAWS, FIGURES, REPEATS = 24, 12, 6000
 
 
 def test_p_of_a_further_draw_is_uniform_whatever_the_distribution() -> None:
