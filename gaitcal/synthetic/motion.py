@@ -9,7 +9,7 @@ flexion negative and shoulder abduction positive; the signs of the product's coo
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -116,7 +116,7 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
     moved = _in_spline_space(time, q)
-    return moved if rate == RATE else replace(moved, basis=spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES))
+    return moved if rate == RATE else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.nodes)
 
 
 def standing_pose() -> Array:
