@@ -105,7 +105,11 @@ def pressure_centre_claims(centres: PressureCentres | None) -> list[Claim]:
             for k in (TORQUES.index(figure.torque),)
         ]
         far = {centre: _distance(errors) for centre, errors in apart.items()}
-        ours = f"{', '.join(figures)} %BW*H; on average a factor of {far[OWN]:.2f} off ({far[SHARED]:.2f})"
+        most = int(np.abs(np.log(apart[OWN] / apart[SHARED])).argmax())
+        ours = (
+            f"{', '.join(figures)} %BW*H; on average a factor of {far[OWN]:.2f} off ({far[SHARED]:.2f}). Of the seven "
+            f"torques {TORQUE_WORDS[TORQUES[most]]} changes most: {apart[OWN][most]:.2f} ({apart[SHARED][most]:.2f})"
+        )
         claims.append(tested(claim, _PUBLISHED, ours, far[OWN] < far[SHARED]))
     return claims
 

@@ -68,6 +68,7 @@ def test_claims_follow_the_figures() -> None:
     assert {c.verdict for c in pressure_centre_claims(_centres(printed, far))} == {Verdict.HOLDS}
     assert {c.verdict for c in pressure_centre_claims(_centres(far, printed))} == {Verdict.FAILS}
     assert "factor of 1.00 off (2.29)" in pressure_centre_claims(_centres(printed, far))[0].ours
+    assert "hip adduction changes most: 1.06 (4.20)" in pressure_centre_claims(_centres(printed, far))[0].ours
     assert "factor of 2.29 off (2.29)" in pressure_centre_claims(_centres(as_far, far))[0].ours
     assert [c.verdict for c in pressure_centre_claims(None)] == [Verdict.NOT_RUN] * 2
 
