@@ -210,11 +210,14 @@ def reproduce(
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
+    sensitivities: Annotated[
+        bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
+    ] = True,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
     from gaitcal.commands.reproduce import run
 
-    run(out, talk, draws=draws, noise_seeds=noise_seeds, seed=seed)
+    run(out, talk, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
 
 
 @command

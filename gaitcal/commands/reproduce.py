@@ -15,7 +15,8 @@ from gaitcal.files.ownership import ResultKind
 from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.folder import write_tables
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
-from gaitcal.reproduction.tables import TableRow
+from gaitcal.reproduction.sensitivities import SensitivityDraws
+from gaitcal.reproduction.tables import RUN, TableRow
 
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"
@@ -23,9 +24,15 @@ KEPT = ".draws"
 _SHOWN = ("I", "III", "discussion")
 
 
-def run(out: Path, talk: Talk, *, draws: int, noise_seeds: int, seed: int) -> None:
+def run(out: Path, talk: Talk, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool) -> None:
     """Run the published study, write its tables and print them."""
-    settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
+    settings = ReproductionSettings(
+        noise_seeds=noise_seeds,
+        seed=seed,
+        draws=draws,
+        sensitivities=SensitivityDraws() if sensitivities else None,
+        data=_data(),
+    )
     kept = out.with_name(out.name + KEPT) if draws else None
     require_room(out, ResultKind.REPRODUCTION)
     with talk.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
@@ -58,7 +65,9 @@ def print_reproduction(talk: Talk, reproduction: Reproduction) -> None:
     talk.line(
         f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
     )
-    _print_rows(talk, reproduction.times)
+    _print_rows(talk, [row for row in reproduction.times if row.row != RUN])
+    laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == RUN)
+    talk.line(f"{RUN}: {', '.join(laps)}")
     talk.line()
     _print_claims(talk, reproduction.claims)
 

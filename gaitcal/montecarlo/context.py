@@ -41,8 +41,11 @@ class MonteCarloContext:
         self.basis, self.data = self.problem.basis, self.problem.data
         q = self.basis.evaluate(case.nodes)
         constants = self.problem.constants(case.parameters)
-        self.undisturbed_factor = BandFactor(self.problem.equations(case.nodes, constants).band)
+        band = self.problem.equations(case.nodes, constants).band
+        self.undisturbed_factor = BandFactor(band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
+        self.undisturbed_diagonal = band[:, 0].reshape(case.nodes.shape).copy()
+        """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
         self.sensitivity = _sensitivity(self.problem, case, self.names)
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
         self.regressor = _regressor(case, self.basis)

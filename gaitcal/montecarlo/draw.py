@@ -15,6 +15,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, RefitSettings, Varied
@@ -155,7 +156,22 @@ def _without_refit(context: MonteCarloContext, change: Disturbance) -> DrawResul
     return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
 
 
-def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+@dataclass(frozen=True)
+class DisturbedModel:
+    """The case after a disturbance, its motion not yet fitted."""
+
+    parameters: Parameters
+    problem: TrialProblem
+    """The markers that the motion is to be fitted to."""
+    constants: ChainConstants
+    start: Array
+    """(nn, nq) m, rad: the undisturbed motion and what it changes by to first order."""
+    factor: BandFactor | None
+    """Of the Gauss-Newton matrix at the start; None where it must be formed."""
+
+
+def disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
+    """What a draw changes, put into the case."""
     case = context.case
     parameters, start, problem = case.parameters, case.nodes, context.problem
     if change.joint is not None:
@@ -165,14 +181,23 @@ def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
         parameters = parameters.with_inertial(_inertial(context, change))
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
-    constants = problem.constants(parameters)
     known = None if change.joint is not None else context.undisturbed_factor
-    fitted = refit(problem, constants, start, context.settings.refit, known)
-    placed = problem.positions(fitted.nodes, constants)
-    leg_constants = context.legs.disturb(parameters)
-    torques = context.legs.torques(leg_constants, context.basis, fitted.nodes, case.wrench, context.feet)
+    return DisturbedModel(parameters, problem, problem.constants(parameters), start, known)
+
+
+def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -> Array:
+    """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
+    placed = model.problem.positions(nodes, model.constants)
+    leg_constants = context.legs.disturb(model.parameters)
+    torques = context.legs.torques(leg_constants, context.basis, nodes, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
-    return DrawResult(_record(context, errors, _distance(problem.data, placed)), fitted.evaluations, fitted.failure)
+    return _record(context, errors, _distance(model.problem.data, placed))
+
+
+def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+    model = disturbed_model(context, change)
+    fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+    return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
 
 
 def _distance(data: MarkerData, placed: Array) -> Array:

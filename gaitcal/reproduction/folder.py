@@ -6,6 +6,7 @@ import json
 import platform
 import shutil
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
@@ -15,6 +16,7 @@ from gaitcal.files.package_data import package_version
 from gaitcal.reproduction.claims import Claim
 from gaitcal.reproduction.inertial_recovery import InertialRecovery
 from gaitcal.reproduction.noise_seed import SeedResult
+from gaitcal.reproduction.refit_end import iteration_frame
 from gaitcal.reproduction.reproduce import Reproduction
 from gaitcal.reproduction.tables import TableRow
 
@@ -32,6 +34,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "draws": draw_frame(reproduction.noisy),
         "times": table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
+        "iterations": iteration_frame(found.stopped) if (found := reproduction.sensitivities) else None,
     }
     for name, frame in tables.items():
         if frame is not None:
@@ -46,6 +49,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
             "noise_seeds": settings.noise_seeds,
             "seed": settings.seed,
             "draws": settings.draws,
+            "sensitivities": settings.sensitivities and asdict(settings.sensitivities),
             "real_people": settings.data is not None,
         },
     }

@@ -11,9 +11,10 @@ orientations (deg) apart. That definition gives the printed figures of Table I f
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,7 +40,7 @@ from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.reproduction.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, TrueMotion, gait_motion, isolated_motion
+from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
 
 LEG = leg_parameters(SIDE)
 
@@ -68,7 +69,7 @@ def _index(names: Sequence[str]) -> list[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointRecovery:
+class FoundFromZero:
     """One of the four problems, solved."""
 
     names: tuple[str, ...]
@@ -81,10 +82,6 @@ class JointRecovery:
     """Largest distance of any marker in any frame, mm."""
     cost: float
     """m^2."""
-    cost_at_truth: float
-    """m^2: with the true joint parameters, the motion fitted."""
-    cost_from_truth: float
-    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
     steps: int
     """From zero: steps of the far start and evaluations of the end game."""
     seconds: float
@@ -106,6 +103,16 @@ class JointRecovery:
         return joint_rms(self.errors, self.names)[1]
 
 
+@dataclass(frozen=True, kw_only=True)
+class JointRecovery(FoundFromZero):
+    """One of the four problems, solved, and compared with a search that knows the truth."""
+
+    cost_at_truth: float
+    """m^2: with the true joint parameters, the motion fitted."""
+    cost_from_truth: float
+    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
+
+
 @cache
 def true_model() -> SubjectModel:
     """The truth: the published nominal subject with its 41 tracking markers."""
@@ -113,9 +120,12 @@ def true_model() -> SubjectModel:
 
 
 @cache
-def true_motion(problem: str) -> TrueMotion:
-    """The true motion of one of `PROBLEMS`."""
-    return gait_motion() if problem == "full leg" else isolated_motion(f"{problem}_{SIDE}")
+def true_motion(problem: str, isolated_hz: float = RATE) -> TrueMotion:
+    """The true motion of one of `PROBLEMS`; isolated trials have 1200 frames, `isolated_hz` of them a second.
+
+    The nodes are the same at every rate.
+    """
+    return gait_motion() if problem == "full leg" else isolated_motion(f"{problem}_{SIDE}", rate=isolated_hz)
 
 
 def free_parameters(problem: str) -> tuple[str, ...]:
@@ -123,9 +133,9 @@ def free_parameters(problem: str) -> tuple[str, ...]:
     return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialProblem:
+def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> TrialProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
-    model, motion = true_model(), true_motion(problem)
+    model, motion = true_model(), true_motion(problem, isolated_hz)
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
         markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
@@ -135,14 +145,28 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> TrialP
 
 def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
     """Solve all four; gait starts from what the isolated trials found for the parameters that it leaves alone."""
-    out: dict[str, JointRecovery] = {}
+    return _in_order(problems, solve)
+
+
+def find_joints(problems: Mapping[str, TrialProblem]) -> dict[str, FoundFromZero]:
+    """As `recover_joints`, without the comparison."""
+    return _in_order(problems, solve_from_zero)
+
+
+_Found = TypeVar("_Found", bound=FoundFromZero)
+
+
+def _in_order(
+    problems: Mapping[str, TrialProblem], solved: Callable[[str, TrialProblem, Parameters], _Found]
+) -> dict[str, _Found]:
+    out: dict[str, _Found] = {}
     for problem, markers in problems.items():
         held = _held(out) if problem == "full leg" else true_model().parameters
-        out[problem] = solve(problem, markers, held)
+        out[problem] = solved(problem, markers, held)
     return out
 
 
-def _held(isolated: Mapping[str, JointRecovery]) -> Parameters:
+def _held(isolated: Mapping[str, FoundFromZero]) -> Parameters:
     """The truth, but for the leg, which has what the isolated trials found."""
     parameters = true_model().parameters
     for recovery in isolated.values():
@@ -153,24 +177,31 @@ def _held(isolated: Mapping[str, JointRecovery]) -> Parameters:
 
 def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
+    found = solve_from_zero(problem, markers, held)
     truth, motion, free = true_model().parameters, true_motion(problem), free_parameters(problem)
+    at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
+    from_truth = calibrate_joints([markers], held, free, [at_truth.nodes], start_values=truth.joint[_index(free)])
+    # Not asdict, which would copy the parameters into dictionaries.
+    fields = {name: getattr(found, name) for name in FoundFromZero.__dataclass_fields__}
+    return JointRecovery(**fields, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
+
+
+def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> FoundFromZero:
+    """As `solve`, without the comparison."""
+    free = free_parameters(problem)
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
     near = step_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = calibrate_joints([markers], held.with_joint(free, near.p), free, near.nodes)
     seconds = time.process_time() - began
-    at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
-    from_truth = calibrate_joints([markers], held, free, [at_truth.nodes], start_values=truth.joint[_index(free)])
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
-    return JointRecovery(
+    return FoundFromZero(
         names=names,
-        errors=joint_errors(fit.parameters, truth, names),
+        errors=joint_errors(fit.parameters, true_model().parameters, names),
         marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
         largest_mm=1e3 * float(distance.max()),
         cost=fit.state.cost,
-        cost_at_truth=at_truth.cost,
-        cost_from_truth=from_truth.state.cost,
         steps=near.steps + fit.iterations,
         seconds=seconds,
         converged=near.converged and fit.converged,

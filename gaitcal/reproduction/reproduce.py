@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -16,9 +16,18 @@ from gaitcal.reproduction.disturbance_claims import WIDE_PERCENT, Disturbances, 
 from gaitcal.reproduction.inertial_recovery import RANDOM_SEEDS
 from gaitcal.reproduction.noise_seed import SeedResult, noiseless, noisy_draws
 from gaitcal.reproduction.people import people_rows
+from gaitcal.reproduction.sensitivities import (
+    Sensitivities,
+    SensitivityDraws,
+    sensitivities,
+    sensitivity_claims,
+    sensitivity_rows,
+)
+from gaitcal.reproduction.stop_watch import StopWatch
 from gaitcal.reproduction.tables import (
     TableRow,
     discussion_rows,
+    run_time_rows,
     table_four_rows,
     table_one_rows,
     table_three_rows,
@@ -40,6 +49,8 @@ class ReproductionSettings:
     """Of phase 2, for each draw of the noise; at least 2."""
     draws: int = 0
     """Of the Monte Carlo study, each set and level; 0: none."""
+    sensitivities: SensitivityDraws | None = field(default_factory=SensitivityDraws)
+    """None: none are computed."""
     jobs: int = -1
     """Processes; -1: one for every core. The results do not depend on it."""
     data: Path | None = None
@@ -58,6 +69,7 @@ class Reproduction:
     claims: list[Claim]
     disturbances: pd.DataFrame | None
     """Statistics of the Monte Carlo study; see `montecarlo.statistics`."""
+    sensitivities: Sensitivities | None
 
 
 def reproduce(
@@ -69,7 +81,7 @@ def reproduce(
     ----------
     draws_folder : where Monte Carlo draws are kept, so that an interrupted study goes on; None keeps nothing.
     """
-    settings = settings or ReproductionSettings()
+    settings, clock = settings or ReproductionSettings(), StopWatch()
     progress("without noise")
     clean = noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")
@@ -81,17 +93,27 @@ def reproduce(
         *table_four_rows(noisy),
         *discussion_rows(noisy),
     ]
+    clock.lap("tables")
+    found = disturbances = None
+    if settings.sensitivities is not None:
+        found = sensitivities(settings.seed, settings.sensitivities, settings.jobs, progress)
+        rows += sensitivity_rows(found)
+        clock.lap("sensitivities")
     if settings.data is not None:
         rows += people_rows(settings.data, progress)
-    disturbances = _disturb(settings, draws_folder, progress) if settings.draws else None
+        clock.lap("real people")
+    if settings.draws:
+        disturbances = _disturb(settings, draws_folder, progress)
+        clock.lap("Monte Carlo study, draws that were not there yet")
     return Reproduction(
         settings=settings,
         clean=clean,
         noisy=noisy,
         tables=rows,
-        times=time_rows([clean, *noisy]),
-        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances)],
+        times=[*time_rows([clean, *noisy]), *run_time_rows(clock.laps)],
+        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *sensitivity_claims(found)],
         disturbances=disturbances.table if disturbances else None,
+        sensitivities=found,
     )
 
 

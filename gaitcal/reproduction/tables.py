@@ -7,19 +7,19 @@ the processor; the published ones are of a 3.4 GHz Pentium 4 with Matlab.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from gaitcal.calibration.inertial_equations import TorqueScale
 from gaitcal.reproduction.inertial_recovery import NOISELESS_DECAY, InertialRecovery
-from gaitcal.reproduction.joint_recovery import JointRecovery
+from gaitcal.reproduction.joint_recovery import FoundFromZero
 from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
-JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None]], ...] = (
+JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[FoundFromZero], float | None]], ...] = (
     ("marker_distance_mm", "marker distance RMS", "mm", lambda r: r.marker_mm),
     ("orientation_deg", "orientation error RMS", "deg", lambda r: r.orientation_deg),
     ("position_mm", "position error RMS", "mm", lambda r: r.position_mm),
@@ -46,6 +46,8 @@ PHASES: tuple[tuple[str, str, Callable[[SeedResult], list[float]]], ...] = (
     ("phase 1, gait", "gait", lambda d: [d.joints["full leg"].seconds]),
     ("phase 2", "inertial", lambda d: [d.correct.seconds, *(r.seconds for r in d.random)]),
 )
+RUN = "this run"
+"""Row of `times.csv` with the time of the parts of a run."""
 SAME_COST = 1.0001
 MARKER_SET = (
     "the paper gives neither marker set nor frame rate; ours: 41 markers at 200 Hz; fewer markers or shorter trials "
@@ -275,6 +277,12 @@ def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
             cell = Cell("time", row, column, "s")
             rows.append(cell.filled(published, float(ours), f"processor time of {len(seconds)} problems"))
     return rows
+
+
+def run_time_rows(laps: Mapping[str, float]) -> list[TableRow]:
+    """Seconds by the clock of each part of this run, and of all."""
+    parts = {**laps, "everything": sum(laps.values())}
+    return [Cell("time", RUN, part, "s").filled(None, seconds, "by the clock") for part, seconds in parts.items()]
 
 
 def speed_factor(results: Sequence[SeedResult]) -> float:

@@ -81,8 +81,12 @@ def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: 
     return TrueMotion(basis, walking_nodes(parameters, basis, phase, meant), phase)
 
 
-def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
-    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still."""
+def isolated_motion(joint: str, standing: Array | None = None, rate: float = RATE) -> TrueMotion:
+    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still.
+
+    At another `rate` (frames per second) the same 1200 poses follow one another more slowly or faster: the cycles are
+    as many, so that 20 nodes still hold them exactly.
+    """
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
     q = np.tile(standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
@@ -108,7 +112,8 @@ def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
     q[:, COORDINATE_INDEX["pelvis_tx"]] += sway
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
-    return _in_spline_space(time, q)
+    moved = _in_spline_space(time, q)
+    return moved if rate == RATE else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.nodes)
 
 
 def standing_pose() -> Array:

@@ -19,6 +19,7 @@ from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import table_four, table_two
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings
 from gaitcal.reproduction.reproduce import reproduce as run
+from gaitcal.reproduction.sensitivities import SensitivityDraws
 from gaitcal.reproduction.tables import (
     Cell,
     discussion_rows,
@@ -32,7 +33,8 @@ from gaitcal.reproduction.tables import (
 )
 from tests.reproduction.conftest import FEW_SEEDS
 
-TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, jobs=1)
+FEW = SensitivityDraws(noise=1, absorbed=2, stopped=1, centres=1)
+TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, sensitivities=FEW, jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -119,10 +121,11 @@ def test_experimental_rows_have_no_figure_of_ours(clean: SeedResult, draws: list
 
 def test_csv_schema(files: Path) -> None:
     names = {path.name for path in files.iterdir()}
-    assert names == {"tables.csv", "claims.csv", "draws.csv", "times.csv", "README.txt", "manifest.json"}
+    tables = {"tables.csv", "claims.csv", "draws.csv", "times.csv", "iterations.csv"}
+    assert names == tables | {"README.txt", "manifest.json"}
     tables = pd.read_csv(files / "tables.csv")
     assert tuple(tables.columns) == TABLE_COLUMNS
-    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion"}
+    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion", "sensitivity"}
     assert tables[["published", "ours"]].dtypes.eq(float).all()
     assert not tables[["table", "row", "column"]].duplicated().any()
     claims = pd.read_csv(files / "claims.csv", keep_default_na=False)
@@ -135,10 +138,28 @@ def test_csv_schema(files: Path) -> None:
     assert all(name in readme for name in names - {"README.txt"})
 
 
-def test_same_seed_same_bytes(files: Path, tmp_path: Path) -> None:
+def test_same_seed_same_bytes(
+    reproduction: Reproduction, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # of each sensitivity its own test says which draws it has
+    monkeypatch.setattr(reproduce, "sensitivities", lambda *_: reproduction.sensitivities)
     write_tables(run(TINY), tmp_path)
     for name in ("tables.csv", "draws.csv", "manifest.json"):
         assert (tmp_path / name).read_bytes() == (files / name).read_bytes()
+
+
+def test_every_sensitivity_has_claims_and_may_be_left_out(
+    reproduction: Reproduction, clean: SeedResult, draws: list[SeedResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reproduce, "noiseless", lambda *_: clean)
+    monkeypatch.setattr(reproduce, "noisy_draws", lambda *_: draws)
+    without = run(replace(TINY, sensitivities=None))
+    assert [c.claim for c in without.claims] == [c.claim for c in reproduction.claims]
+    of_them = [c for c in without.claims if c.claim.startswith("sensitivity: ")]
+    assert len(of_them) == 2 + 1 + 2 + 2
+    assert {c.verdict for c in of_them} == {Verdict.NOT_RUN}
+    others = [row for row in reproduction.tables if row.table != "sensitivity"]
+    assert without.tables == others  # nothing else depends on them
 
 
 def test_times_stand_beside_the_published(clean: SeedResult) -> None:
@@ -158,14 +179,17 @@ def test_command_prints_and_writes(
     monkeypatch.setattr(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
-    command.run(tmp_path / "out", Talk(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3)
+    command.run(tmp_path / "out", Talk(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False)
     settings, kept = asked[0]
+    assert settings.sensitivities is None
     assert (settings.noise_seeds, settings.seed, settings.draws, settings.data, kept) == (5, 3, 0, None, None)
     assert (tmp_path / "out" / "tables.csv").is_file()
     printed = capsys.readouterr().out
     assert "synthetic with noise: position error RMS" in printed
     assert "380 s" in printed
     assert "claims:" in printed
+    assert "this run: tables " in printed
+    assert "everything" in printed
 
 
 def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,13 +197,15 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
-        command.run(tmp_path, Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0)
+        command.run(tmp_path, Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True)
 
 
 def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
-        command.run(tmp_path / "out", Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0)
+        command.run(
+            tmp_path / "out", Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+        )
     assert not (tmp_path / "out").exists()
 
 
