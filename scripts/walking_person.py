@@ -36,7 +36,7 @@ from gaitcal.figures.chart import new_figure
 from gaitcal.figures.style import FAINT, FONT, NORMAL, SIDE_COLOURS, SIDE_DASHES, TITLE, dress, line_style
 from gaitcal.files.package_data import models_path
 from gaitcal.gait.words import SIDE_WORDS
-from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS, SIDES
+from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
 from gaitcal.recording.force_plate import point_and_torque
@@ -144,7 +144,7 @@ def peaks(walk: Walk, bands: dict[str, pd.DataFrame]) -> list[Peak]:
     """Of every moment that has a band, both ends and both legs."""
     out = []
     for stem, band in bands.items():
-        for foot, side in enumerate(SIDES):
+        for side in SIDES:
             values = walk.moments[f"{stem}_{side}"]
             for name, end in zip(MOMENTS[stem][1:], (np.argmin, np.argmax), strict=True):
                 row = band.iloc[int(end(band["mean"]))]
@@ -154,7 +154,7 @@ def peaks(walk: Walk, bands: dict[str, pd.DataFrame]) -> list[Peak]:
 
 
 def outside_sole(walk: Walk, foot: int) -> Array:
-    """(nf,) m by which the centre of pressure is outside the sole, negative inside, NaN where the foot is not loaded."""
+    """(nf,) m by which the centre of pressure is outside the sole; negative inside, NaN where a foot is not loaded."""
     feet = walk.feet
     heel, tip = feet.heel[:, foot][:, [0, 2]], feet.tip[:, foot][:, [0, 2]]
     length = np.linalg.norm(tip - heel, axis=1)
@@ -184,10 +184,9 @@ def lines(walk: Walk) -> Iterator[str]:
         yield f"{MOMENTS[stem][0]} (no band): right {ends[0]}, left {ends[1]} N·m/kg"
     for foot, side in enumerate(SIDES):
         away = outside_sole(walk, foot)[walk.loaded[:, foot]]
-        yield (
-            f"centre of pressure in the {SIDE_WORDS[side]} sole: {int((away <= 0).sum())} of {len(away)} loaded frames, "
-            f"farthest {1000 * max(0.0, float(away.max())):.0f} mm outside"
-        )
+        counts = f"{int((away <= 0).sum())} of {len(away)} loaded frames"
+        farthest = 1000 * max(0.0, float(away.max()))
+        yield f"centre of pressure in the {SIDE_WORDS[side]} sole: {counts}, farthest {farthest:.0f} mm outside"
     yield f"least vertical force {walk.force[:, :, 1].min():.3f}, most {walk.force[:, :, 1].max():.2f} body weights"
     yield f"true pelvis residual at most {walk.residual:.1e} N, N·m"
 
@@ -224,14 +223,20 @@ def draw(walk: Walk) -> Figure:
                 _curve(axes, walk.percent(foot), values, side, width=0.8 if direction == 2 else 1.6)
         axes.set_xlim(0, 100)
     _soles(figure.add_subplot(cells[3, :]), walk)
-    handles = [Line2D([], [], color=SIDE_COLOURS[s], ls=line_style(SIDE_DASHES[s]), label=SIDE_WORDS[s]) for s in SIDES]
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=SIDE_COLOURS[s], ls=line_style(SIDE_DASHES[s]), label=SIDE_WORDS[s]) for s in SIDES
+    ]
     handles += [
         Patch(color=FAINT, alpha=alpha, label=f"normal, mean ± {n} SD", lw=0) for n, alpha in ((1, 0.34), (2, 0.16))
     ]
     figure.legend(handles=handles, loc="upper right", ncols=4, frameon=False, prop={"family": FONT, "size": NORMAL})
     figure.text(0.012, 0.978, "The built-in person's walk", family=FONT, fontsize=TITLE + 2, fontweight="bold")
     figure.text(
-        0.012, 0.012, f"Internal moments over each leg's stride (%). Bands: {_source()}", family=FONT, fontsize=NORMAL - 1
+        0.012,
+        0.012,
+        f"Internal moments over each leg's stride (%). Bands: {_source()}",
+        family=FONT,
+        fontsize=NORMAL - 1,
     )
     return figure
 
@@ -250,9 +255,7 @@ def _band(axes: Axes, band: pd.DataFrame) -> None:
 def _curve(axes: Axes, percent: Array, values: Array, side: str, width: float = 1.6) -> None:
     """A curve over the stride, one line for each: they begin where the percent falls."""
     for stride in np.split(np.arange(len(percent)), np.flatnonzero(np.diff(percent) < 0) + 1):
-        axes.plot(
-            percent[stride], values[stride], color=SIDE_COLOURS[side], ls=line_style(SIDE_DASHES[side]), lw=width
-        )
+        axes.plot(percent[stride], values[stride], color=SIDE_COLOURS[side], ls=line_style(SIDE_DASHES[side]), lw=width)
 
 
 def _soles(axes: Axes, walk: Walk) -> None:
