@@ -9,8 +9,8 @@ gaitcal's defaults, every one (`default`), and these with the gait trial alone (
 
 With `exact` this is the part `synthetic` of `check_truth.py`.
 
-Printed: RMS error of joint parameters before (nominal) and after, median over people, of all that a trial may move, with
-those that the result declares undetermined, which stay nominal: how many they are, and the error of the others alone.
+Printed: RMS error of joint parameters before (nominal) and after, median over people, of all that a trial may move.
+Those that the result declares undetermined stay nominal, and count: how many is told, and the error without them.
 And how often 68 % and 95 % intervals cover the truth: joint parameters by joint (those with an interval), inertial
 parameters by kind, joint torques in valid frames. A person takes half a minute, with `gait-only` less.
 """
