@@ -24,9 +24,9 @@ SOURCES = "Bands: Schwartz et al. 2008, free speed, children and adolescents; mo
 def draw(walk: Walk) -> Figure:
     """All of it in one figure."""
     bands = normal_bands()
-    figure = new_figure(9.0, 9.6, dpi=150)
+    figure = new_figure(9.0, 8.8, dpi=150)
     cells = figure.add_gridspec(
-        4, 3, height_ratios=(1, 1, 1, 0.95), left=0.07, right=0.985, top=0.945, bottom=0.075, hspace=0.42, wspace=0.24
+        4, 3, height_ratios=(1, 1, 1, 0.62), left=0.07, right=0.985, top=0.935, bottom=0.085, hspace=0.4, wspace=0.24
     )
     for k, stem in enumerate(MOMENTS):
         axes = figure.add_subplot(cells[divmod(k, 3)])
@@ -49,6 +49,8 @@ def draw(walk: Walk) -> Figure:
                 values = inward * walk.force[:, foot, direction]
                 _curve(axes, walk.percent(foot), values, side, width=0.8 if direction == 2 else 1.6)
         axes.set_xlim(0, 100)
+        if len(directions) > 1:
+            write(axes, 99, axes.get_ylim()[1] * 0.95, "thick: forward\nthin: inward", ha="right", va="top")
     _soles(figure.add_subplot(cells[3, :]), walk)
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=SIDE_COLOURS[s], ls=line_style(SIDE_DASHES[s]), label=SIDE_WORDS[s]) for s in SIDES
