@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,11 @@ def walking() -> ModuleType:
     return script("walking_person")
 
 
+@pytest.fixture(scope="module")
+def walk(walking: ModuleType) -> Any:
+    return walking.true_walk()
+
+
 def test_the_table_says_source_licence_and_signs() -> None:
     comments = [line for line in TABLE.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
     for word in ("# source: Schwartz", "# licence: ", "CC BY-SA 4.0", "# signs: gaitcal"):
@@ -56,8 +62,8 @@ def test_the_bands_span_the_stride_and_have_the_signs_of_people() -> None:
             assert sign * means[percent] > 0.05
 
 
-def test_peaks_are_told_in_standard_deviations_of_the_band(walking: ModuleType) -> None:
-    walk, bands = walking.true_walk(), walking.normal_bands()
+def test_peaks_are_told_in_standard_deviations_of_the_band(walking: ModuleType, walk: Any) -> None:
+    bands = walking.normal_bands()
     steep = bands | {"ankle_angle": bands["ankle_angle"].assign(sd=1.0)}
     one, other = (
         {(p.name, p.side): p for p in walking.peaks(walk, chosen)}["ankle plantarflexor", "r"]
@@ -68,13 +74,12 @@ def test_peaks_are_told_in_standard_deviations_of_the_band(walking: ModuleType) 
     assert other.off == pytest.approx(one.value - one.normal)
 
 
-def test_no_residual_is_left_at_the_pelvis(walking: ModuleType) -> None:
-    assert walking.true_walk().residual < RESIDUAL
+def test_no_residual_is_left_at_the_pelvis(walk: Any) -> None:
+    assert walk.residual < RESIDUAL
 
 
 @NOT_YET
-def test_every_centre_of_pressure_is_in_its_sole(walking: ModuleType) -> None:
-    walk = walking.true_walk()
+def test_every_centre_of_pressure_is_in_its_sole(walking: ModuleType, walk: Any) -> None:
     for foot in range(2):
         away = walking.outside_sole(walk, foot)[walk.loaded[:, foot]]
         assert len(away) > 100
@@ -82,16 +87,15 @@ def test_every_centre_of_pressure_is_in_its_sole(walking: ModuleType) -> None:
 
 
 @NOT_YET
-def test_the_peaks_of_moments_are_those_of_people(walking: ModuleType) -> None:
-    found = walking.peaks(walking.true_walk(), walking.normal_bands())
+def test_the_peaks_of_moments_are_those_of_people(walking: ModuleType, walk: Any) -> None:
+    found = walking.peaks(walk, walking.normal_bands())
     assert len(found) == 18
     assert [p for p in found if abs(p.off) > walking.WITHIN] == []
 
 
 @NOT_YET
 @pytest.mark.parametrize("foot", [0, 1])
-def test_moments_stay_in_the_bands(walking: ModuleType, foot: int) -> None:
-    walk = walking.true_walk()
+def test_moments_stay_in_the_bands(walking: ModuleType, walk: Any, foot: int) -> None:
     for stem, band in walking.normal_bands().items():
         assert walking.within(walk, band, stem, foot).mean() > SHARE, stem
 
