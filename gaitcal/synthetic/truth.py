@@ -44,19 +44,22 @@ class StaticFrames:
     """Segment -> its frame in the laboratory while standing; no talus."""
 
 
-def in_static_frames(model: SubjectModel) -> Parameters:
-    """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration."""
-    return static_frames(model).parameters
+def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> Parameters:
+    """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration.
+
+    `hip_centre`: the regression that this calibration places hips with, from which its thighs begin.
+    """
+    return static_frames(model, hip_centre).parameters
 
 
-def static_frames(model: SubjectModel) -> StaticFrames:
+def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> StaticFrames:
     """The same, with the frames and the posture that they are from."""
     true, pose = model.parameters, standing_pose()
     markers = synthetic_markers(true, model.markers, pose[None])
     still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)
     marker_set = load_marker_set("published")
     posture = static_posture(still, marker_set, slice(0, 1))
-    legs = lower_body(posture, model.subject.height, HipCentre.BELL)
+    legs = lower_body(posture, model.subject.height, hip_centre)
     frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
     told = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)

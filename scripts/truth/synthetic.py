@@ -6,6 +6,7 @@ C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as any o
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -19,10 +20,13 @@ import gaitcal
 from gaitcal import COORDINATES, Calibration, Moments, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.linkage import REACTIONS
+from gaitcal.model.nominal import published_model
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
+from gaitcal.synthetic.truth import in_static_frames, truth_table
 from truth.outcome import Figure, Outcome, bars, rms
 from truth.people import with_settings
 from truth.timed_fit import TimedFit, timed_fit
@@ -31,6 +35,8 @@ JOINTS = ("hip", "knee", "talocrural", "subtalar")
 JOINT_KINDS = {"joint position": "mm", "joint orientation": "deg"}
 INERTIAL_KINDS = {"mass": "kg", "mass centre": "mm", "moment of inertia": "kg*mm^2"}
 TORQUES = (*COORDINATES[6:], *REACTIONS)
+UNDETERMINED = "unidentifiable"
+"""Status of a parameter that the trials do not show."""
 LEG = ("hip", "knee", "ankle", "subtalar")
 """How the names of a leg's torques begin; the knee's adduction is one of them."""
 
@@ -39,11 +45,16 @@ class Settings(Enum):
     """What a person is calibrated with."""
 
     SYNTHESIZED = "synthesized"
-    """The settings that `synthesize` writes: the published protocol."""
+    """The settings that `synthesize` writes: the published protocol, in the spline space that the truth was made in,
+    with hips by the regression that the true ones are drawn around, and error bars that know plates and axes as exact.
+    No user has these."""
     DEFAULT = "default"
-    """gaitcal's own."""
+    """gaitcal's own, every one: what a user has who declares nothing."""
     GAIT_ONLY = "gait-only"
-    """gaitcal's own, and no isolated trials."""
+    """The same, and no isolated trials."""
+    EXACT = "exact"
+    """gaitcal's own, but told what is true of these data: plates are exact, and so are the segments' axes, as the truth
+    is told in those that the static trial makes. The fitted joints are those of `default`, the error bars narrower."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,8 @@ class SyntheticPerson:
     """What came of one person."""
 
     parameters: pd.DataFrame
-    """Fitted parameters by name: kind, joint, errors of the nominal and fitted values, `z` in standard errors."""
+    """By name: kind, joint, status, errors of the nominal and fitted values, `z` in standard errors. Those that the fit
+    kept, as its trials do not show them, are among them: their error is the nominal one's, and they have no `z`."""
     gaps: Array
     """(n, 23) N·m, errors of joint torques and knee reactions, valid frames."""
     before: Array
@@ -70,20 +82,36 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
     """Make, write, read, calibrate and compare one person."""
     with tempfile.TemporaryDirectory() as folder:
         file = synthesize(Path(folder) / "study", seed=seed, noise=True, perturb=True)
-        truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
         study = Study.load(file)
-        if settings is not Settings.SYNTHESIZED:
+        if settings is Settings.EXACT:
             study = with_settings(study, {"segment_axes": "exact"} | dict(changes or {}))
+        elif settings is not Settings.SYNTHESIZED:
+            study = replace(study, settings=type(study.settings).model_validate(dict(changes or {})))
         if settings is Settings.GAIT_ONLY:
             study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
+        truth = true_parameters(seed, HipCentre(study.settings.hip_rule))
         fit = timed_fit(study)
     table = gaitcal.parameter_table(fit.calibration).set_index("name")
     inertial = ~table["kind"].str.startswith("joint")  # nominal ones count, too: their error bar is people's spread
-    table = table[(table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))]
+    known = (table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))
+    table = table[known | (table["status"] == UNDETERMINED)]
     true = truth.loc[table.index]
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
-    table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
+    z = (table["after"] / table["standard_error"]).where(known.loc[table.index])
+    table = table.assign(z=z, joint=table.index.str.split("_").str[0])
     return SyntheticPerson(table, *torque_errors(fit.calibration, seed), fit)
+
+
+def true_parameters(seed: int, hip_centre: HipCentre) -> pd.Series[float]:
+    """Name -> true value in the unit of `truth.csv`, told in the frames of a calibration that places hips by this rule.
+
+    A thigh begins at the hip that the static trial is given: told in the frames of another rule, the truth of hip and
+    knee would be missed by some 5 mm even without noise.
+    """
+    model = replace(published_model(static_only=True), parameters=true_gait(seed)[0])
+    text = truth_table(in_static_frames(model, hip_centre))
+    values: pd.Series[float] = pd.read_csv(io.StringIO(text)).set_index("name")["value"]
+    return values
 
 
 def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
@@ -108,9 +136,9 @@ def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Ar
 
 
 def run(seed: int, changes: Mapping[str, object]) -> Outcome:
-    """One person with gaitcal's default settings, but for these."""
-    person = synthetic_person(seed, Settings.DEFAULT, changes)
-    figures = torque_figures(person) | parameter_figures(person.parameters)
+    """One person with gaitcal's default settings, but for these, plates and axes, which are exact here."""
+    person = synthetic_person(seed, Settings.EXACT, changes)
+    figures = torque_figures(person) | parameter_figures(person.parameters.dropna(subset="z"))
     return person.fit.outcome("synthetic", "waves", f"synthetic {seed}", seed, figures)
 
 

@@ -1,0 +1,1 @@
+"""The built-in person's walk beside that of people."""
