@@ -13,7 +13,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitcal.commands.options import Age, Height, Mass, Out, Quiet, Result, Sex, StudyPath, Verbose
+from gaitcal.commands.options import (
+    Age,
+    External,
+    Formats,
+    Height,
+    Inputs,
+    Mass,
+    Moments,
+    Out,
+    Quiet,
+    Result,
+    Sex,
+    Signs,
+    StudyPath,
+    Units,
+    Verbose,
+)
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
@@ -220,18 +236,19 @@ def reproduce(
 def export(
     talk: "Talk",
     result: Result,
-    formats: Annotated[
-        str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings.")
-    ] = "osim,urdf,mjcf",
+    formats: Formats = "osim,urdf,mjcf",
     out: Annotated[Path | None, typer.Option(help="Folder for the files; DIR/export unless given.")] = None,
-    inputs: Annotated[
-        Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
-    ] = None,
+    inputs: Inputs = None,
+    convention: Signs = None,
+    moments: Moments = None,
+    external: External = False,
+    units: Units = None,
 ) -> None:
-    """The fitted model for OpenSim, ROS, MuJoCo; the recordings as C3D with angles, moments, powers, events."""
-    from gaitcal.commands.other_programs import export_model
+    """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
+    from gaitcal.commands.other_programs import convention_of, export_model
 
-    export_model(result, formats, out, inputs, talk)
+    chosen = convention_of(convention, moments, units, external=external)
+    export_model(result, formats, out, inputs, talk, chosen)
 
 
 @command

@@ -16,5 +16,21 @@ Height = Annotated[float | None, typer.Option(help="Body height in m, the same."
 Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
 
+Formats = Annotated[
+    str,
+    typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
+]
+Inputs = Annotated[
+    Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
+]
+Signs = Annotated[
+    str | None, typer.Option("--convention", help="For cycles: signs, opensim (unless given) or clinical.")
+]
+Moments = Annotated[
+    str | None, typer.Option(help="For cycles: along which axes, coordinates (unless given), proximal, distal or jcs.")
+]
+External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
+Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
+
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]

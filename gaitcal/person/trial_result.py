@@ -17,6 +17,7 @@ from gaitcal.calibration.torque_errors import (
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import moments_of
+from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.gait.events import TrialEvents, trial_events
@@ -74,7 +75,7 @@ def trial_result(
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
         errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
-        loads = LoadedTrial(reactions, moments, errors)
+        loads = LoadedTrial(reactions, moments, errors, kinetics_of(final, body, reactions.wrench))
     return TrialResult(
         name=trial.name,
         role=trial.role,

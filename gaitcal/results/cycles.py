@@ -12,12 +12,14 @@ import pandas as pd
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of
 from gaitcal.gait.strides import strides_of
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import TrialResult
+from gaitcal.person.kinetic_tables import told_powers
+from gaitcal.person.result import LoadedTrial, TrialResult
 from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.results.table_file import refused_lines, write_csv
 
@@ -25,7 +27,8 @@ CYCLE_COLUMNS = ("trial", "side", "stride", "percent", "variable", "value", "se"
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
-    "degrees; with _moment its internal moment in N m; se: standard error, empty where unknown",
+    "degrees; with _moment its internal moment in N m; with _power its power in W, of a joint (hip_power) or of one of",
+    "several coordinates of a joint (hip_flexion_power), positive: generated; se: standard error, empty where unknown",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
     "where markers show the segments that they are between; nothing of a leg that is refused, nor of the trunk with it",
 )
@@ -97,6 +100,19 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
         error = None if loads.errors is None else moment_of(loads.errors, name)
         valid = loads.reactions.valid_for(name)
         yield _Signal(f"{_plain(name)}_moment", moment_of(loads.final, name), error, valid)
+    yield from _powers(loads, model.frozen, side)
+
+
+def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
+    """Of the joints of one leg and of the back, and of each coordinate of those that have several; W."""
+    if loads.kinetics is None:
+        return
+    errors = None if loads.errors is None else loads.errors.kinetics
+    for name in told_powers(frozen):
+        if leg_of(name) == side or name.startswith("lumbar"):
+            error = None if errors is None else power_of(errors, name)
+            valid = loads.reactions.valid_for(name)
+            yield _Signal(f"{_plain(name)}_power", power_of(loads.kinetics, name), error, valid)
 
 
 def _angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
