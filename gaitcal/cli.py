@@ -13,23 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitcal.commands.options import (
-    Age,
-    External,
-    Formats,
-    Height,
-    Inputs,
-    Mass,
-    Moments,
-    Out,
-    Quiet,
-    Result,
-    Sex,
-    Signs,
-    StudyPath,
-    Units,
-    Verbose,
-)
+from gaitcal.commands import options as told
+from gaitcal.commands.options import Age, Height, Mass, Out, Quiet, Result, Sex, StudyPath, Verbose
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
@@ -236,19 +221,18 @@ def reproduce(
 def export(
     talk: "Talk",
     result: Result,
-    formats: Formats = "osim,urdf,mjcf",
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; DIR/export unless given.")] = None,
-    inputs: Inputs = None,
-    convention: Signs = None,
-    moments: Moments = None,
-    external: External = False,
-    units: Units = None,
+    formats: told.Formats = "osim,urdf,mjcf",
+    out: told.ExportFolder = None,
+    inputs: told.Inputs = None,
+    convention: told.Signs = None,
+    moments: told.Moments = None,
+    external: told.External = False,
+    units: told.Units = None,
 ) -> None:
     """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
     from gaitcal.commands.other_programs import convention_of, export_model
 
-    chosen = convention_of(convention, moments, units, external=external)
-    export_model(result, formats, out, inputs, talk, chosen)
+    export_model(result, formats, out, inputs, talk, convention_of(convention, moments, units, external=external))
 
 
 @command

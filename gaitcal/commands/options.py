@@ -20,6 +20,7 @@ Formats = Annotated[
     str,
     typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
 ]
+ExportFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given.")]
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
 ]

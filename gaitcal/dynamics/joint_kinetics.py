@@ -104,14 +104,19 @@ def _place(name: str, names: tuple[str, ...]) -> int:
 
 def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> JointKinetics:
     """Powers and moments of a whole-body motion under foot wrenches (nf, 2, 6)."""
-    q, v, a = motion.q, motion.velocity, motion.acceleration
+    state = motion.q, motion.velocity, motion.acceleration
+    power, moment = kinetic_values(parameters, *state, wrenches)
+    return JointKinetics(time=motion.time, power=power, moment=moment)
+
+
+def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
+    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6)."""
     forces = Dynamics(parameters, HELD).forces(q, v, a, wrenches)
     moment = np.empty((len(q), len(VECTOR_FRAMES), len(COMPONENTS)))
     for start in range(0, len(q), BLOCK):
         part = slice(start, start + BLOCK)
         moment[part] = by_frame(moment_slopes(parameters, q[part], forces[part]).values)
-    power = powers(forces[:, : len(COORDINATES)], v)
-    return JointKinetics(time=motion.time, power=power, moment=moment)
+    return powers(forces[:, : len(COORDINATES)], v), moment
 
 
 def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointKinetics:

@@ -19,6 +19,7 @@ import gaitcal
 from gaitcal import COORDINATES, Calibration, Moments, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.joint_kinetics import kinetic_values
 from gaitcal.model.linkage import REACTIONS
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.measurements import residual_free_wrench
@@ -58,6 +59,10 @@ class SyntheticPerson:
     """(n, 23) N·m, the same with the nominal model."""
     errors: Array
     """(n, 23) N·m, standard errors of the torques."""
+    powers: tuple[Array, Array]
+    """(n, 28) W each: errors of joint powers, valid frames, and their standard errors."""
+    vectors: tuple[Array, Array]
+    """(n, 63) N·m each: the same of the components of moment vectors."""
     fit: TimedFit
 
     @property
@@ -83,7 +88,7 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
     true = truth.loc[table.index]
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     table = table.assign(z=table["after"] / table["standard_error"], joint=table.index.str.split("_").str[0])
-    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), fit)
+    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), *kinetic_errors(fit.calibration, seed), fit)
 
 
 def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
@@ -105,6 +110,24 @@ def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Ar
 
     errors = np.hstack([loads.errors.tau, loads.errors.knee_adduction])
     return joints(every(loads.final) - true), joints(every(loads.nominal) - true), joints(errors)
+
+
+def kinetic_errors(calibration: Calibration, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Errors and standard errors of a person's gait powers (n, 28) W, and of moment vectors (n, 63) N·m."""
+    parameters, motion = true_gait(seed)
+    loads = calibration.trial("gait").loads
+    if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
+        raise RuntimeError("the gait trial has no powers with standard errors")
+    state = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    power, moment = kinetic_values(parameters, *state, residual_free_wrench(parameters, motion))
+    valid, spread = loads.reactions.valid, loads.errors.kinetics
+
+    def vectors(values: Array) -> Array:
+        out: Array = values[valid].reshape(int(valid.sum()), -1)
+        return out
+
+    powers = ((loads.kinetics.power - power)[valid], spread.power[valid])
+    return powers, (vectors(loads.kinetics.moment - moment), vectors(spread.moment))
 
 
 def run(seed: int, changes: Mapping[str, object]) -> Outcome:
