@@ -3,13 +3,13 @@
     python scripts/check_vendor.py [--lab kad multi children pig]
 
 Recordings of four laboratories hold Plug-in Gait's angles, moments and powers beside the markers (`GAITCAL_DATA` names
-their folder). Every walk goes through the nominal model of its static trial. The table says of each joint, over all walks of
-a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and leg), their
-correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole body, for the
-leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the powers in W/kg.
-The vendor is no truth: it takes a force that a plate measures only in part for the whole. But frames that are new may
-not be worse than others. Then the moments again, ours along the axes of our coordinates, of either segment and of the
-joint coordinate system: Plug-in Gait tells them in the distal segment unless it is told otherwise.
+their folder). Every walk goes through the nominal model of its static trial. The table says of each joint, over all
+walks of a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and
+leg), their correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole
+body, for the leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the
+powers in W/kg. The vendor is no truth: it takes a force that a plate measures only in part for the whole. But frames
+that are new may not be worse than others. Then the moments again, ours along the axes of our coordinates, of either
+segment and of the joint coordinate system: Plug-in Gait tells them in the distal segment unless it is told otherwise.
 Then, by the file's own foot strikes and offs: how many strides are valid throughout, by either rule, and how much of
 the stances in which a plate carries the foot.
 """
