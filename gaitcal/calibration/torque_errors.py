@@ -144,7 +144,7 @@ def inertial_square_root(fit: InertialFit) -> Array:
     return out
 
 
-BLOCK = 500
+BLOCK = 125
 """Frames at a time, whose changes by the marker coordinates of all trials are held at once."""
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from gaitcal.calibration import torque_errors
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.torque_errors import MarkerMoves, torque_standard_errors
 from gaitcal.dynamics.axis_errors import AxisErrors
@@ -83,9 +85,9 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
     np.testing.assert_allclose(found.kinetics.own.power, own_part, rtol=0, atol=DIFFERENCES * own_part.max())
 
 
-def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does() -> None:
+def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hips and back: power is moment times angular velocity, whatever the axes; their torques' errors are those of the
-    vector along the joint's axes. A hinge stays where it is.
+    vector along the joint's axes. A hinge stays where it is. Blocks of frames change nothing.
     """
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
@@ -109,3 +111,8 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does() ->
     for k, name in enumerate(COMPONENTS):
         if name.startswith(("hip", "lumbar")):
             np.testing.assert_allclose(jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name)
+    monkeypatch.setattr(torque_errors, "BLOCK", 7)
+    in_parts = torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=axes).kinetics
+    assert in_parts is not None
+    np.testing.assert_allclose(in_parts.power, turned.kinetics.power, rtol=1e-9)
+    np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)
