@@ -19,14 +19,14 @@ from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.recording import convert
 from gaitcal.results.cycles import CYCLES
-from gaitcal.results.cycles_export import write_cycles_export
+from gaitcal.results.cycles_export import made_with_another_model, write_cycles_export
 from gaitcal.results.exports import write_export_manifest
 from gaitcal.results.json_types import Json
 from gaitcal.results.originals import trial_files
 from gaitcal.results.recordings import WrittenRecording, write_recordings
-from gaitcal.results.saved import load_result_model
+from gaitcal.results.saved import MODEL, load_result_model
 
-C3D, STRIDES = "c3d", "cycles"
+C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
@@ -100,28 +100,34 @@ def export_model(
             recordings, whole = write_recordings(result, inputs, stage)
             whole.require_unchanged()
             of_recordings = whole.sha256
-        rows = 0
+        tables: dict[str, int] = {}
+        further: tuple[str, ...] = ()
         if STRIDES in chosen:
             step("strides")
-            rows, table = write_cycles_export(result, strides, stage / CYCLES)
-            table.require_unchanged()
-            of_recordings = {**of_recordings, **table.sha256}
+            for source, file in ((result, CYCLES), (result / DYNAMICS, f"{DYNAMICS}_{CYCLES}")):
+                if source == result or (source / CYCLES).exists():
+                    tables[file], table = write_cycles_export(source, strides, stage / file, model)
+                    table.require_unchanged()
+                    start = "" if source == result else f"{DYNAMICS}/"
+                    of_recordings = {**of_recordings, **{start + name: sha for name, sha in table.sha256.items()}}
+                    further = made_with_another_model(source, read.sha256[MODEL])
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
         written |= {
             r.file: {"format": C3D, "source": r.source, "source_sha256": r.source_sha256, "notes": list(r.notes)}
             for r in recordings
         }
-        if STRIDES in chosen:
-            written[CYCLES] = {"format": STRIDES, "convention": dict[str, Json](strides.keys)}
+        written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
         write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
     _tell(talk, read, doubts)
     for name in (name for name in chosen if name in WRITERS):
         talk.line(f"wrote {folder / WRITERS[name][1]}")
     for recording in recordings:
         talk.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
-    if STRIDES in chosen:
-        talk.line(f"wrote {folder / CYCLES}: {rows} rows; {', '.join(strides.keys.values())}")
+    for file, rows in tables.items():
+        talk.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
+    if further:
+        talk.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
     if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
         talk.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 

@@ -17,18 +17,16 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import read_object
+from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.kinetic_tables import told_components, vector_column
 from gaitcal.recording.metadata import FootMoment
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
-from gaitcal.results.saved import MODEL
 from gaitcal.results.saved_trial import saved_events
 from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
@@ -36,6 +34,13 @@ from gaitcal.results.verdict import SUMMARY
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
 NUMBERS = ("value", "se", "se_stride")
 """Columns that a convention changes; the second part of the error where the table has it."""
+HEADER = (
+    "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
+    "se: standard error, empty where unknown; valid: 1 where the value may be used; as in cycles.csv of the result",
+)
+"""Comment lines above the header, before those of the convention."""
+RELATIVE = ("joint angles are relative", "static trial, deg")
+"""How the comment lines begin that tell of angles from the static posture."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,12 @@ class _Result:
     """Trial -> table of moment vectors."""
 
 
-def write_cycles_export(folder: Path, convention: Convention, target: Path) -> tuple[int, Snapshot]:
+def write_cycles_export(
+    folder: Path, convention: Convention, target: Path, model: SubjectModel
+) -> tuple[int, Snapshot]:
     """Write the strides of the result in `folder` to `target`; returns how many rows, and what was read.
+
+    `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were made with.
 
     Raises
     ------
@@ -61,18 +70,24 @@ def write_cycles_export(folder: Path, convention: Convention, target: Path) -> t
         The result is damaged, or was made before it held strides or moment vectors.
     """
     frame = convention.frame
-    names = [CYCLES, MODEL, SUMMARY]
+    names = [CYCLES, SUMMARY]
     if frame is not MomentFrame.COORDINATES:
         names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder)
-    found, snapshot = read_whole(folder, names, lambda: _read(folder, frame), (MODEL,))
+    found, snapshot = read_whole(folder, names, lambda: _read(folder, frame, model))
     table = in_convention(found, convention)
-    write_csv(table, target, (*found.comments, *convention.lines))
+    write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
     return len(table), snapshot
 
 
-def _read(folder: Path, frame: MomentFrame) -> _Result:
+def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:
+    """Further trials in `folder` that were made with another model than that of this SHA-256."""
+    made = read_object(folder / MANIFEST).get("model_sha256")
+    return tuple(str(trial) for trial, of in made.items() if of != digest) if isinstance(made, dict) else ()
+
+
+def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
     trials = read_object(folder / SUMMARY).get("trials")
     strides, vectors = {}, {}
@@ -92,8 +107,9 @@ def _read(folder: Path, frame: MomentFrame) -> _Result:
             message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
             raise InputError(message, source=folder)
     # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
-    kept = tuple(line for line in comments if line.startswith(tuple(f"{name}: " for name, _ in strides)))
-    return _Result(load_model(folder / MODEL), table, kept, strides, vectors)
+    told = (*(f"{name}: " for name, _ in strides), *RELATIVE)
+    kept = tuple(line for line in comments if line.startswith(told))
+    return _Result(model, table, kept, strides, vectors)
 
 
 def _has_moments(table: pd.DataFrame, trial: str) -> bool:

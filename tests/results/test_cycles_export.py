@@ -48,6 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def result(made: Path, tmp_path: Path) -> Path:
+    shutil.copytree(made.parent / "study", tmp_path / "study")
     return Path(shutil.copytree(made, tmp_path / "result"))
 
 
@@ -142,6 +143,24 @@ def test_strides_of_powers_are_in_the_table_of_strides(made: Path) -> None:
     assert ankle["value"].max() <= powers["ankle_power_r"].max() + ROUNDED
     assert {"hip_flexion_power", "lumbar_power", "knee_power"} <= set(strides["variable"])
     assert not any(name.startswith(("shoulder", "elbow")) for name in strides["variable"])
+
+
+def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
+    """Told where the model has changed since."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitcal.person.trial_result.trial_events", strides)
+        study = result.parent / "study"
+        done = run("dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q")
+    assert done.exit_code == 0, done.output
+    done = run("export", result, "--format", "cycles", "--external", "--moments", "distal")
+    assert done.exit_code == 0 and "another model" not in done.output, done.output
+    found = table(result / "export/dynamics_cycles.csv")
+    vectors = table(result / "dynamics/moment_vectors/walk.csv")
+    of_knee = found[(found["variable"] == "knee_angle_moment") & (found["side"] == "r")]
+    assert len(of_knee) == 101 and -of_knee["value"].max() >= vectors["knee_angle_r_distal"].min() - ROUNDED
+    with (result / "model.toml").open("a", encoding="utf-8") as model:
+        model.write("# edited\n")
+    assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace("\n", " ")
 
 
 def test_wrong_words_are_told(result: Path) -> None:
