@@ -75,8 +75,8 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
     moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
     fitted, true = _torques(fit.parameters, found, wrench), _torques(truth, moved, wrench)
-    power, moment = kinetic_values(fit.parameters, *found, wrench)
-    true_power, true_moment = kinetic_values(truth, *moved, wrench)
+    power, moment = kinetic_values(fit.parameters, found[0], found[1], found[2], wrench)
+    true_power, true_moment = kinetic_values(truth, moved[0], moved[1], moved[2], wrench)
     inner = slice(ENDS, -ENDS, EVERY)
     joints = slice(6, None)
     torques = (fitted - true)[inner, joints] / errors[inner, joints]

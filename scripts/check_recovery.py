@@ -69,7 +69,7 @@ def lines(people: list[SyntheticPerson]) -> Iterator[str]:
     yield "moments as vectors, legs and back: RMS error, N·m, and coverage"
     gaps, errors = (np.concatenate([p.vectors[k] for p in people]) for k in range(2))
     for k, frame in enumerate(VECTOR_FRAMES):
-        own = slice(k * len(COMPONENTS), (k + 1) * len(COMPONENTS))
+        own = list(range(k * len(COMPONENTS), (k + 1) * len(COMPONENTS)))
         yield f"{frame.key:31}{np.sqrt(np.mean(gaps[:, own] ** 2)):6.2f}  {coverage(gaps[:, own] / errors[:, own])}"
 
 

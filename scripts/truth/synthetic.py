@@ -118,8 +118,8 @@ def kinetic_errors(calibration: Calibration, seed: int) -> tuple[tuple[Array, Ar
     loads = calibration.trial("gait").loads
     if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
         raise RuntimeError("the gait trial has no powers with standard errors")
-    state = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    power, moment = kinetic_values(parameters, *state, residual_free_wrench(parameters, motion))
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    power, moment = kinetic_values(parameters, q, v, a, residual_free_wrench(parameters, motion))
     valid, spread = loads.reactions.valid, loads.errors.kinetics
 
     def vectors(values: Array) -> Array:
