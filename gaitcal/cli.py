@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitcal.commands import options as told
 from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
@@ -96,9 +97,7 @@ def calibrate(
     sex: Sex = None,
     age: Age = None,
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
-    hold_out: Annotated[
-        bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
-    ] = False,
+    hold_out: told.HoldOut = False,
     normal: Normal = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
@@ -114,13 +113,9 @@ def dynamics(
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
     forces: Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")] = None,
-    plates: Annotated[
-        str | None, typer.Option(help="Feet on the plates of a single TRIAL, 1=r,2=l or none; else found.")
-    ] = None,
+    plates: told.Plates = None,
     time: Annotated[str | None, typer.Option(help="Part of a single TRIAL to use, start,end in seconds.")] = None,
-    filter_hz: Annotated[
-        str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
-    ] = None,
+    filter_hz: told.FilterHz = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; DIR/dynamics unless given.")] = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
@@ -224,18 +219,18 @@ def reproduce(
 def export(
     talk: "Talk",
     result: Result,
-    formats: Annotated[
-        str, typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings.")
-    ] = "osim,urdf,mjcf",
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; DIR/export unless given.")] = None,
-    inputs: Annotated[
-        Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
-    ] = None,
+    formats: told.Formats = "osim,urdf,mjcf",
+    out: told.ExportFolder = None,
+    inputs: told.Inputs = None,
+    convention: told.Signs = None,
+    moments: told.Moments = None,
+    external: told.External = False,
+    units: told.Units = None,
 ) -> None:
-    """The fitted model for OpenSim, ROS, MuJoCo; the recordings as C3D with angles, moments, powers, events."""
-    from gaitcal.commands.other_programs import export_model
+    """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
+    from gaitcal.commands.other_programs import convention_of, export_model
 
-    export_model(result, formats, out, inputs, talk)
+    export_model(result, formats, out, inputs, talk, convention_of(convention, moments, units, external=external))
 
 
 @command

@@ -12,7 +12,8 @@ With `exact` this is the part `synthetic` of `check_truth.py`.
 Printed: RMS error of joint parameters before (nominal) and after, median over people, of all that a trial may move.
 Those that the result declares undetermined stay nominal, and count: how many is told, and the error without them.
 And how often 68 % and 95 % intervals cover the truth: joint parameters by joint (those with an interval), inertial
-parameters by kind, joint torques in valid frames. A person takes half a minute, with `gait-only` less.
+parameters by kind, joint torques, powers and moment vectors in valid frames. A person takes half a minute, with
+`gait-only` less.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ from truth.synthetic import (
     SyntheticPerson,
     synthetic_person,
 )
+
+from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES
+from gaitcal.dynamics.powers import POWER_JOINTS, POWERS
 
 LEVELS = dict(zip(("68 %", "95 %"), HALF_WIDTHS, strict=True))
 
@@ -86,6 +90,16 @@ def lines(people: list[SyntheticPerson]) -> Iterator[str]:
     yield f"{'all':39}{coverage(z)}"
     for name, column in zip(TORQUES, z.T, strict=True):
         yield f"{name:39}{coverage(column)}"
+    yield "joint powers of valid frames: RMS error, W, and coverage"
+    gaps, errors = (np.concatenate([p.powers[k] for p in people]) for k in range(2))
+    for joint in dict.fromkeys(name.removesuffix("_r").removesuffix("_l") for name in POWER_JOINTS):
+        own = [k for k, name in enumerate(POWERS) if name in (joint, f"{joint}_r", f"{joint}_l")]
+        yield f"{joint:31}{np.sqrt(np.mean(gaps[:, own] ** 2)):6.2f}  {coverage(gaps[:, own] / errors[:, own])}"
+    yield "moments as vectors, legs and back: RMS error, N·m, and coverage"
+    gaps, errors = (np.concatenate([p.vectors[k] for p in people]) for k in range(2))
+    for k, frame in enumerate(VECTOR_FRAMES):
+        own = list(range(k * len(COMPONENTS), (k + 1) * len(COMPONENTS)))
+        yield f"{frame.key:31}{np.sqrt(np.mean(gaps[:, own] ** 2)):6.2f}  {coverage(gaps[:, own] / errors[:, own])}"
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,13 +1,15 @@
-"""Are our angles and moments those of the laboratory's own program, and are frames valid where they should be?
+"""Are our angles, moments and powers those of the laboratory's own program, and are frames valid where they should be?
 
     python scripts/check_vendor.py [--lab kad multi children pig]
 
-Recordings of four laboratories hold Plug-in Gait's angles and moments beside the markers (`GAITCAL_DATA` names their
-folder). Every walk goes through the nominal model of its static trial. The table says of each joint, over all walks of
-a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and leg), their
-correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole body, for the
-leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out). The vendor is no truth: it
-takes a force that a plate measures only in part for the whole. But frames that are new may not be worse than others.
+Recordings of four laboratories hold Plug-in Gait's angles, moments and powers beside the markers (`GAITCAL_DATA` names
+their folder). Every walk goes through the nominal model of its static trial. The table says of each joint, over all
+walks of a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and
+leg), their correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole
+body, for the leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the
+powers in W/kg. The vendor is no truth: it takes a force that a plate measures only in part for the whole. But frames
+that are new may not be worse than others. Then the moments again, ours along the axes of our coordinates, of either
+segment and of the joint coordinate system: Plug-in Gait tells them in the distal segment unless it is told otherwise.
 Then, by the file's own foot strikes and offs: how many strides are valid throughout, by either rule, and how much of
 the stances in which a plate carries the foot.
 """
@@ -24,10 +26,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from vendor.curves import QUANTITIES, UNITS, Quantity, sign_of, unit_of
+from vendor.curves import IN_FRAMES, QUANTITIES, UNITS, Quantity, sign_of, unit_of
 from vendor.walks import LABS, Walk, walks_of
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.joint_moments import VECTOR_FRAMES, MomentFrame
 from gaitcal.model.linkage import SIDES
 
 
@@ -40,14 +43,16 @@ class Agreement:
     """The vendor's is multiplied by it."""
     correlation: float
     rms: dict[str, float]
-    """`raw` and `even` (without offset) of an angle; `whole`, `leg` and `new` of a moment: by which frames."""
+    """`raw` and `even` (without offset) of an angle; `whole`, `leg` and `new` of a moment or power: by which frames."""
     frames: dict[str, int]
     """Of each."""
 
 
-def agreement(quantity: Quantity, walks: Sequence[Walk], unit: str) -> Agreement:
-    """How near ours are to theirs over the walks of a laboratory, whose moments are in `unit`."""
-    pairs = {(w.name, side): w.pair(quantity, side) for w in walks for side in SIDES}
+def agreement(
+    quantity: Quantity, walks: Sequence[Walk], unit: str, frame: MomentFrame = MomentFrame.COORDINATES
+) -> Agreement:
+    """How near ours are to theirs over the walks of a laboratory, whose moments are in `unit`; ours in a frame."""
+    pairs = {(w.name, side): w.pair(quantity, side, frame) for w in walks for side in SIDES}
     factor = {w.name: UNITS[unit](w.mass) if quantity.is_moment else 1.0 for w in walks}
     sign = sign_of(*(np.concatenate(values) for values in zip(*pairs.values(), strict=True)))
     parts: dict[str, list[Array]] = {}
@@ -77,7 +82,7 @@ def agreement(quantity: Quantity, walks: Sequence[Walk], unit: str) -> Agreement
 
 def _frames(quantity: Quantity, walk: Walk, foot: int) -> dict[str, BoolArray]:
     reactions = walk.reactions
-    if not quantity.is_moment:
+    if not (quantity.is_moment or quantity.is_power):
         every = np.ones(len(reactions.valid), dtype=bool)
         return {"raw": every, "even": every}
     leg = reactions.valid_legs[:, foot] & reactions.loaded[:, foot]
@@ -138,20 +143,38 @@ def report(lab: str, walks: Sequence[Walk]) -> list[str]:
     signs = "external" if next(a for a in found if a.quantity is ankle).sign > 0 else "internal, extension positive"
     lines = [f"{lab}: {len(walks)} walks; moments in {unit}, {signs}"]
     lines.append(f"  {'angle':24}{'sign':>5}{'raw deg':>10}{'even deg':>10}{'r':>8}")
-    for a in (a for a in found if not a.quantity.is_moment):
+    for a in (a for a in found if not (a.quantity.is_moment or a.quantity.is_power)):
         lines.append(
             f"  {a.quantity.words:24}{a.sign:5.0f}{a.rms['raw']:10.1f}{a.rms['even']:10.1f}{a.correlation:8.3f}"
         )
     lines.append(f"  {'moment, N·m/kg':24}{'sign':>5}{'whole':>10}{'leg':>10}{'new':>10}{'r':>8}   frames")
-    for a in (a for a in found if a.quantity.is_moment):
-        values = "".join(f"{a.rms[name]:10.3f}" for name in ("whole", "leg", "new"))
-        frames = ", ".join(str(a.frames[name]) for name in ("whole", "leg", "new"))
-        lines.append(f"  {a.quantity.words:24}{a.sign:5.0f}{values}{a.correlation:8.3f}   {frames}")
+    for kind in ("moment", "power"):
+        if kind == "power":
+            lines.append(f"  {'power, W/kg':24}{'sign':>5}{'whole':>10}{'leg':>10}{'new':>10}{'r':>8}   frames")
+        for a in (a for a in found if a.quantity.words.endswith(kind)):
+            values = "".join(f"{a.rms[name]:10.3f}" for name in ("whole", "leg", "new"))
+            frames = ", ".join(str(a.frames[name]) for name in ("whole", "leg", "new"))
+            lines.append(f"  {a.quantity.words:24}{a.sign:5.0f}{values}{a.correlation:8.3f}   {frames}")
+    lines += in_frames(walks, unit)
     c = counted(walks)
     by = "valid {} by the whole body's rule, {} by the leg's"
     strides, stances = by.format(c.whole, c.leg), by.format(c.stance_whole, c.stance_leg)
     lines.append(f"  strides by events: {c.strides}, {c.stepped} with a stance on a plate; throughout {strides}")
     lines.append(f"  frames of stances on a plate: {c.stance}; {stances}")
+    return lines
+
+
+def in_frames(walks: Sequence[Walk], unit: str) -> list[str]:
+    """Moments of the leg's valid frames, ours along the axes of every frame: RMS difference (N·m/kg), correlation."""
+    frames = (MomentFrame.COORDINATES, *VECTOR_FRAMES)
+    lines = [f"  {'frame: RMS N·m/kg, r':24}" + "".join(f"{frame.key:>18}" for frame in frames)]
+    for quantity in IN_FRAMES:
+        cells = []
+        for frame in frames:
+            told = frame is not MomentFrame.COORDINATES or quantity in QUANTITIES
+            a = agreement(quantity, walks, unit, frame) if told else None
+            cells.append(f"{'':18}" if a is None else f"{a.rms['leg']:10.3f}{a.correlation:8.3f}")
+        lines.append(f"  {quantity.words.removesuffix(' moment'):24}{''.join(cells)}")
     return lines
 
 

@@ -69,3 +69,10 @@ def test_the_leg_of_a_real_walk_keeps_its_stride_and_agrees_with_the_vendor(
     for row in re.findall(r"moment +-?1 +(\S+) +(\S+) +(\S+) +(\S+)", said):
         of_leg, new, correlation = map(float, row[1:])
         assert new < WORSE * of_leg and correlation > 0.9
+    powers = re.findall(r"(hip|knee|ankle) power +(\S+) +\S+ +(\S+) +\S+ +(\S+) +28, 77", said)
+    assert [joint for joint, *_ in powers] == ["hip", "knee", "ankle"]
+    for _, sign, of_leg, correlation in powers:
+        assert float(sign) == 1.0 and float(of_leg) < 0.2 and float(correlation) > 0.9, "W/kg"
+    for name in ("hip_rotation", "knee_rotation"):  # the vendor tells its moments in the distal segment
+        proximal, r, distal, r_distal = map(float, re.findall(name + 4 * r" +([\d.]+)", said)[0])
+        assert distal < 0.03 < 0.06 < proximal and r < 0.6 < 0.9 < r_distal

@@ -9,7 +9,9 @@ markers does to its nodes while joints are known, and S = -d N/d p. The generali
 Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
 (d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/plate_errors.py` and
 `dynamics/axis_errors.py`. The coordinates of the motion
-move by B d N_c, and their squares sum to the variance that skin movement leaves in them.
+move by B d N_c, and their squares sum to the variance that skin movement leaves in them. Powers and moment vectors
+are linear in the generalised forces (`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and
+joint parameters moves them together.
 """
 
 from __future__ import annotations
@@ -24,12 +26,14 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
+from gaitcal.dynamics.joint_kinetics import kinetic_errors, kinetic_slopes
+from gaitcal.dynamics.joint_moments import HELD
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
@@ -46,7 +50,8 @@ def torque_standard_errors(
     plates: PlateErrors | None = None,
     axes: AxisErrors | None = None,
 ) -> TorqueErrors:
-    """Standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial, by source.
+    """Standard errors of the 27 generalised forces and the two knee reactions of one whole-body trial, by source; and
+    of the powers and moment vectors that follow.
 
     Parameters
     ----------
@@ -62,40 +67,73 @@ def torque_standard_errors(
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
     free = joint.free if joint else ()
     moves = moves or marker_moves(problem, nodes, parameters, joint)
-    dynamics, rates = Dynamics(parameters), wrench_rates(basis.time, wrenches)
-    by_source = {source: np.zeros((len(q), len(COORDINATES) + len(REACTIONS))) for source in moves.present}
-    if inertial is not None:
-        by_source[Source.INERTIA] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
-    if plates is not None and plates.any:
-        by_source[Source.PLATES] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
-    if axes is not None and axes.columns:
-        by_source[Source.FRAMES] = np.zeros((len(q), len(COORDINATES) + len(REACTIONS)))
+    dynamics, rates = Dynamics(parameters, HELD), wrench_rates(basis.time, wrenches)
+    variance: dict[Source, list[Array]] = {}
     for start in range(0, len(q), BLOCK):
         part = slice(start, min(start + BLOCK, len(q)))
-        slopes = force_derivatives(parameters, free, q[part], v[part], a[part], wrenches[part])
-        by_state = (slopes.by_position, slopes.by_velocity, slopes.by_acceleration)
-        own, by_unknown = moves.through(basis, part, by_state)
-        by_unknown[:, :, : len(slopes.free)] += slopes.by_parameter
-        for source, variance in moves.variances(own, by_unknown).items():
-            by_source[source][part] = variance
+        state = q[part], v[part], a[part]
+        slopes = force_derivatives(parameters, free, *state, wrenches[part], HELD)
+        told = kinetic_slopes(parameters, q[part], v[part], dynamics.forces(*state, wrenches[part]), free)
+        through = told.by_force
+        own, by_unknown = moves.through(
+            basis,
+            part,
+            (
+                through @ slopes.by_position + told.by_position,
+                through @ slopes.by_velocity + told.by_velocity,
+                through @ slopes.by_acceleration,
+            ),
+        )
+        by_unknown[:, :, : len(slopes.free)] += through @ slopes.by_parameter + told.by_parameter
+        found = moves.variances(own, by_unknown)
         if inertial is not None:
-            by_source[Source.INERTIA][part] = _inertial_variance(parameters, inertial, q[part], v[part], a[part])
-        if Source.PLATES in by_source and plates is not None:
+            found[Source.INERTIA] = _squares(through @ _inertial_moves(dynamics, parameters, inertial, *state))
+        if plates is not None and plates.any:
             wrong = dynamics.of_ground(q[part], wrench_errors(wrenches[part], rates[part], plates))
-            by_source[Source.PLATES][part] = (wrong**2).sum(axis=2)
-        if Source.FRAMES in by_source and axes is not None:
-            turned = axes.torque_moves(q[part], v[part], a[part], wrenches[part])
-            by_source[Source.FRAMES][part] = (turned**2).sum(axis=2)
-    return TorqueErrors.of(by_source)
+            found[Source.PLATES] = _squares(through @ wrong)
+        if axes is not None and axes.columns:
+            moving = _rate_moves(problem, axes, q, part)
+            turns = _segment_turns(axes, q[part])
+            turned = told.moved(axes.torque_moves(*state, wrenches[part]), moving, turns)
+            found[Source.FRAMES] = _squares(turned)
+        for source, values in found.items():
+            variance.setdefault(source, []).append(values)
+    by_source = {source: np.concatenate(parts) for source, parts in variance.items()}
+    kinetics = kinetic_errors(np.sum(list(by_source.values()), axis=0), by_source.get(Source.MOTION))
+    torques = {source: values[:, : len(FORCES)] for source, values in by_source.items()}
+    return TorqueErrors.of(torques, kinetics)
 
 
-def _inertial_variance(parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
-    """(nf, 29) variance from the inertial parameters."""
+def _squares(moves: Array) -> Array:
+    """(nf, m) variance from what independent sources (nf, m, k) make."""
+    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
+    return out
+
+
+def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
+    """(nf, 35, n) what the columns of the spread (84, n) of the inertial parameters make of the generalised forces."""
     slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
     by_source = slopes @ spread.reshape(len(slopes), 7, sources)  # (12, 10, n) change of the dynamic parameters
-    regressor = Dynamics(parameters).regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
-    out: Array = ((regressor @ by_source.reshape(-1, sources)) ** 2).sum(axis=2)
+    regressor = dynamics.regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
+    out: Array = regressor @ by_source.reshape(-1, sources)
     return out
+
+
+def _rate_moves(problem: TrialProblem, axes: AxisErrors, q: Array, part: slice) -> Array:
+    """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker moves with."""
+    wide = slice(max(part.start - 1, 0), part.stop + 1)
+    moves = axes.rate_moves(q[wide], problem.basis.time[wide])[part.start - wide.start :][: part.stop - part.start]
+    out: Array = np.where(problem.active[:, None], moves, 0.0)
+    return out
+
+
+def _segment_turns(axes: AxisErrors, q: Array) -> dict[str, Array]:
+    """Segment -> (frames, k, 3) how far each column turns it."""
+    turns = {}
+    for segment, place, by in axes.segment_turns(q):
+        turns[segment] = np.zeros((len(q), len(axes.columns), 3))
+        turns[segment][:, place] = by
+    return turns
 
 
 def inertial_square_root(fit: InertialFit) -> Array:
@@ -106,7 +144,7 @@ def inertial_square_root(fit: InertialFit) -> Array:
     return out
 
 
-BLOCK = 500
+BLOCK = 125
 """Frames at a time, whose changes by the marker coordinates of all trials are held at once."""
 
 
@@ -141,10 +179,10 @@ class MarkerMoves:
         columns = np.hstack([self.nodes, -self.sensitivity])
         nq = slopes[0].shape[2]
         by_node = columns[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
-        frames, out = part.stop - part.start, np.zeros((*slopes[0].shape[:2], columns.shape[1]))
-        for k, slope in enumerate(slopes):
-            # only the nodes whose splines reach these frames
-            out += slope @ (basis_matrix(basis, k)[part, near] @ by_node).reshape(frames, nq, -1)
+        frames = part.stop - part.start
+        # only the nodes whose splines reach these frames; one product, as sums of large arrays take longer
+        moved = [(basis_matrix(basis, k)[part, near] @ by_node).reshape(frames, nq, -1) for k in range(len(slopes))]
+        out = np.concatenate(slopes, axis=2) @ np.concatenate(moved, axis=1)
         count = self.nodes.shape[1]
         return out[:, :, :count], out[:, :, count:]
 
@@ -157,7 +195,7 @@ class MarkerMoves:
             change = by_unknown @ self.shift[:, columns]
             mine = columns[columns < count]
             change[:, :, : len(mine)] += own[:, :, mine]
-            out[source] = (change**2).sum(axis=2)
+            out[source] = _squares(change)
         return out
 
 

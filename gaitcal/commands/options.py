@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, with their help."""
+"""Arguments and options that several commands share, or that are long, with their help."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +16,31 @@ Height = Annotated[float | None, typer.Option(help="Body height in m, the same."
 Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
 Normal = Annotated[Path | None, typer.Option(help="CSV of normal bands, drawn behind the report's angles and moments.")]
+
+HoldOut = Annotated[
+    bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
+]
+Plates = Annotated[str | None, typer.Option(help="Feet on the plates of a single TRIAL, 1=r,2=l or none; else found.")]
+FilterHz = Annotated[
+    str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
+]
+
+Formats = Annotated[
+    str,
+    typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
+]
+ExportFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given.")]
+Inputs = Annotated[
+    Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
+]
+Signs = Annotated[
+    str | None, typer.Option("--convention", help="For cycles: signs, opensim (unless given) or clinical.")
+]
+Moments = Annotated[
+    str | None, typer.Option(help="For cycles: along which axes, coordinates (unless given), proximal, distal or jcs.")
+]
+External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
+Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]

@@ -133,6 +133,18 @@ class AxisErrors:
                     out[:, COORDINATES.index(name), place] += by
         return out
 
+    def segment_turns(self, q: Array) -> Iterator[tuple[str, slice, Array]]:
+        """Segment, its three columns, and (nf, 3, 3) rad, laboratory: its turn about each of its axes, one a row."""
+        _, segments, _ = self._placed(q)
+        for k, segment in enumerate(self.segments):
+            place = slice(3 * k, 3 * k + 3)
+            yield segment, place, self._turns(segments, place)
+
+    def rate_moves(self, q: Array, time: Array) -> Array:
+        """(nf, 27, k) m/s, rad/s: what they make of the rates of a motion (nf, 27) at the times (nf,) s."""
+        moves = self.coordinate_moves(q)
+        return np.zeros_like(moves) if len(time) < 2 else np.gradient(moves, time, axis=0)
+
     def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 29, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
         axes, segments, columns = self._placed(q)

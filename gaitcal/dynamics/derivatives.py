@@ -29,7 +29,9 @@ from gaitcal.model.parameters import Parameters
 
 @dataclass(frozen=True, kw_only=True)
 class ForceDerivatives:
-    """Of the 29 generalised forces, in the order of `FORCES`. N·m or N per m, rad, and their rates."""
+    """Of the 29 generalised forces, in the order of `FORCES`, then of joint parameters that are held. N·m or N per m,
+    rad, and their rates.
+    """
 
     by_position: Array
     """(nf, 29, 27)."""
@@ -62,38 +64,56 @@ class RootResidual:
 
 
 def force_derivatives(
-    parameters: Parameters, free: tuple[str, ...], q: Array, v: Array, a: Array, wrenches: Array
+    parameters: Parameters,
+    free: tuple[str, ...],
+    q: Array,
+    v: Array,
+    a: Array,
+    wrenches: Array,
+    held: tuple[str, ...] = (),
 ) -> ForceDerivatives:
-    """Derivatives of `Dynamics.forces` at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6)."""
-    linkage = build_linkage(parameters, free, reactions=True)
-    chain = Chain(free=free, reactions=True)
-    free = chain.free
-    rows = np.array([linkage.index(name) for name in FORCES])
+    """Derivatives of `Dynamics.forces` at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
+
+    `held`: joint parameters whose own generalised forces follow the 29 (`Dynamics`).
+    """
+    opened = (*free, *(name for name in held if name not in free))
+    linkage = build_linkage(parameters, opened, reactions=True)
+    chain = Chain(free=opened, reactions=True)
+    free = tuple(name for name in chain.free if name in free)
+    names = (*FORCES, *held)
+    rows = np.array([linkage.index(name) for name in names])
     moving = rows[: len(COORDINATES)]
     fixed = np.array([linkage.index(name) for name in free], dtype=np.intp)
+    constant = [linkage.index(name) for name in chain.free]
     nv, nf = linkage.model.nv, len(q)
     state = np.zeros((3, nf, nv))
     for k, values in enumerate((q, v, a)):
         state[k][:, moving] = values
-    state[0][:, fixed] = parameters.joint[[JP_INDEX[name] for name in free]]
+    state[0][:, constant] = parameters.joint[[JP_INDEX[name] for name in chain.free]]
     model, data = linkage.model, linkage.model.createData()
-    by_q, by_v, by_a = np.empty((nf, 29, 27)), np.empty((nf, 29, 27)), np.empty((nf, 29, 27))
-    by_p = np.empty((nf, 29, len(free)))
+    by_q, by_v, by_a = (np.empty((nf, len(rows), len(COORDINATES))) for _ in range(3))
+    by_p = np.empty((nf, len(rows), len(free)))
     for f in range(nf):
         dq, dv, da = pin.computeRNEADerivatives(model, data, state[0, f], state[1, f], state[2, f])
         mass = np.triu(da) + np.triu(da, 1).T  # Pinocchio fills the upper half alone
         by_q[f], by_p[f] = dq[np.ix_(rows, moving)], dq[np.ix_(rows, fixed)]
         by_v[f], by_a[f] = dv[np.ix_(rows, moving)], mass[np.ix_(rows, moving)]
-    contact = _contact_derivatives(chain, linkage.coordinates, parameters, q, wrenches)
+    contact = _contact_derivatives(chain, linkage.coordinates, parameters, q, wrenches, names, free)
     by_q -= contact[:, :, :27]
     by_p -= contact[:, :, 27:]
     return ForceDerivatives(by_position=by_q, by_velocity=by_v, by_acceleration=by_a, by_parameter=by_p, free=free)
 
 
 def _contact_derivatives(
-    chain: Chain, order: tuple[str, ...], parameters: Parameters, q: Array, wrenches: Array
+    chain: Chain,
+    order: tuple[str, ...],
+    parameters: Parameters,
+    q: Array,
+    wrenches: Array,
+    forces: tuple[str, ...],
+    free: tuple[str, ...],
 ) -> Array:
-    """(nf, 29, 27 + np) derivative of sum_feet J^T w by coordinates and free joint parameters."""
+    """(nf, 29, 27 + np) derivative of sum_feet J^T w, of some forces, by coordinates and `free` joint parameters."""
     names = (*chain.coordinates, *chain.free)
     place = {name: k for k, name in enumerate(names)}
     rank = np.array([order.index(name) for name in names])  # along the linkage: who comes before whom
@@ -111,8 +131,8 @@ def _contact_derivatives(
         by_turn = np.cross(v, force[:, None]) + np.cross(w, moment[:, None])
         product = by_turn @ w.transpose(0, 2, 1) + np.cross(w, force[:, None]) @ v.transpose(0, 2, 1)
         out[np.ix_(np.arange(len(q)), moved, moved)] += product * before
-    rows = np.array([place[name] for name in FORCES])
-    by = np.array([place[name] for name in (*COORDINATES, *chain.free)])
+    rows = np.array([place[name] for name in forces])
+    by = np.array([place[name] for name in (*COORDINATES, *free)])
     chosen: Array = out[np.ix_(np.arange(len(q)), rows, by)]
     return chosen
 

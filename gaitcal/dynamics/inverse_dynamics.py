@@ -15,6 +15,7 @@ segment origin); their matrix is the regressor.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.build import LinkageModel, build_linkage
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, placed_dynamic_parameters
+from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import Parameters
@@ -35,6 +37,8 @@ FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
 FORCES: tuple[str, ...] = (*COORDINATES, *REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
+NOTHING_HELD: Mapping[str, float] = {}
+"""No joint parameter as a joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,37 +83,46 @@ class Moments:
 
 
 class Dynamics:
-    """The linkage of one set of parameters, ready for inverse dynamics of any number of frames."""
+    """The linkage of one set of parameters, ready for inverse dynamics of any number of frames.
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.linkage = build_linkage(parameters, reactions=True)
-        self._chain = Chain(reactions=True)  # the same coordinates in the same order as the linkage
+    Joint parameters that are `held`, as rigid joints that stay where they are, report their generalised forces, too:
+    after the 29, in their order.
+    """
+
+    def __init__(self, parameters: Parameters, held: tuple[str, ...] = ()) -> None:
+        self.linkage = build_linkage(parameters, held, reactions=True)
+        self._held = {name: float(parameters.joint[JP_INDEX[name]]) for name in held}
+        self._chain = Chain(free=held, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         self._data = self.linkage.model.createData()
-        self._rows = np.array([self.linkage.index(name) for name in FORCES])
+        names = (*self._chain.coordinates, *self._chain.free)
+        self._rows = np.array([self.linkage.index(name) for name in (*FORCES, *held)])
+        self._chain_rows = np.array([names.index(name) for name in (*FORCES, *held)])
+        self._moving = [names.index(name) for name in COORDINATES]
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 29) generalised forces for coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
-        state = (with_reactions(self.linkage, values) for values in (q, v, a))
+        state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
         tau = unloaded_forces(self.linkage, self._data, *state)
         return tau[:, self._rows] + self.of_ground(q, wrenches[..., None])[..., 0]
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, 29, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        q = with_reactions(self.linkage, q)
-        columns = jacobian(self._chain, self._constants, forward(self._chain, self._constants, q))
-        out = np.zeros((*q.shape, wrenches.shape[3]))
+        whole = np.zeros((len(q), len(self._chain.coordinates)))
+        whole[:, self._moving] = q
+        columns = jacobian(self._chain, self._constants, forward(self._chain, self._constants, whole))
+        out = np.zeros((len(q), len(columns), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
             moved = np.flatnonzero(self._chain.support[:, self._chain.segments.index(name)])
             out[:, moved] -= columns[moved].transpose(2, 0, 1) @ wrenches[:, foot]
-        return out[:, self._rows]
+        return out[:, self._chain_rows]
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, 29, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
-        return in_segment_frames(self.linkage, joint_regressor(self.linkage, self._rows, q, v, a))
+        return in_segment_frames(self.linkage, joint_regressor(self.linkage, self._rows, q, v, a, held=self._held))
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each massive segment.
@@ -120,10 +133,15 @@ class Dynamics:
         return in_segment_frames(self.linkage, root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape))
 
 
-def with_reactions(linkage: LinkageModel, values: Array) -> Array:
-    """(nf, 29) in the order of the linkage, with zeros for the locked reaction joints, from (nf, 27)."""
+def with_reactions(linkage: LinkageModel, values: Array, held: Mapping[str, float] = NOTHING_HELD) -> Array:
+    """(nf, 29) in the order of the linkage, with zeros for the locked reaction joints, from (nf, 27).
+
+    `held`: joint parameter -> m, rad, of those that the linkage has as joints.
+    """
     out = np.zeros((len(values), linkage.model.nv))
     out[:, [linkage.index(name) for name in COORDINATES]] = values
+    for name, value in held.items():
+        out[:, linkage.index(name)] = value
     return out
 
 
@@ -136,7 +154,9 @@ def unloaded_forces(linkage: LinkageModel, data: pin.Data, q: Array, v: Array, a
     return tau
 
 
-def joint_regressor(linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a: Array) -> Array:
+def joint_regressor(
+    linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a: Array, *, held: Mapping[str, float] = NOTHING_HELD
+) -> Array:
     """(nf, nr, 12, 10) some rows of RNEA per dynamic parameter of each massive segment, from coordinates (nf, 27).
 
     Parameters are those in the frame of the joint that carries the segment, as Pinocchio has them: a block of ten
@@ -145,7 +165,7 @@ def joint_regressor(linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a
     model, data = linkage.model, linkage.model.createData()
     columns = np.array([10 * (linkage.segment_joint[s] - 1) + k for s in MASSIVE_SEGMENTS for k in range(10)])
     chosen = np.ix_(rows, columns)
-    q, v, a = (with_reactions(linkage, values) for values in (q, v, a))
+    q, v, a = with_reactions(linkage, q, held), with_reactions(linkage, v), with_reactions(linkage, a)
     out = np.empty((len(q), len(rows), len(columns)))
     for f in range(len(q)):
         out[f] = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])[chosen]

@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.joint_kinetics import KineticErrors
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 
 
@@ -46,12 +47,14 @@ class TorqueErrors:
     by_source: Mapping[Source, Array] = field(default_factory=dict)
     """Source -> (nf, 29) variance of the 27 generalised forces and the two knee reactions, (N·m)^2, N^2; they sum to
     the squares of the standard errors. Empty where it is not known."""
+    kinetics: KineticErrors | None = None
+    """Of the powers and moment vectors that follow; None where they are not known."""
 
     @staticmethod
-    def of(by_source: Mapping[Source, Array]) -> TorqueErrors:
+    def of(by_source: Mapping[Source, Array], kinetics: KineticErrors | None = None) -> TorqueErrors:
         """From the variances (nf, 29) of at least one source."""
         errors = np.sqrt(sum(by_source.values()))
-        return TorqueErrors(errors[:, :-2], errors[:, -2:], by_source)
+        return TorqueErrors(errors[:, :-2], errors[:, -2:], by_source, kinetics)
 
     @property
     def every(self) -> Array:
@@ -64,7 +67,10 @@ class TorqueErrors:
         kept = np.concatenate([coordinates, knees])
         by_source = {source: np.where(kept, variance, np.nan) for source, variance in self.by_source.items()}
         return TorqueErrors(
-            np.where(coordinates, self.tau, np.nan), np.where(knees, self.knee_adduction, np.nan), by_source
+            np.where(coordinates, self.tau, np.nan),
+            np.where(knees, self.knee_adduction, np.nan),
+            by_source,
+            None if self.kinetics is None else self.kinetics.only(coordinates),
         )
 
     def shares(self, column: int, valid: BoolArray) -> dict[Source, float]:

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.powers import POWERS, powers
 from gaitcal.export.joint_frames import joint_frames
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
@@ -54,11 +55,7 @@ _MOMENTS = {
     "Ankle": ("ankle_angle_{}",),
     "Subtalar": ("subtalar_angle_{}",),
 }
-_POWERS = {
-    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
-    "Knee": ("knee_angle_{}",),
-    "Ankle": ("ankle_angle_{}", "subtalar_angle_{}"),
-}
+_POWERS = ("Hip", "Knee", "Ankle")
 _WORDS = {
     "PelvisAngles": "anterior tilt, this side up, this side forward",
     "HipAngles": "flexion, adduction, internal rotation",
@@ -138,12 +135,13 @@ def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> 
 
 
 def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> list[AddedPoint]:
+    tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
+    found = powers(tau, motion.velocity)
     points = []
-    for joint, names in _POWERS.items():
+    for joint in _POWERS:
         for side in SIDES:
             values = np.zeros((len(motion.q), 3))
-            for name in (n.format(side) for n in names):
-                values[:, 2] += torques[name] * motion.velocity[:, COORDINATES.index(name)] / motion.mass
+            values[:, 2] = found[:, POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
             values[~motion.valid[side]] = np.nan
             points.append(_point(side, f"{joint}Power", PointKind.POWER, values))
     return points

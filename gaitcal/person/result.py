@@ -14,6 +14,7 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
@@ -59,6 +60,8 @@ class LoadedTrial:
     """Of every model that was reached, with the motion that belongs to it; the nominal one is always there."""
     errors: TorqueErrors | None = None
     """Standard errors of `final`."""
+    kinetics: JointKinetics | None = None
+    """Powers and moment vectors with the model of `final`; `errors.kinetics` has their standard errors."""
 
     @property
     def nominal(self) -> Moments:

@@ -22,6 +22,7 @@ from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import moments_of
+from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.events import TrialEvents, trial_events
@@ -82,7 +83,7 @@ def trial_result(
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
         errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
-        loads = LoadedTrial(reactions, moments, errors)
+        loads = LoadedTrial(reactions, moments, errors, kinetics_of(final, body, reactions.wrench))
     return TrialResult(
         name=trial.name,
         role=trial.role,

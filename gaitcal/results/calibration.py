@@ -32,6 +32,7 @@ from gaitcal.person.tables import (
 )
 from gaitcal.recording import write_trc
 from gaitcal.results.json_types import Json
+from gaitcal.results.kinetics import write_kinetics
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -160,6 +161,7 @@ def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, ou
         comments=(*refused, *(line for line in MOMENT_HEADER if line.startswith("valid"))),
     )
     write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
+    write_kinetics(trial, model, out)
 
 
 def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:

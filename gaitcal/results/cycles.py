@@ -12,6 +12,7 @@ import pandas as pd
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
@@ -19,7 +20,8 @@ from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.person.kinetic_tables import told_powers
+from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.results.table_file import read_csv, refused_lines, write_csv
 
@@ -29,7 +31,9 @@ CYCLE_COLUMNS = (
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
-    "degrees; with _moment its internal moment in N m; ground_reaction_vertical: upward force on that foot, N",
+    "degrees; with _moment its internal moment in N m; with _power its power in W, of a joint (hip_power) or of one of",
+    "several coordinates of a joint (hip_flexion_power), positive: generated; ground_reaction_vertical: upward force",
+    "on that foot, N",
     "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
     "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
@@ -146,9 +150,23 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
         own = None if loads.errors is None else own_error_of(loads.errors, name)
         valid = loads.reactions.valid_for(name)
         yield _Signal(f"{_plain(name)}{Kind.MOMENT.ending}", moment_of(loads.final, name), error, own, valid)
+    yield from _powers(loads, model.frozen, side)
     leg = SIDES.index(side)
     upward = loads.reactions.wrench[:, leg, 1]
     yield _Signal(GROUND_REACTION, upward, None, None, np.asarray(loads.reactions.valid_legs[:, leg]))
+
+
+def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
+    """Of the joints of one leg and of the back, and of each coordinate of those that have several; W."""
+    if loads.kinetics is None:
+        return
+    errors = None if loads.errors is None else loads.errors.kinetics
+    for name in told_powers(frozen):
+        if leg_of(name) == side or name.startswith("lumbar"):
+            error = None if errors is None else power_of(errors, name)
+            own = None if errors is None or errors.own is None else power_of(errors.own, name)
+            valid = loads.reactions.valid_for(name)
+            yield _Signal(f"{_plain(name)}{Kind.POWER.ending}", power_of(loads.kinetics, name), error, own, valid)
 
 
 def _angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:

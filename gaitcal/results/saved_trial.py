@@ -86,11 +86,11 @@ def load_trial(folder: Path, k: int, name: str) -> SavedTrial:
         valid=valid,
         facts=facts,
         reasons=_reasons(summary, name),
-        events=_events(of_trial.get("events")),
+        events=saved_events(of_trial.get("events")),
     )
 
 
-def _events(stored: object) -> tuple[FootEvent, ...]:
+def saved_events(stored: object) -> tuple[FootEvent, ...]:
     """Foot strikes and offs of the summary."""
     entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
     known = {moment.value: moment for moment in FootMoment}

@@ -20,6 +20,7 @@ import gaitcal
 from gaitcal import COORDINATES, Calibration, Moments, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.joint_kinetics import kinetic_values
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.linkage import REACTIONS
 from gaitcal.model.nominal import published_model
@@ -70,6 +71,10 @@ class SyntheticPerson:
     """(n, 23) N·m, the same with the nominal model."""
     errors: Array
     """(n, 23) N·m, standard errors of the torques."""
+    powers: tuple[Array, Array]
+    """(n, 28) W each: errors of joint powers, valid frames, and their standard errors."""
+    vectors: tuple[Array, Array]
+    """(n, 63) N·m each: the same of the components of moment vectors."""
     fit: TimedFit
 
     @property
@@ -99,7 +104,7 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     z = (table["after"] / table["standard_error"]).where(known.loc[table.index])
     table = table.assign(z=z, joint=table.index.str.split("_").str[0])
-    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), fit)
+    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), *kinetic_errors(fit.calibration, seed), fit)
 
 
 def true_parameters(seed: int, hip_centre: HipCentre) -> pd.Series[float]:
@@ -133,6 +138,24 @@ def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Ar
 
     errors = np.hstack([loads.errors.tau, loads.errors.knee_adduction])
     return joints(every(loads.final) - true), joints(every(loads.nominal) - true), joints(errors)
+
+
+def kinetic_errors(calibration: Calibration, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Errors and standard errors of a person's gait powers (n, 28) W, and of moment vectors (n, 63) N·m."""
+    parameters, motion = true_gait(seed)
+    loads = calibration.trial("gait").loads
+    if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
+        raise RuntimeError("the gait trial has no powers with standard errors")
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    power, moment = kinetic_values(parameters, q, v, a, residual_free_wrench(parameters, motion))
+    valid, spread = loads.reactions.valid, loads.errors.kinetics
+
+    def vectors(values: Array) -> Array:
+        out: Array = values[valid].reshape(int(valid.sum()), -1)
+        return out
+
+    powers = ((loads.kinetics.power - power)[valid], spread.power[valid])
+    return powers, (vectors(loads.kinetics.moment - moment), vectors(spread.moment))
 
 
 def run(seed: int, changes: Mapping[str, object]) -> Outcome:

@@ -1,8 +1,8 @@
-"""Angles and moments that a C3D file holds beside its markers, as Plug-in Gait names them, and their unit and sign.
+"""Angles, moments and powers that a C3D file holds beside its markers, as Plug-in Gait names them; unit and sign.
 
 `RKneeAngles` and `RKneeMoment` hold three curves each: sagittal, frontal, transverse. Files call the unit of their
 moments `Nmm` and mean N·mm/kg, mostly; external moments have the other sign. Neither is believed: the unit is the one
-that comes nearest to our own moments in size, the sign that of their correlation.
+that comes nearest to our own moments in size, the sign that of their correlation. Powers (`W`) are those of W/kg.
 """
 
 from __future__ import annotations
@@ -32,17 +32,22 @@ class Quantity:
     theirs: str
     """Without its side: `HipAngles`."""
     axis: int
-    """0 sagittal, 1 frontal, 2 transverse."""
+    """0 sagittal, 1 frontal, 2 transverse; a power has one curve, the last."""
 
     @property
     def words(self) -> str:
         """As the table shows it."""
-        return f"{self.ours} {'moment' if self.is_moment else 'angle'}"
+        return f"{self.ours} {'power' if self.is_power else 'moment' if self.is_moment else 'angle'}"
 
     @property
     def is_moment(self) -> bool:
-        """Whether it is a moment, else an angle."""
+        """Whether it is a moment."""
         return self.theirs.endswith("Moment")
+
+    @property
+    def is_power(self) -> bool:
+        """Whether it is a power; neither: an angle."""
+        return self.theirs.endswith("Power")
 
 
 QUANTITIES = (
@@ -56,7 +61,18 @@ QUANTITIES = (
     Quantity("knee_angle", "KneeMoment", 0),
     Quantity("knee_adduction", "KneeMoment", 1),
     Quantity("ankle_angle", "AnkleMoment", 0),
+    Quantity("hip", "HipPower", 2),
+    Quantity("knee", "KneePower", 2),
+    Quantity("ankle", "AnklePower", 2),
 )
+IN_FRAMES = (
+    *(q for q in QUANTITIES if q.is_moment),
+    Quantity("hip_rotation", "HipMoment", 2),
+    Quantity("knee_rotation", "KneeMoment", 2),
+    Quantity("ankle_inversion", "AnkleMoment", 1),
+    Quantity("ankle_rotation", "AnkleMoment", 2),
+)
+"""Moments that are told in the frames of segments, too."""
 
 
 def vendor_curves(path: str) -> dict[str, Array]:
@@ -64,7 +80,7 @@ def vendor_curves(path: str) -> dict[str, Array]:
     file = ezc3d.c3d(path)
     group = file["parameters"]["POINT"]
     labels = [label for name in ("LABELS", "LABELS2", "LABELS3") if name in group for label in group[name]["value"]]
-    names = {side + q.theirs for side in "RL" for q in QUANTITIES}
+    names = {side + q.theirs for side in "RL" for q in (*QUANTITIES, *IN_FRAMES)}
     out = {}
     for k, label in enumerate(labels):
         plain = str(label).split(":")[-1].strip()

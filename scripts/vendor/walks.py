@@ -13,6 +13,8 @@ from gaitcal import Study
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
+from gaitcal.dynamics.joint_kinetics import JointKinetics, component_of, kinetics_of, power_of
+from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
@@ -43,15 +45,20 @@ class Walk:
     """kg."""
     motion: Motion
     moments: Moments
+    kinetics: JointKinetics
     reactions: GroundReactions
     theirs: dict[str, Array]
     """(nf, 3) each, as the file has them."""
     events: tuple[FootEvent, ...]
 
-    def pair(self, quantity: Quantity, side: str) -> tuple[Array, Array]:
-        """(nf,) ours, deg or N·m/kg, and (nf,) theirs as the file has it; NaN where the file says nothing."""
+    def pair(self, quantity: Quantity, side: str, frame: MomentFrame = MomentFrame.COORDINATES) -> tuple[Array, Array]:
+        """(nf,) ours, deg, N·m/kg or W/kg, and (nf,) theirs as the file has it; NaN where the file says nothing."""
         name = f"{quantity.ours}_{side}"
-        if quantity.is_moment:
+        if quantity.is_power:
+            ours = power_of(self.kinetics, name) / self.mass
+        elif frame is not MomentFrame.COORDINATES:
+            ours = component_of(self.kinetics, name, frame) / self.mass
+        elif quantity.is_moment:
             ours = moment_of(self.moments, name) / self.mass
         else:
             ours = np.degrees(self.motion.q[:, self.motion.coordinates.index(name)])
@@ -92,6 +99,7 @@ def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
         mass=model.subject.mass,
         motion=motion,
         moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
+        kinetics=kinetics_of(model.parameters, motion, reactions.wrench),
         reactions=reactions,
         theirs=theirs,
         events=prepared.recording.events,

@@ -19,8 +19,8 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
 from gaitcal.recording.force_plate import point_and_torque
-from gaitcal.synthetic.measurements import residual_free_wrench
-from gaitcal.synthetic.motion import GAIT_CYCLE, gait_motion
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.motion import two_strides
 
 LOADED_N = 20.0
 """Vertical force above which a foot counts as loaded: of less, rounding makes the centre of pressure."""
@@ -74,8 +74,9 @@ class Walk:
 
 def true_walk() -> Walk:
     """The walk of the built-in person, with all that it asks of the ground."""
-    model, motion = published_model(), gait_motion()
-    phase, wrench = motion.basis.time / GAIT_CYCLE, residual_free_wrench(model.parameters, motion)
+    model = published_model()
+    motion = two_strides(model.parameters)
+    wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)
     names = [*COORDINATES, *REACTIONS]
@@ -83,7 +84,7 @@ def true_walk() -> Walk:
     centre = np.stack([point_and_torque(wrench[:, foot])[0] for foot in range(2)], axis=1)
     centre[wrench[:, :, 1] <= LOADED_N] = np.nan
     return Walk(
-        phase=phase,
+        phase=np.asarray(motion.phase),
         moments={name: values / model.parameters.mass for name, values in moments.items()},
         force=wrench[:, :, :3] / model.subject.weight,
         centre=centre,

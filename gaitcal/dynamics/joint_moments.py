@@ -1,0 +1,237 @@
+"""Net moments between two segments as vectors: in the frame of either segment, and about the joint's own axes.
+
+M is the moment that the proximal segment puts on the distal one, about the joint centre, net of all structures that
+cross the joint. Three turns of the linkage pass through that centre, about axes a_k; their generalised forces are
+
+    tau_k = a_k . M,      so that      M = A^-1 tau,      A's rows being the a_k.
+
+All three are coordinates at the hip and the back; a knee adds its locked reaction and, held still, the joint parameter
+of its turn about the length; an ankle the two joint parameters of its hinge. Told are the components m_i = e_i . M:
+
+    proximal, distal     e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and Cavanagh, J Biomech
+                         28:1257-1261, 1995)
+    joint coordinate     e_1 = z of the proximal segment, e_3 = y of the distal one, e_2 = e_3 x e_1 / |e_3 x e_1|, the
+    system               floating axis (Grood and Suntay, J Biomech Eng 105:136-144, 1983)
+
+The axes e_1 and e_3 are not at right angles to each other. m_i is the orthogonal projection ("motor torque": what turns
+the joint about that axis), not the part of M along it (Desroches, Cheze and Dumas, J Biomech Eng 132:114503, 2010). How
+much the frame matters: Schache and Baker, Gait Posture 25:440-452, 2007.
+
+Derivatives. Turning the proximal segment by a small p and the distal one by d, M staying, moves m_i by p . g_i +
+d . h_i,
+
+    proximal   g_i = e_i x M;    distal   h_i = e_i x M;    joint   g_1 = e_1 x M,  h_3 = e_3 x M,
+    g_2 = e_1 x (b x e_3),  h_2 = e_3 x (e_1 x b),   b = (M - m_2 e_2) / |e_3 x e_1|.
+
+A variable x_j of the chain that turns about w_j what comes after it moves a_k, where it comes before turn k, so that
+
+    d m_i / d x_j = w_j . (g_i [j moves the proximal] + h_i [j moves the distal] - sum_k c_ik (a_k x M) [j before k])
+
+besides c_i . d tau, with c_i = A^-T e_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.inverse_dynamics import FORCES
+from gaitcal.model.chain import Chain
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_elements, root_elements
+from gaitcal.model.parameters import Parameters
+
+
+class MomentFrame(Enum):
+    """Along which axes a joint moment is told. `words`: in files and on pages."""
+
+    COORDINATES = ("coordinates", "about the axis of each coordinate of the model (generalised force)")
+    PROXIMAL = ("proximal", "in the frame of the proximal segment (x forward, y up, z right; ISB)")
+    DISTAL = ("distal", "in the frame of the distal segment (x forward, y up, z right; ISB)")
+    JCS = (
+        "jcs",
+        "orthogonal projection on the axes of the joint coordinate system (Grood and Suntay 1983): z of the "
+        "proximal segment, the floating axis, y of the distal segment",
+    )
+
+    def __init__(self, key: str, words: str) -> None:
+        self.key, self.words = key, words
+
+
+VECTOR_FRAMES = (MomentFrame.PROXIMAL, MomentFrame.DISTAL, MomentFrame.JCS)
+"""Those of a moment that is a vector: the order of every array of three frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetJoint:
+    """Two segments, and the three turns through the centre of the joint between them."""
+
+    name: str
+    """`hip_r`."""
+    proximal: str
+    distal: str
+    turns: tuple[str, str, str]
+    """Coordinates, a reaction, joint parameters, in their order along the linkage."""
+    components: tuple[str, str, str]
+    """Names of the moments about z, x and y."""
+    signs: tuple[float, float, float]
+    """About z, x and y: in the sense of the coordinates, which mean the same on both sides."""
+
+
+_LEG = (
+    # joint, segments, turns in their order (a joint parameter without its joint), names about z x y, sign about z
+    ("hip", "pelvis thigh", "hip_flexion hip_adduction hip_rotation", "flexion adduction rotation", 1.0),
+    ("knee", "thigh shank", "knee_angle knee_adduction knee.shank.trans", "angle adduction rotation", -1.0),
+    (
+        "ankle",
+        "shank foot",
+        "talocrural.shank.front talocrural.shank.trans ankle_angle",
+        "angle inversion rotation",
+        1.0,
+    ),
+)
+_BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
+
+
+def _net_joints() -> Iterator[NetJoint]:
+    for side in SIDES:
+        s = 1.0 if side == "r" else -1.0
+        for kind, segments, turns, components, sign in _LEG:
+            proximal, distal = (name if name == "pelvis" else f"{name}_{side}" for name in segments.split())
+            first, second, third = (_sided(turn, side) for turn in turns.split())
+            about_z, about_x, about_y = (f"{kind}_{component}_{side}" for component in components.split())
+            yield NetJoint(
+                name=f"{kind}_{side}",
+                proximal=proximal,
+                distal=distal,
+                turns=(first, second, third),
+                components=(about_z, about_x, about_y),
+                signs=(sign, s, s),
+            )
+    yield NetJoint(
+        name="lumbar", proximal="pelvis", distal="head_trunk", turns=_BACK, components=_BACK, signs=(1.0, 1.0, 1.0)
+    )
+
+
+def _sided(turn: str, side: str) -> str:
+    """`knee.shank.trans` -> `knee_r.shank.trans`, `knee_angle` -> `knee_angle_r`."""
+    joint, dot, rest = turn.partition(".")
+    return f"{joint}_{side}{dot}{rest}"
+
+
+NET_JOINTS = tuple(_net_joints())
+"""Legs, right and left, then the back: the order of every array of joint moments."""
+HELD: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX)
+"""Joint parameters among their turns, as `Dynamics` takes them."""
+ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
+"""The 35 generalised forces that the moments follow from."""
+COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
+"""Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`."""
+
+_ORDER = tuple(
+    e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
+)
+"""Every turn and slide of the linkage, each after what moves it."""
+
+
+@dataclass(frozen=True)
+class MomentSlopes:
+    """Moments of all joints and what they depend on; rows run over joint, frame (`VECTOR_FRAMES`), component."""
+
+    values: Array
+    """(nf, 63) N·m."""
+    by_force: Array
+    """(nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying."""
+    by_position: Array
+    """(nf, 63, 27) per coordinate, generalised forces staying."""
+    by_parameter: Array
+    """(nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain."""
+    by_turn: dict[str, Array]
+    """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints staying."""
+
+
+def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
+    """At coordinates (nf, 27), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
+    place = _Placed(parameters, q, (*free, *(name for name in HELD if name not in free)))
+    nf, width = len(q), 3 * len(VECTOR_FRAMES)
+    rows = width * len(NET_JOINTS)
+    wanted = [place.names.index(name) for name in (*COORDINATES, *(n for n in place.chain.free if n in free))]
+    values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
+    by_variable = np.empty((nf, rows, len(wanted)))
+    by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
+    for j, joint in enumerate(NET_JOINTS):
+        axes = np.stack([place.axis(name) for name in joint.turns], axis=1)  # (nf, 3, 3), an axis a row
+        columns = [ALL_FORCES.index(name) for name in joint.turns]
+        moment = np.asarray(np.linalg.solve(axes, forces[:, columns, None])[:, :, 0], dtype=np.float64)
+        e, g, h = _components(place.frames[joint.proximal], place.frames[joint.distal], moment)
+        signs = np.tile(joint.signs, len(VECTOR_FRAMES))[:, None]
+        e, g, h = (signs * x for x in (e, g, h))
+        at = slice(width * j, width * (j + 1))
+        values[:, at] = (e @ moment[:, :, None])[:, :, 0]
+        share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(0, 2, 1)  # c_i, a row each
+        by_force[:, at, columns] = share
+        by_turn[joint.proximal][:, at] += g
+        by_turn[joint.distal][:, at] += h
+        turning = place.turning[:, wanted].transpose(0, 2, 1)  # (nf, 3, variables)
+        found = (g @ turning) * place.moves(joint.proximal)[wanted] + (h @ turning) * place.moves(joint.distal)[wanted]
+        for k, name in enumerate(joint.turns):
+            lever = share[:, :, k, None] * np.cross(axes[:, k], moment)[:, None]
+            found -= (lever @ turning) * place.before(name, joint.distal)[wanted]
+        by_variable[:, at] = found
+    split = len(COORDINATES)
+    return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
+
+
+def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, Array, Array]:
+    """(nf, 9, 3) each: e_i of the three frames, g_i and h_i, from segment axes (nf, 3, 3), one a row, and M (nf, 3)."""
+    order = [2, 0, 1]
+    e, still = [proximal[:, order], distal[:, order]], np.zeros_like(proximal)
+    across = moment[:, None]
+    first, third = proximal[:, 2], distal[:, 1]
+    normal = np.cross(third, first)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    floating = normal / length
+    e.append(np.stack([first, floating, third], axis=1))
+    b = (moment - (moment * floating).sum(axis=1, keepdims=True) * floating) / length
+    nothing = np.zeros_like(moment)
+    g = [np.cross(e[0], across), still]
+    g.append(np.stack([np.cross(first, moment), np.cross(first, np.cross(b, third)), nothing], axis=1))
+    h = [still, np.cross(e[1], across)]
+    h.append(np.stack([nothing, np.cross(third, np.cross(first, b)), np.cross(third, moment)], axis=1))
+    return np.concatenate(e, axis=1), np.concatenate(g, axis=1), np.concatenate(h, axis=1)
+
+
+class _Placed:
+    """Axes of the turns and of the segments in the laboratory, and what moves what."""
+
+    def __init__(self, parameters: Parameters, q: Array, free: tuple[str, ...]) -> None:
+        self.chain = Chain(free=free, reactions=True)
+        self.names = (*self.chain.coordinates, *self.chain.free)
+        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
+        whole = np.zeros((len(q), len(self.chain.coordinates)))
+        whole[:, [self.names.index(name) for name in COORDINATES]] = q
+        poses = forward(self.chain, constants, whole)
+        self.turning: Array = jacobian(self.chain, constants, poses)[:, 3:].transpose(2, 0, 1)
+        """(nf, variables, 3) w_j; zero for those that slide."""
+        axes, _ = segment_poses(self.chain, constants, poses)
+        self.frames = dict(zip(self.chain.segments, axes.transpose(0, 3, 1, 2), strict=True))
+        self._rank = np.array([_ORDER.index(name) for name in self.names])
+
+    def axis(self, name: str) -> Array:
+        """(nf, 3)."""
+        out: Array = self.turning[:, self.names.index(name)]
+        return out
+
+    def moves(self, segment: str) -> BoolArray:
+        """(variables,) which of them move a segment."""
+        return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
+
+    def before(self, name: str, distal: str) -> BoolArray:
+        """(variables,) which of them come before a turn, on the way to a segment beyond it."""
+        earlier: BoolArray = self._rank < self._rank[self.names.index(name)]
+        return self.moves(distal) & earlier

@@ -1,0 +1,101 @@
+"""Conventions: each switch by itself, and what a positive value means."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from gaitcal.dynamics.joint_moments import COMPONENTS, MomentFrame
+from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
+from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.subject_model import Subject
+
+SUBJECT = Subject(name="made up", mass=80.0, height=1.75, sex="female")
+STANCE = np.array([-120.0])
+"""N·m: the ankle of a stance, as the model has it, a plantarflexor moment."""
+NAMES = (
+    *(n for n in COORDINATES if n.startswith(("hip", "knee", "ankle", "subtalar", "lumbar"))),
+    *REACTIONS,
+    *COMPONENTS,
+)
+
+
+def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> None:
+    plain = Convention()
+    for name in NAMES:
+        np.testing.assert_array_equal(plain.moment(name, STANCE, SUBJECT), STANCE)
+    assert plain.positive_moment("ankle_angle_l") == "internal, dorsiflexion"
+    np.testing.assert_array_equal(plain.power(STANCE, SUBJECT), STANCE)
+    np.testing.assert_array_equal(plain.angle("pelvis_tilt", STANCE, "r"), STANCE)
+
+
+def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
+    clinical = Convention(signs=Signs.CLINICAL)
+    assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
+    said = {name: clinical.positive_moment(name) for name in ("ankle_angle_r", "knee_angle_l", "hip_adduction_r")}
+    assert said == {
+        "ankle_angle_r": "internal, plantarflexion",
+        "knee_angle_l": "internal, extension",
+        "hip_adduction_r": "internal, abduction",
+    }
+    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, "extension is positive already"
+    assert clinical.positive_moment("lumbar_extension") == "internal, extension"
+
+
+@pytest.mark.parametrize("signs", list(Signs))
+def test_external_moments_are_the_opposite_ones_told_in_the_same_senses(signs: Signs) -> None:
+    internal, external = (Convention(signs=signs, acting=acting) for acting in Acting)
+    for name in NAMES:
+        np.testing.assert_array_equal(external.moment(name, STANCE, SUBJECT), -internal.moment(name, STANCE, SUBJECT))
+        sense = internal.positive_moment(name).removeprefix("internal, ")
+        assert external.positive_moment(name) == f"external, {sense}"
+
+
+def test_the_external_moments_of_the_literature_are_its_internal_ones_by_other_names() -> None:
+    """The knee adduction moment is above zero in stance: the ground pushes the knee outwards, abductors hold it."""
+    of_model = np.array([-40.0])  # internal, abducts
+    external = Convention(acting=Acting.EXTERNAL)
+    assert external.moment("knee_adduction_r", of_model, SUBJECT) == 40.0
+    assert external.positive_moment("knee_adduction_r") == "external, adduction"
+    assert Convention(signs=Signs.CLINICAL).moment("knee_adduction_r", of_model, SUBJECT) == 40.0
+
+
+def test_units_are_per_mass_or_per_weight_times_height() -> None:
+    per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
+    assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
+    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-100 * 120.0 / (80.0 * 9.81 * 1.75))
+    for convention in (per_kg, bwh):
+        assert convention.power(STANCE, SUBJECT) == pytest.approx(-1.5) and convention.keys["power_unit"] == "W/kg"
+
+
+def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
+    """As Plug-in Gait has them; joint angles and the trunk's stay."""
+    clinical, lean = Convention(signs=Signs.CLINICAL), np.array([5.0])
+    signs = {
+        (name, side): float(clinical.angle(f"pelvis_{name}", lean, side)[0] / 5.0)
+        for name, side in itertools.product(("tilt", "list", "rotation"), "rl")
+    }
+    assert signs == {
+        ("tilt", "r"): -1,
+        ("tilt", "l"): -1,
+        ("list", "r"): -1,
+        ("list", "l"): 1,
+        ("rotation", "r"): 1,
+        ("rotation", "l"): -1,
+    }
+    assert clinical.positive_angle("pelvis_list", "l") == "this side up"
+    assert Convention().positive_angle("pelvis_list", "l") == "right side down"
+    for name in ("hip_flexion", "ankle_angle", "subtalar_angle", "lumbar_bending"):
+        assert clinical.angle(name, lean, "r") == 5.0
+        assert clinical.positive_angle(name, "r") == Convention().positive_angle(name, "l")
+
+
+def test_every_variable_says_what_is_positive_and_every_convention_says_itself() -> None:
+    for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
+        convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
+        assert all(convention.positive_moment(name) for name in NAMES)
+        text = "\n".join(convention.lines)
+        assert acting.words in text and frame.words in text and unit.words in text and unit.power in text
+        assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]
