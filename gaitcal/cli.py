@@ -239,11 +239,14 @@ def view(
     talk: "Talk",
     result: Result,
     html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
+    geometry: Annotated[
+        Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
+    ] = None,
 ) -> None:
     """Browser view of a result: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run
 
-    run(result, html, talk)
+    run(result, html, geometry, talk)
 
 
 @command

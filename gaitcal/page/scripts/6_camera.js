@@ -35,9 +35,25 @@ Gaitcal.Camera = class {
     this.viewer.set_dirty();
   }
 
-  goAlong(person, on) {
+  // A joint from near by; the direction is in its segment's axes: x forward, y up, z to the right.
+  lookAt(joint, x, y, z) {
+    const THREE = MeshCat.THREE;
+    const { camera, controls } = this.viewer;
+    const room = 0.085 * this.height * Math.max(1, 1 / camera.aspect);
+    const from = new THREE.Vector3(x, y, z).normalize().applyQuaternion(joint.turn);
+    from.multiplyScalar(room / Math.tan((Math.PI / 180) * (camera.fov / 2)));
+    controls.target.copy(joint.place);
+    camera.position.copy(joint.place).add(from);
+    controls.update();
+    this.last.copy(joint.place);
+    this.viewer.set_dirty();
+  }
+
+  // On the floor with the person, in space with a joint.
+  goAlong(person, on, inSpace) {
     if (on) {
-      const step = person.clone().sub(this.last).setY(0);
+      const step = person.clone().sub(this.last);
+      if (!inSpace) step.setY(0);
       this.viewer.camera.position.add(step);
       this.viewer.controls.target.add(step);
     }

@@ -24,6 +24,7 @@ Gaitcal.Player = class {
 
     this.stage = new Gaitcal.Stage(upright);
     this.body = new Gaitcal.Body(scene, upright);
+    this.bones = new Gaitcal.Bones(scene, this.body);
     this.markers = new Gaitcal.Markers(scene, upright);
     this.forces = new Gaitcal.Forces(upright);
     this.joints = new Gaitcal.Joints(scene, this.body, upright);
@@ -31,6 +32,9 @@ Gaitcal.Player = class {
     this.legend = new Gaitcal.Legend(get("toggles"), () => this.refresh());
     this.tip = new Gaitcal.Tip(get("tip"), this.camera, () => this.targets());
     this.person = new THREE.Vector3();
+    this.near = null; // the joint that is looked at from near by
+    this.bones.write(get("knees"));
+    get("bones").textContent = this.bones.source ? `Bones: ${this.bones.source}.` : "";
     this.playing = false;
     this.seconds = 0;
     this.speed = 1;
@@ -59,8 +63,19 @@ Gaitcal.Player = class {
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = title;
-      button.addEventListener("click", () => this.camera.look(this.person, x, y, z));
+      button.addEventListener("click", () => this.look(x, y, z));
       get("views").append(button);
+    }
+    for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = title;
+      button.addEventListener("click", () => {
+        this.near = joint;
+        if (joint) this.play(false);
+        this.look(...(joint ? [1, 0.06, 0] : [0.75, 0.3, 0.85]));
+      });
+      get("near").append(button);
     }
     window.addEventListener("keydown", (event) => {
       if (event.target.closest("input, select, button, summary") && event.key !== "Escape") return;
@@ -91,6 +106,7 @@ Gaitcal.Player = class {
       lines.push(`every ${Gaitcal.ordinal(this.trial.stride)} frame is in this page; poses between are interpolated`);
     }
     get("about").textContent = lines.join("\n");
+    this.legend.reason("bones", this.bones.why);
     this.forces.open(this.trial);
     this.legend.reason("forces", this.trial.hasForces || this.trial.plates.length ? null : "no force plates in this trial");
     this.legend.reason("uncertainty", this.joints.known ? null : "not estimated");
@@ -104,7 +120,14 @@ Gaitcal.Player = class {
       (this.trial.hasForces ? " Arrows: 1 m is 1000 N. Green on the timeline: torques are valid of the right leg (above), of the left leg (below)." : "");
     this.strip();
     this.refresh();
-    this.camera.look(this.person, 0.75, 0.3, 0.85);
+    this.look(...(this.near ? [1, 0.06, 0] : [0.75, 0.3, 0.85]));
+  }
+
+  // The whole person, or the joint that is looked at, from a direction.
+  look(x, y, z) {
+    const joint = this.near && this.joints.pose(this.near);
+    if (joint) this.camera.lookAt(joint, x, y, this.near.endsWith("_l") ? -z : z);
+    else this.camera.look(this.person, x, y, z);
   }
 
   // When the ground reaction on a foot is known, above the time slider: right over left.
@@ -168,7 +191,9 @@ Gaitcal.Player = class {
     this.body.pose(trial, at);
     this.markers.pose(trial, at, this.body);
     this.forces.pose(trial, at);
-    this.body.show(legend.on("body"), trial);
+    const bones = legend.on("bones");
+    this.body.show(legend.on("body"), trial, bones);
+    this.bones.show(bones, trial);
     this.markers.measured.visible = legend.on("measured");
     this.markers.model.visible = legend.on("model");
     this.markers.bars.visible = legend.on("errors");
@@ -176,7 +201,8 @@ Gaitcal.Player = class {
     for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, legend.on(kind), trial);
     this.person.copy(this.body.groups[0].position);
     this.stage.follow(this.person);
-    this.camera.goAlong(this.person, this.get("follow").checked);
+    const joint = this.near && this.joints.pose(this.near);
+    this.camera.goAlong(joint ? joint.place : this.person, this.get("follow").checked, Boolean(joint));
     this.get("time").value = String(this.seconds);
     this.get("clock").textContent = `${(trial.start + this.seconds).toFixed(2)} s`;
     this.viewer.set_dirty();
