@@ -246,7 +246,7 @@ def view(
     """Browser view of a result: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run
 
-    run(result, html, geometry, talk)
+    run(result, html, talk, geometry)
 
 
 @command

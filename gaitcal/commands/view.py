@@ -12,7 +12,7 @@ from gaitcal.page import bones_of_folder, left_out, load_scene, serve, write_vie
 SCENE = "scene.npz"
 
 
-def run(result: Path, html: Path | None, geometry: Path | None, talk: Talk) -> None:
+def run(result: Path, html: Path | None, talk: Talk, geometry: Path | None = None) -> None:
     """Show a result in the browser, or write the page; bones of the folder `geometry`, else the installed ones."""
     bones = None if geometry is None else bones_of_folder(geometry)
     scene, _ = read_whole(result, (SCENE,), lambda: load_scene(result / SCENE))

@@ -18,7 +18,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
-from gaitcal.page.bones import EXTRA, Landmarked, fitted_bones, knee_axes
+from gaitcal.page.bones import EXTRA, KneeAxis, Landmarked, fitted_bones, knee_axes
 from gaitcal.page.bones.knee_words import evidence_words, knee_words
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
@@ -72,14 +72,21 @@ def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
         "source": bones.bones.source,
         "meshes": {name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})},
         "placed": [_fitted(scene, bone) for bone in placed],
-        "knees": [
-            {
-                "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-                "axes": knee_words(knee),
-                "stands": evidence_words(knee),
-            }
-            for knee in knee_axes(bones, scene.landmarks, scene.joints)
-        ],
+        "knees": [_knee(scene, knee) for knee in knee_axes(bones, scene.landmarks, scene.joints)],
+    }
+
+
+def _knee(scene: Scene, knee: KneeAxis) -> dict[str, Any]:
+    """What is said of a knee, and the circles of its condyles."""
+    return {
+        "joint": f"knee_{knee.side}",
+        "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
+        "axes": knee_words(knee),
+        "stands": evidence_words(knee),
+        "segment": scene.segments.index(f"thigh_{knee.side}"),
+        "centres": [_numbers(centre) for centre in knee.centres],
+        "radii": _numbers(knee.radii),
+        "across": _numbers(knee.across),
     }
 
 

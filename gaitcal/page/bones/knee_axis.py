@@ -17,6 +17,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.segment_frames import unit
 from gaitcal.page.body_meshes import Mesh
 from gaitcal.page.bones.bone_landmarks import MEDIAL
 from gaitcal.page.bones.bone_shape import is_inside
@@ -68,7 +69,9 @@ class KneeAxis:
     centres: Array
     """(2, 3) m, medial and lateral condyle, in the thigh."""
     radii: Array
-    """(2,) m"""
+    """(2,) m of their circles."""
+    across: Array
+    """(3,) unit normal of both circles, in the thigh."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ def knee_axes(bones: Landmarked, person: PersonLandmarks, joints: tuple[JointMar
                 nominal=_axis(mark.nominal_centre, mark.nominal_axis, femur, None),
                 centres=femur.centres,
                 radii=femur.radii,
+                across=unit(place[:, 2]),
             )
         )
     return tuple(out)

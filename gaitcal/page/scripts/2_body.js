@@ -2,7 +2,7 @@
 // The segments as moving groups, and the body meshes that are fixed in them.
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
-  nominal: 0x7d6608, fitted: 0x8e3ccf, bone: 0xe3d7bf, background: 0xeef2f5,
+  nominal: 0x7d6608, fitted: 0x8e3ccf, bone: 0xe3d7bf, condyles: 0x1d2733, background: 0xeef2f5,
 };
 
 // What is drawn after the body, in this order: a fresh depth buffer, the bones in it, what they veil, what is before them.
@@ -14,6 +14,7 @@ Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
 Gaitcal.Body = class {
   constructor(scene, root) {
     const THREE = MeshCat.THREE;
+    this.segments = scene.segments;
     this.groups = scene.segments.map(() => new THREE.Group());
     for (const group of this.groups) root.add(group);
     this.meshes = [];
@@ -48,9 +49,11 @@ Gaitcal.Body = class {
   }
 
   // With bones inside, the body is a thin skin.
-  show(on, trial, bones) {
+  show(on, trial, bones, near) {
     this.skin.opacity = bones ? 0.2 : 0.66;
-    for (const { mesh, segment } of this.meshes) mesh.visible = on && trial.tracked[segment];
+    for (const { mesh, segment } of this.meshes) {
+      mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
+    }
   }
 };
 

@@ -12,10 +12,8 @@ Gaitcal.Joints = class {
     this.parts = { nominal: [], fitted: [], uncertainty: [] };
     const solid = (colour, more) =>
       new THREE.MeshPhongMaterial({ color: colour, transparent: true, shininess: 20, specular: 0x222222, ...more });
-    // Behind a bone a mark is veiled, not hidden: where it enters and leaves the bone is to be seen.
-    const veil = { opacity: 0.38, depthFunc: THREE.GreaterDepth, depthWrite: false };
     const materials = {};
-    for (const kind of ["nominal", "fitted"]) materials[kind] = [solid(colours[kind], {}), solid(colours[kind], veil)];
+    for (const kind of ["nominal", "fitted"]) materials[kind] = [solid(colours[kind], {}), solid(colours[kind], Gaitcal.VEIL)];
     const cloud = new THREE.MeshBasicMaterial({
       color: colours.fitted, transparent: true, opacity: 0.28, depthWrite: false, side: THREE.DoubleSide,
     });
@@ -33,7 +31,7 @@ Gaitcal.Joints = class {
       mesh.renderOrder = order;
       mesh.frustumCulled = false;
       body.groups[mark.segment].add(mesh);
-      this.parts[kind].push({ mesh, segment: mark.segment });
+      this.parts[kind].push({ mesh, segment: mark.segment, joint: mark.joint, parent: mark.parent });
     };
     // One part of a mark, stretched by `scale` and turned from y to a direction.
     const part = (kind, mark, geometry, place, direction, scale) => {
@@ -65,8 +63,11 @@ Gaitcal.Joints = class {
 
     const fitted = new Set(scene.joints.filter((mark) => mark.fitted).map((mark) => mark.joint));
     const done = new Set();
+    const seen = new Set();
     for (const mark of scene.joints) {
       this.marks.push(mark);
+      mark.parent = !seen.has(mark.joint);
+      seen.add(mark.joint);
       centre("nominal", mark, mark.nominalCentre);
       if (mark.nominalAxis) axis("nominal", mark, mark.nominalCentre, mark.nominalAxis);
       if (!fitted.has(mark.joint)) continue;
@@ -96,8 +97,11 @@ Gaitcal.Joints = class {
     return this.parts.uncertainty.length > 0;
   }
 
-  show(kind, on, trial) {
-    for (const { mesh, segment } of this.parts[kind]) mesh.visible = on && trial.tracked[segment];
+  // `near`: the one joint that is looked at, as its upper segment has it; null: all, in both their segments.
+  show(kind, on, trial, near) {
+    for (const { mesh, segment, joint, parent } of this.parts[kind]) {
+      mesh.visible = on && trial.tracked[segment] && (near === null || (near === joint && parent));
+    }
   }
 
   // The joint's centre in the laboratory and the axes of its segment, now; null where it has no mark.

@@ -73,6 +73,7 @@ Gaitcal.Player = class {
       button.addEventListener("click", () => {
         this.near = joint;
         if (joint) this.play(false);
+        this.refresh();
         this.look(...(joint ? [1, 0.06, 0] : [0.75, 0.3, 0.85]));
       });
       get("near").append(button);
@@ -105,7 +106,7 @@ Gaitcal.Player = class {
     if (this.trial.stride > 1) {
       lines.push(`every ${Gaitcal.ordinal(this.trial.stride)} frame is in this page; poses between are interpolated`);
     }
-    get("about").textContent = lines.join("\n");
+    this.about = lines.join("\n");
     this.legend.reason("bones", this.bones.why);
     this.forces.open(this.trial);
     this.legend.reason("forces", this.trial.hasForces || this.trial.plates.length ? null : "no force plates in this trial");
@@ -192,13 +193,14 @@ Gaitcal.Player = class {
     this.markers.pose(trial, at, this.body);
     this.forces.pose(trial, at);
     const bones = legend.on("bones");
-    this.body.show(legend.on("body"), trial, bones);
-    this.bones.show(bones, trial);
+    this.get("about").textContent = (bones && this.bones.words(this.near)) || this.about;
+    this.body.show(legend.on("body"), trial, bones && this.bones.why === null, this.near);
+    this.bones.show(bones, trial, this.near);
     this.markers.measured.visible = legend.on("measured");
     this.markers.model.visible = legend.on("model");
     this.markers.bars.visible = legend.on("errors");
-    this.forces.group.visible = legend.on("forces");
-    for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, legend.on(kind), trial);
+    this.forces.group.visible = legend.on("forces") && this.near === null;
+    for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, legend.on(kind), trial, this.near);
     this.person.copy(this.body.groups[0].position);
     this.stage.follow(this.person);
     const joint = this.near && this.joints.pose(this.near);
