@@ -19,7 +19,7 @@ from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
 from gaitcal.page.bones import EXTRA, KneeAxis, Landmarked, fitted_bones, knee_axes
-from gaitcal.page.bones.knee_words import evidence_words, knee_words
+from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
 
@@ -81,6 +81,7 @@ def _knee(scene: Scene, knee: KneeAxis) -> dict[str, Any]:
     return {
         "joint": f"knee_{knee.side}",
         "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
+        "brief": knee_brief(knee),
         "axes": knee_words(knee),
         "stands": evidence_words(knee),
         "segment": scene.segments.index(f"thigh_{knee.side}"),

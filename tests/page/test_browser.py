@@ -13,13 +13,14 @@ from PIL import Image
 from gaitcal.commands import view as view_command
 from gaitcal.commands.console import Talk
 from gaitcal.page import Scene, ViewServer, save_scene, view_html, write_view
+from gaitcal.page import view as view_page
 from tests.page.browser import Page
 from tests.page.people import long_scene
 from tests.page.test_page import HOSTILE, LIMIT, hostile_scene
 
 pytestmark = pytest.mark.browser
 
-LAYERS = ("body", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
+LAYERS = ("body", "bones", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 SHOWN = 0.2
 """mm: one decimal is shown, of positions packed to some 0.05 mm."""
@@ -122,6 +123,62 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.run("document.getElementById('show-forces').disabled")
     assert "no force plates" in page.run("document.getElementById('toggles').textContent")
     assert page.console == []
+
+
+SIDES_SHOWN = """[...new Set([...gaitcal.bones.meshes, ...gaitcal.body.meshes, ...gaitcal.joints.parts.fitted]
+    .filter(({ mesh }) => mesh.visible).map(({ segment }) => /_([rl])$/.exec(gaitcal.scene.segments[segment])?.[1] ?? "")
+    )].sort().join(" ")"""
+
+
+def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    press = "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
+    whole = stage(page)
+    page.run(press.format("right knee") + f"; {DRAWN}")
+    words = page.run("document.getElementById('about').textContent")
+    assert words.startswith("Right knee\nFitted (solid): ") and "Nominal (dashed): " in words
+    assert page.run(SIDES_SHOWN) == " r", "nothing of the other leg stands before it"
+    near = stage(page)
+    assert changed(whole, near) > 5000
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    assert changed(near, stage(page)) > 5000
+    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}")
+    assert page.run(SIDES_SHOWN) == " l r"
+    assert "frames" in page.run("document.getElementById('about').textContent")
+    assert page.console == []
+
+
+def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None:
+    """The fitted rod changes the picture before the bone and, fainter, inside it."""
+    page = paused(visit(html))
+    page.run(f"gaitcal.near = 'knee_r'; gaitcal.refresh(); gaitcal.look(1, 0.06, 0); {DRAWN}")
+    for layer in ("measured", "model", "errors", "uncertainty", "nominal", "body"):
+        page.run(f"document.getElementById('show-{layer}').click()")
+    page.run(DRAWN)
+    veiled = stage(page)
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    plain = stage(page)
+    page.run(f"document.getElementById('show-fitted').click(); {DRAWN}")
+    nothing = stage(page)
+    rod = np.abs(plain - nothing).max(axis=2) > 60
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    bone = stage(page)
+    alone, shown = (np.abs(a - b).max(axis=2)[rod] for a, b in ((plain, nothing), (veiled, bone)))
+    before_bone = np.abs(bone - nothing).max(axis=2)[rod] > 24
+    assert before_bone.sum() > 50 and (~before_bone).sum() > 50
+    assert (shown[before_bone] < 0.6 * alone[before_bone]).sum() > 50, "inside the bone it is faint"
+    assert (shown > 12).mean() > 0.95, "but nowhere gone"
+
+
+def test_without_bones_the_page_says_how_to_get_them(
+    visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(view_page, "installed_bones", lambda: None)
+    write_view(scene, tmp_path / "view.html")
+    page = paused(visit(tmp_path / "view.html"))
+    assert page.run("document.getElementById('show-bones').disabled")
+    assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
+    assert page.run("document.getElementById('knees').hidden") and page.console == []
 
 
 def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:

@@ -28,6 +28,28 @@ def knee_words(knee: KneeAxis) -> list[str]:
     return [fitted, f"Nominal axis: {_of(knee.nominal)}"]
 
 
+def knee_brief(knee: KneeAxis) -> list[str]:
+    """The same in few words, to stand beside the picture of the knee."""
+    axes = {"Fitted (solid)": knee.fitted, "Nominal (dashed)": knee.nominal}
+    lines = [f"{name}: {_where(axis)}, {_brief(axis)}" for name, axis in axes.items() if axis is not None]
+    if knee.evidence in (KneeEvidence.LATERAL, KneeEvidence.NOMINAL):
+        lines.append("No marker on the medial epicondyle: how far the bone is turned is assumed")
+    return lines
+
+
+def _where(axis: AxisInKnee) -> str:
+    through = [name for name, end in (("medial", axis.medial), ("lateral", axis.lateral)) if end.inside]
+    if len(through) == 1:
+        return f"through the {through[0]} condyle only"
+    return "through both condyles" if through else "past both condyles"
+
+
+def _brief(axis: AxisInKnee) -> str:
+    far = [f"{1e3 * end.distance:.0f}{_error(end)} mm" for end in (axis.medial, axis.lateral)]
+    turned = f"{math.degrees(axis.angle):.0f}° off their line"
+    return f"{far[0]} from the medial centre, {far[1]} from the lateral one, {turned}"
+
+
 def evidence_words(knee: KneeAxis) -> str:
     """What the femur stands on, and by how much it misses its own epicondyles."""
     words = _STANDS[knee.evidence]
@@ -38,18 +60,19 @@ def evidence_words(knee: KneeAxis) -> str:
 
 def _of(axis: AxisInKnee) -> str:
     ends = {"medial": axis.medial, "lateral": axis.lateral}
-    through = [name for name, end in ends.items() if end.inside]
-    where = {0: "past both condyles", 1: f"through the {''.join(through)} condyle only", 2: "through both condyles"}
     places = "; ".join(f"{name} {_at(end)}" for name, end in ends.items())
     turned = f"turned {math.degrees(axis.angle):.0f}° against the line of their centres"
-    return f"{where[len(through)]}, {turned}. From the centre: {places}."
+    return f"{_where(axis)}, {turned}. From the centre: {places}."
 
 
 def _at(end: AxisInCondyle) -> str:
-    error = "" if math.isnan(end.standard_error) else f" ± {1e3 * end.standard_error:.0f}"
     parts = [
         f"{abs(1e3 * off):.0f} mm {forth if off > 0 else back}"
         for off, forth, back in ((end.forward, "in front", "behind"), (end.above, "above", "below"))
         if abs(off) >= 0.0005
     ]
-    return f"{1e3 * end.distance:.0f}{error} mm" + (f" ({', '.join(parts)})" if parts else "")
+    return f"{1e3 * end.distance:.0f}{_error(end)} mm" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def _error(end: AxisInCondyle) -> str:
+    return "" if math.isnan(end.standard_error) else f" ± {1e3 * end.standard_error:.0f}"

@@ -2,7 +2,7 @@
 // The segments as moving groups, and the body meshes that are fixed in them.
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
-  nominal: 0x7d6608, fitted: 0x8e3ccf, bone: 0xe3d7bf, condyles: 0x1d2733, background: 0xeef2f5,
+  nominal: 0x7d6608, fitted: 0x8a3ffc, bone: 0xe3d7bf, condyles: 0x1d2733, background: 0xeef2f5,
 };
 
 // What is drawn after the body, in this order: a fresh depth buffer, the bones in it, what they veil, what is before them.

@@ -77,7 +77,7 @@ Gaitcal.Bones = class {
   // What is said of the knee that is looked at, beside it; null where there is nothing to say.
   words(near) {
     const knee = this.knees.find((one) => one.joint === near);
-    return knee ? [knee.title, ...knee.axes, knee.stands].join("\n") : null;
+    return knee ? [knee.title, ...knee.brief].join("\n") : null;
   }
 
   // What is said of each knee, under the legend.

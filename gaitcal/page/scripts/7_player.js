@@ -190,10 +190,12 @@ Gaitcal.Player = class {
     const { trial, legend } = this;
     const at = trial.frame(this.seconds);
     this.body.pose(trial, at);
-    this.markers.pose(trial, at, this.body);
+    this.markers.pose(trial, at, this.body, this.near);
     this.forces.pose(trial, at);
     const bones = legend.on("bones");
-    this.get("about").textContent = (bones && this.bones.words(this.near)) || this.about;
+    const words = bones ? this.bones.words(this.near) : null;
+    this.get("about").textContent = words ?? this.about;
+    this.get("heading").classList.toggle("near", words !== null);
     this.body.show(legend.on("body"), trial, bones && this.bones.why === null, this.near);
     this.bones.show(bones, trial, this.near);
     this.markers.measured.visible = legend.on("measured");
