@@ -126,8 +126,8 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
 
 
 SIDES_SHOWN = """[...new Set([...gaitcal.bones.meshes, ...gaitcal.body.meshes, ...gaitcal.joints.parts.fitted]
-    .filter(({ mesh }) => mesh.visible).map(({ segment }) => /_([rl])$/.exec(gaitcal.scene.segments[segment])?.[1] ?? "")
-    )].sort().join(" ")"""
+    .filter(({ mesh }) => mesh.visible)
+    .map(({ segment }) => /_([rl])$/.exec(gaitcal.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
 
 
 def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path) -> None:
@@ -148,6 +148,13 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
     assert page.console == []
 
 
+def test_an_address_that_names_a_knee_opens_there(visit: Visit, html: Path) -> None:
+    page = visit(f"{html.as_uri()}?b#knee_l")  # another query, or it would be the same page
+    assert page.run("gaitcal.near") == "knee_l" and not page.run("gaitcal.playing")
+    page = visit(f"{html.as_uri()}?a#constructor")
+    assert page.run("gaitcal.near") is None and page.console == []
+
+
 def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None:
     """The fitted rod changes the picture before the bone and, fainter, inside it."""
     page = paused(visit(html))
@@ -166,7 +173,7 @@ def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None
     alone, shown = (np.abs(a - b).max(axis=2)[rod] for a, b in ((plain, nothing), (veiled, bone)))
     before_bone = np.abs(bone - nothing).max(axis=2)[rod] > 24
     assert before_bone.sum() > 50 and (~before_bone).sum() > 50
-    assert (shown[before_bone] < 0.6 * alone[before_bone]).sum() > 50, "inside the bone it is faint"
+    assert (shown[before_bone] < 0.6 * alone[before_bone]).sum() > 20, "inside the bone it is faint"
     assert (shown > 12).mean() > 0.95, "but nowhere gone"
 
 

@@ -32,7 +32,8 @@ Gaitcal.Player = class {
     this.legend = new Gaitcal.Legend(get("toggles"), () => this.refresh());
     this.tip = new Gaitcal.Tip(get("tip"), this.camera, () => this.targets());
     this.person = new THREE.Vector3();
-    this.near = null; // the joint that is looked at from near by
+    // The joint that is looked at from near by: view.html#knee_r opens there.
+    this.near = scene.joints.find(({ joint }) => `#${joint}` === window.location.hash)?.joint ?? null;
     this.bones.write(get("knees"));
     get("bones").textContent = this.bones.source ? `Bones: ${this.bones.source}.` : "";
     this.playing = false;
@@ -42,7 +43,8 @@ Gaitcal.Player = class {
     this.eased = false;
     this.controls();
     this.open(Math.max(0, this.trials.findIndex((trial) => trial.role === "gait")));
-    this.play(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.play(!still && this.near === null);
     this.before = null;
     requestAnimationFrame((now) => this.tick(now));
   }
