@@ -6,7 +6,8 @@ For the line through a with direction u, and the centre m of a condyle,
 
 and with covariances C_a of the centre and C_u of the direction, taken as independent, and h = u.(m - a), the standard
 error of the distance is the root of the trace of P (C_a + h^2 C_u) P / 2, P = 1 - u u^T: the mean over the two
-directions across the axis. The angle is that between u and the line through both condyles' centres.
+directions across the axis. The angle is that between u and the line through both condyles' centres; its error is the
+same root of C_u.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class AxisInKnee:
     lateral: AxisInCondyle
     angle: float
     """Rad between the axis and the line through the condyles' centres."""
+    angle_error: float
+    """Rad, standard error of the axis's direction, the mean over its two directions; NaN where none is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +124,16 @@ def _axis(start: Array, direction: Array, femur: _Femur, mark: JointMark | None)
     medial, lateral = (_at(start, direction, femur, condyle, mark) for condyle in range(2))
     line = femur.centres[1] - femur.centres[0]
     cosine = abs(float(direction @ line)) / float(np.linalg.norm(line))
-    return AxisInKnee(medial=medial, lateral=lateral, angle=float(np.arccos(min(1.0, cosine))))
+    error = float("nan")
+    if mark is not None and np.isfinite(mark.axis_spread).all():
+        error = _across(direction, mark.axis_spread @ mark.axis_spread.T)
+    return AxisInKnee(medial=medial, lateral=lateral, angle=float(np.arccos(min(1.0, cosine))), angle_error=error)
+
+
+def _across(direction: Array, covariance: Array) -> float:
+    """Standard error across a direction: of the two components there, the root of the mean variance."""
+    across = np.eye(3) - np.outer(direction, direction)
+    return float(np.sqrt(np.trace(across @ covariance @ across) / 2.0))
 
 
 def _at(start: Array, direction: Array, femur: _Femur, condyle: int, mark: JointMark | None) -> AxisInCondyle:
@@ -131,9 +143,8 @@ def _at(start: Array, direction: Array, femur: _Femur, condyle: int, mark: Joint
     offset = passing - centre
     error = float("nan")
     if mark is not None and np.isfinite(mark.centre_spread).all() and np.isfinite(mark.axis_spread).all():
-        across = np.eye(3) - np.outer(direction, direction)
         spread = mark.centre_spread @ mark.centre_spread.T + reach**2 * mark.axis_spread @ mark.axis_spread.T
-        error = float(np.sqrt(np.trace(across @ spread @ across) / 2.0))
+        error = _across(direction, spread)
     return AxisInCondyle(
         distance=float(np.linalg.norm(offset)),
         forward=float(offset[0]),

@@ -46,7 +46,7 @@ def _where(axis: AxisInKnee) -> str:
 
 def _brief(axis: AxisInKnee) -> str:
     far = [f"{1e3 * end.distance:.0f}{_error(end)} mm" for end in (axis.medial, axis.lateral)]
-    turned = f"{math.degrees(axis.angle):.0f}° off their line"
+    turned = f"{_degrees(axis)} off their line"
     return f"{far[0]} from the medial centre, {far[1]} from the lateral one, {turned}"
 
 
@@ -61,7 +61,7 @@ def evidence_words(knee: KneeAxis) -> str:
 def _of(axis: AxisInKnee) -> str:
     ends = {"medial": axis.medial, "lateral": axis.lateral}
     places = "; ".join(f"{name} {_at(end)}" for name, end in ends.items())
-    turned = f"turned {math.degrees(axis.angle):.0f}° against the line of their centres"
+    turned = f"turned {_degrees(axis)} against the line of their centres"
     return f"{_where(axis)}, {turned}. From the centre: {places}."
 
 
@@ -76,3 +76,8 @@ def _at(end: AxisInCondyle) -> str:
 
 def _error(end: AxisInCondyle) -> str:
     return "" if math.isnan(end.standard_error) else f" ± {1e3 * end.standard_error:.0f}"
+
+
+def _degrees(axis: AxisInKnee) -> str:
+    error = "" if math.isnan(axis.angle_error) else f" ± {math.degrees(axis.angle_error):.0f}"
+    return f"{math.degrees(axis.angle):.0f}{error}°"

@@ -136,6 +136,8 @@ def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> 
     assert knee.fitted is not None
     drawn = np.sqrt(np.mean(np.sum(offset**2, axis=1)) / 2)
     assert knee.fitted.medial.standard_error == pytest.approx(drawn, rel=0.02)
+    turned = np.cross(direction, marks[0].fitted_axis)
+    assert knee.fitted.angle_error == pytest.approx(np.sqrt(np.mean(np.sum(turned**2, axis=1)) / 2), rel=0.02)
 
 
 def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
