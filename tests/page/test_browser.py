@@ -238,6 +238,7 @@ def test_a_phone_shows_person_and_controls(width: int, height: int, visit: Visit
         return r.width > 20 && r.left >= 0 && r.right <= innerWidth && r.bottom <= innerHeight; })"""
     for control in ("play", "time", "clock", "trial", "speed"):
         assert page.run(f"{inside}('{control}')"), control
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")  # with bones, the skin is only a veil
     picture = stage(page)
     assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02
     if width < 760:
