@@ -238,11 +238,12 @@ def view(
     talk: "Talk",
     result: Result,
     html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
+    geometry: told.Geometry = None,
 ) -> None:
     """Browser view of a result: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run
 
-    run(result, html, talk)
+    run(result, html, talk, geometry)
 
 
 @command

@@ -42,5 +42,8 @@ Moments = Annotated[
 External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
 Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
 
+Geometry = Annotated[
+    Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]

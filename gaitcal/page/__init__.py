@@ -1,5 +1,6 @@
 """What people open: the report, and the body in motion, each one self-contained file that needs no network."""
 
+from gaitcal.page.bones import BoneMeshes, bones_of_folder, installed_bones
 from gaitcal.page.playback import left_out
 from gaitcal.page.report import report_html, write_report
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
@@ -20,6 +21,9 @@ __all__ = [
     "write_view",
     "view_html",
     "left_out",
+    "BoneMeshes",
+    "installed_bones",
+    "bones_of_folder",
     "serve",
     "ViewServer",
 ]

@@ -101,11 +101,9 @@ def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float,
 def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
     lumbar = _point(jp, "back.trunk")
-    shoulders = (_point(jp, "shoulder_r.trunk") + _point(jp, "shoulder_l.trunk")) / 2
     half = float(jp["shoulder_r.trunk.lat"] - jp["shoulder_l.trunk.lat"]) / 2
     head = _HEAD_OF_HEIGHT * height / 42.0
-    top = max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
-    neck = top - 46.2 * head
+    neck = vertex_above_lumbar(jp, height) - 46.2 * head
     thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
@@ -114,6 +112,13 @@ def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh
         _straight("neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)),
         _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
     ]
+
+
+def vertex_above_lumbar(jp: dict[str, float], height: float) -> float:
+    """Metres from the lumbar joint to the top of the head of the upright person, `height` m tall."""
+    lumbar = _point(jp, "back.trunk")
+    shoulders = (_point(jp, "shoulder_r.trunk") + _point(jp, "shoulder_l.trunk")) / 2
+    return max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
 
 
 def _lumbar_height(jp: dict[str, float], height: float) -> float:
@@ -168,15 +173,22 @@ def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> 
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
     shoulder, elbow = _point(jp, f"shoulder_{side}.upperarm"), _point(jp, f"elbow_{side}.upperarm")
     top = _point(jp, f"elbow_{side}.forearm")
-    wrist = top - [0.0, _FOREARM_OF_HEIGHT * model.subject.height, 0.0]
-    known = model.landmarks.get(f"wrist_{side}")
-    if known is not None and known[0] == fore:
-        wrist = known[1]
+    end = wrist(model, jp, side)
     hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
     return [
         _straight("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
         _limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
-        _limb("lowerarm", fore, (top, wrist), (0.0, -44.8), 0.0064 * girth),
+        _limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
         _straight("elbow", fore, top, (0.0055 * girth,) * 3),
-        _straight("hand", fore, wrist, (hand, hand, hand)),
+        _straight("hand", fore, end, (hand, hand, hand)),
     ]
+
+
+def wrist(model: SubjectModel, jp: dict[str, float], side: str) -> Array:
+    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share of body height."""
+    known = model.landmarks.get(f"wrist_{side}")
+    if known is not None and known[0] == f"forearm_hand_{side}":
+        return known[1]
+    down = np.array([0.0, _FOREARM_OF_HEIGHT * model.subject.height, 0.0])
+    out: Array = _point(jp, f"elbow_{side}.forearm") - down
+    return out

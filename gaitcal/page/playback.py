@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
+from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
+from gaitcal.page.bones import EXTRA, KneeAxis, Landmarked, fitted_bones, knee_axes
+from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
 
@@ -28,8 +31,13 @@ FAR = 20.0
 _FULL = 32767
 
 
-def scene_json(scene: Scene, shapes: BodyMeshes) -> str:
-    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`."""
+def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None) -> str:
+    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`.
+
+    Parameters
+    ----------
+    bones : shown inside the body; None where none are installed.
+    """
     thin = _thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
@@ -46,9 +54,41 @@ def scene_json(scene: Scene, shapes: BodyMeshes) -> str:
         "meshes": {name: _mesh(shapes.meshes[name]) for name in used},
         "capsules": sorted(set(used) & set(shapes.replaced)),
         "body": [_fitted(scene, fitted) for fitted in scene.body],
+        "bones": _bones(scene, bones),
         "trials": [_trial(trial, thin) for trial in scene.trials],
     }
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
+    """The bones in their segments, and where each knee axis passes them; or why there are none."""
+    if bones is None:
+        return {"why": f"not installed: pip install 'gaitcal[{EXTRA}]', then gaitcal view"}
+    if scene.landmarks is None:
+        return {"why": "not in this result: calibrate again with this version"}
+    placed = fitted_bones(bones, scene.landmarks, scene.height)
+    return {
+        "why": None,
+        "source": bones.bones.source,
+        "meshes": {name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})},
+        "placed": [_fitted(scene, bone) for bone in placed],
+        "knees": [_knee(scene, knee) for knee in knee_axes(bones, scene.landmarks, scene.joints)],
+    }
+
+
+def _knee(scene: Scene, knee: KneeAxis) -> dict[str, Any]:
+    """What is said of a knee, and the circles of its condyles."""
+    return {
+        "joint": f"knee_{knee.side}",
+        "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
+        "brief": knee_brief(knee),
+        "axes": knee_words(knee),
+        "stands": evidence_words(knee),
+        "segment": scene.segments.index(f"thigh_{knee.side}"),
+        "centres": [_numbers(centre) for centre in knee.centres],
+        "radii": _numbers(knee.radii),
+        "across": _numbers(knee.across),
+    }
 
 
 def left_out(scene: Scene) -> tuple[str, ...]:

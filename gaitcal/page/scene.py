@@ -22,6 +22,7 @@ from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_fit import FittedMesh, fitted_meshes
+from gaitcal.page.bones import PersonLandmarks, person_landmarks
 from gaitcal.page.joint_marks import JointMark, joint_marks
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.recording import Recording
@@ -91,6 +92,8 @@ class Scene:
     body: tuple[FittedMesh, ...]
     trials: tuple[TrialScene, ...]
     segments: tuple[str, ...] = SEGMENTS
+    landmarks: PersonLandmarks | None = None
+    """Where bones must lie; None in files of versions that knew no bones."""
 
     def model_markers(self, trial: TrialScene) -> Array:
         """(nf, nm, 3) m: where the fitted model has the markers."""
@@ -132,6 +135,7 @@ def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Ma
         joints=joint_marks(model.nominal, model.parameters, errors),
         body=fitted_meshes(model),
         trials=trials,
+        landmarks=person_landmarks(model),
     )
 
 

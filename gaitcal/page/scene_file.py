@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.page.body_fit import MESHES, FittedMesh
+from gaitcal.page.bones import KneeEvidence, PersonLandmarks
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
 
@@ -41,6 +42,7 @@ _TRIAL_ARRAYS = (
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip
+_LANDMARKS = "landmarks/"
 
 
 def save_scene(scene: Scene, path: Path | str) -> None:
@@ -69,6 +71,9 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         _BODY: [[fitted.mesh, fitted.segment] for fitted in scene.body],
         "trials": [[t.name, t.role, t.recorded, t.stride] for t in scene.trials],
     }
+    if scene.landmarks is not None:
+        arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
+        text["knees"] = {side: evidence.name for side, evidence in scene.landmarks.knees.items()}
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     with atomic_file(path) as target, target.open("wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
@@ -125,9 +130,21 @@ def _scene(arrays: Any) -> Scene:
         body=tuple(FittedMesh(str(m), str(s), places[k]) for k, (m, s) in enumerate(text[_BODY])),
         trials=trials,
         segments=tuple(map(str, text["segments"])),
+        landmarks=_landmarks(arrays, text),
     )
     _check(scene)
     return scene
+
+
+def _landmarks(arrays: Any, text: dict[str, Any]) -> PersonLandmarks | None:
+    """None in earlier files, which hold no landmarks."""
+    if "knees" not in text:
+        return None
+    names = [name for name in arrays.files if name.startswith(_LANDMARKS)]
+    return PersonLandmarks(
+        {name.removeprefix(_LANDMARKS): arrays[name] for name in names},
+        {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
+    )
 
 
 def _valid_legs(arrays: Any, trial: int) -> NDArray[np.bool_]:
@@ -146,6 +163,7 @@ def _check(scene: Scene) -> None:
         and scene.marker_places.shape == (markers, 3)
         and len(scene.marker_segments) == markers
         and all(fitted.mesh in MESHES and fitted.place.shape == (3, 4) for fitted in scene.body)
+        and (scene.landmarks is None or scene.landmarks.complete)
     )
     for t in scene.trials:
         n = len(t.time)

@@ -17,6 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from gaitcal.errors import InputError
+from gaitcal.page.bones import BoneMeshes
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import view_html
 
@@ -86,7 +87,12 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def serve(
-    scene: Scene, port: int = 0, open_browser: bool = True, *, ready: Callable[[str], None] | None = None
+    scene: Scene,
+    port: int = 0,
+    open_browser: bool = True,
+    *,
+    ready: Callable[[str], None] | None = None,
+    bones: BoneMeshes | None = None,
 ) -> None:
     """Show a scene in the browser until Ctrl-C.
 
@@ -94,6 +100,7 @@ def serve(
     ----------
     port : on 127.0.0.1; 0: any free one.
     ready : called with the address once it answers.
+    bones : None: those that are installed.
 
     Raises
     ------
@@ -101,7 +108,7 @@ def serve(
         The port cannot be listened on.
     """
     try:
-        with ViewServer(view_html(scene), port) as server:
+        with ViewServer(view_html(scene, bones), port) as server:
             if ready is not None:
                 ready(server.url)
             if open_browser and _has_display():

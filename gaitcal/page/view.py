@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
+from gaitcal.page.bones import BoneMeshes, installed_bones, landmarked
 from gaitcal.page.playback import scene_json
 from gaitcal.page.scene import Scene, scene_of
 
@@ -26,12 +27,17 @@ if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
 
 SCRIPTS = (
-    "1_unpack.js", "2_body.js", "3_markers.js", "4_joints.js", "5_layers.js", "6_camera.js", "7_player.js",
+    "1_unpack.js", "2_body.js", "2_bones.js", "3_markers.js", "4_joints.js", "5_layers.js", "6_camera.js",
+    "7_player.js",
 )  # fmt: skip
 
 
-def write_view(source: Calibration | Scene, path: Path | str) -> None:
+def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:
     """Write a scene, or the scene of a calibration, as one self-contained page.
+
+    Parameters
+    ----------
+    bones : None: those of the installed `myo-sim`, and no bones where it is not installed.
 
     Raises
     ------
@@ -41,11 +47,12 @@ def write_view(source: Calibration | Scene, path: Path | str) -> None:
         MeshCat is not installed.
     """
     scene = source if isinstance(source, Scene) else scene_of(source)
-    atomic_text(path, view_html(scene))
+    atomic_text(path, view_html(scene, bones))
 
 
-def view_html(scene: Scene) -> str:
-    """The page of a scene."""
+def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
+    """The page of a scene; `bones` as in `write_view`."""
+    bones = bones or installed_bones()
     folder = files("gaitcal.page") / "scripts"
 
     def part(name: str) -> str:
@@ -57,8 +64,8 @@ def view_html(scene: Scene) -> str:
     content = {
         "POLICY": policy(meshcat, page),
         "STYLE": part("page.css"),
-        "SCENE": scene_json(scene, body_meshes()),
-        "LICENCES": licences.replace("<", "‹"),
+        "SCENE": scene_json(scene, body_meshes(), None if bones is None else landmarked(bones)),
+        "LICENCES": _with_bones(licences, bones).replace("<", "‹"),
         "MESHCAT": meshcat,
         "PAGE": page,
     }
@@ -99,6 +106,10 @@ def _meshcat() -> tuple[str, str]:
     except OSError as error:
         raise GaitcalError(f"{viewer}: cannot be read ({error.strerror}); install meshcat again") from error
     return script, "\n\n".join([*licences, *_mesh_licence()])
+
+
+def _with_bones(licences: str, bones: BoneMeshes | None) -> str:
+    return f"{licences}\n\nBones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else licences
 
 
 def _mesh_licence() -> list[str]:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page import Scene, write_view
+from gaitcal.page import Scene, bones_of_folder, write_view
+from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page, browser, chromium
 from tests.page.people import walking_scene
 
@@ -20,9 +21,9 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="session")
 def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("view") / "view.html"
-    write_view(scene, path)
-    return path
+    folder = tmp_path_factory.mktemp("view")
+    write_view(scene, folder / "view.html", bones_of_folder(folder_of_bones(folder / "Geometry")))
+    return folder / "view.html"
 
 
 @pytest.fixture(scope="session")

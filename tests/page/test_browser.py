@@ -13,13 +13,14 @@ from PIL import Image
 from gaitcal.commands import view as view_command
 from gaitcal.commands.console import Talk
 from gaitcal.page import Scene, ViewServer, save_scene, view_html, write_view
+from gaitcal.page import view as view_page
 from tests.page.browser import Page
 from tests.page.people import long_scene
 from tests.page.test_page import HOSTILE, LIMIT, hostile_scene
 
 pytestmark = pytest.mark.browser
 
-LAYERS = ("body", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
+LAYERS = ("body", "bones", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 SHOWN = 0.2
 """mm: one decimal is shown, of positions packed to some 0.05 mm."""
@@ -66,7 +67,9 @@ def test_it_opens_offline_without_a_word_and_without_a_request(visit: Visit, htm
 
 
 def test_the_person_is_in_the_picture(visit: Visit, html: Path) -> None:
-    picture = stage(paused(visit(html)))
+    page = paused(visit(html))
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")  # with bones, the skin is only a veil
+    picture = stage(page)
     skin = (picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)
     rows, columns = np.nonzero(skin)
     height, width = skin.shape
@@ -124,6 +127,69 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
+SIDES_SHOWN = """[...new Set([...gaitcal.bones.meshes, ...gaitcal.body.meshes, ...gaitcal.joints.parts.fitted]
+    .filter(({ mesh }) => mesh.visible)
+    .map(({ segment }) => /_([rl])$/.exec(gaitcal.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
+
+
+def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    press = "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
+    whole = stage(page)
+    page.run(press.format("right knee") + f"; {DRAWN}")
+    words = page.run("document.getElementById('about').textContent")
+    assert words.startswith("Right knee\nFitted (solid): ") and "Nominal (dashed): " in words
+    assert page.run(SIDES_SHOWN) == " r", "nothing of the other leg stands before it"
+    near = stage(page)
+    assert changed(whole, near) > 5000
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    assert changed(near, stage(page)) > 5000
+    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}")
+    assert page.run(SIDES_SHOWN) == " l r"
+    assert "frames" in page.run("document.getElementById('about').textContent")
+    assert page.console == []
+
+
+def test_an_address_that_names_a_knee_opens_there(visit: Visit, html: Path) -> None:
+    page = visit(f"{html.as_uri()}?b#knee_l")  # another query, or it would be the same page
+    assert page.run("gaitcal.near") == "knee_l" and not page.run("gaitcal.playing")
+    page = visit(f"{html.as_uri()}?a#constructor")
+    assert page.run("gaitcal.near") is None and page.console == []
+
+
+def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None:
+    """The fitted rod changes the picture before the bone and, fainter, inside it."""
+    page = paused(visit(html))
+    page.run(f"gaitcal.near = 'knee_r'; gaitcal.refresh(); gaitcal.look(1, 0.06, 0); {DRAWN}")
+    for layer in ("measured", "model", "errors", "uncertainty", "nominal", "body"):
+        page.run(f"document.getElementById('show-{layer}').click()")
+    page.run(DRAWN)
+    veiled = stage(page)
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    plain = stage(page)
+    page.run(f"document.getElementById('show-fitted').click(); {DRAWN}")
+    nothing = stage(page)
+    rod = np.abs(plain - nothing).max(axis=2) > 60
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
+    bone = stage(page)
+    alone, shown = (np.abs(a - b).max(axis=2)[rod] for a, b in ((plain, nothing), (veiled, bone)))
+    before_bone = np.abs(bone - nothing).max(axis=2)[rod] > 24
+    assert before_bone.sum() > 50 and (~before_bone).sum() > 50
+    assert (shown[before_bone] < 0.6 * alone[before_bone]).sum() > 20, "inside the bone it is faint"
+    assert (shown > 12).mean() > 0.95, "but nowhere gone"
+
+
+def test_without_bones_the_page_says_how_to_get_them(
+    visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(view_page, "installed_bones", lambda: None)
+    write_view(scene, tmp_path / "view.html")
+    page = paused(visit(tmp_path / "view.html"))
+    assert page.run("document.getElementById('show-bones').disabled")
+    assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
+    assert page.run("document.getElementById('knees').hidden") and page.console == []
+
+
 def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:
     trial = scene.trials[0]
     page = paused(visit(html), float(trial.time[120] - trial.time[0]))
@@ -172,6 +238,7 @@ def test_a_phone_shows_person_and_controls(width: int, height: int, visit: Visit
         return r.width > 20 && r.left >= 0 && r.right <= innerWidth && r.bottom <= innerHeight; })"""
     for control in ("play", "time", "clock", "trial", "speed"):
         assert page.run(f"{inside}('{control}')"), control
+    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")  # with bones, the skin is only a veil
     picture = stage(page)
     assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02
     if width < 760:

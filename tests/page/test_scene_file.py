@@ -18,6 +18,8 @@ def same(a: object, b: object) -> bool:
         return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict):
+        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if hasattr(a, "__dataclass_fields__"):
         return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))  # type: ignore[arg-type]
     return a == b
@@ -27,6 +29,20 @@ def test_a_scene_comes_back_as_it_was(scene: Scene, tmp_path: Path) -> None:
     save_scene(scene, tmp_path / "scene.npz")
     assert same(load_scene(tmp_path / "scene.npz"), scene)
     assert [p.name for p in tmp_path.iterdir()] == ["scene.npz"]
+
+
+def test_a_scene_of_before_bones_comes_back_without_landmarks(scene: Scene, tmp_path: Path) -> None:
+    save_scene(replace(scene, landmarks=None), tmp_path / "scene.npz")
+    assert load_scene(tmp_path / "scene.npz").landmarks is None
+
+
+def test_a_landmark_that_is_missing_is_damage(scene: Scene, tmp_path: Path) -> None:
+    assert scene.landmarks is not None
+    points = {name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"}
+    for spoilt in (points, {**points, "thigh_r/hip": np.full(3, np.nan)}):
+        save_scene(replace(scene, landmarks=replace(scene.landmarks, points=spoilt)), tmp_path / "scene.npz")
+        with pytest.raises(InputError, match="damaged"):
+            load_scene(tmp_path / "scene.npz")
 
 
 def test_any_name_comes_back(tmp_path: Path) -> None:

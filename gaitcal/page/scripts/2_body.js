@@ -2,8 +2,11 @@
 // The segments as moving groups, and the body meshes that are fixed in them.
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
-  nominal: 0x6e7680, fitted: 0xaa2f7b, background: 0xeef2f5,
+  nominal: 0x7d6608, fitted: 0x8a3ffc, bone: 0xe3d7bf, condyles: 0x1d2733, background: 0xeef2f5,
 };
+
+// What is drawn after the body, in this order: a fresh depth buffer, the bones in it, what they veil, what is before them.
+Gaitcal.ORDER = { fresh: 3, bones: 3.2, veiled: 3.4, marks: 4, clouds: 5 };
 
 // As a style sheet writes it: "#0072b2".
 Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
@@ -11,6 +14,7 @@ Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
 Gaitcal.Body = class {
   constructor(scene, root) {
     const THREE = MeshCat.THREE;
+    this.segments = scene.segments;
     this.groups = scene.segments.map(() => new THREE.Group());
     for (const group of this.groups) root.add(group);
     this.meshes = [];
@@ -19,6 +23,7 @@ Gaitcal.Body = class {
     const skin = new THREE.MeshPhongMaterial({
       color: Gaitcal.COLOURS.body, transparent: true, opacity: 0.66, shininess: 12, specular: 0x222222,
     });
+    this.skin = skin;
     const shapes = {};
     for (const [name, packed] of Object.entries(scene.meshes)) shapes[name] = Gaitcal.shape(packed);
     for (const fitted of scene.body) {
@@ -43,8 +48,12 @@ Gaitcal.Body = class {
     });
   }
 
-  show(on, trial) {
-    for (const { mesh, segment } of this.meshes) mesh.visible = on && trial.tracked[segment];
+  // With bones inside, the body is a thin skin.
+  show(on, trial, bones, near) {
+    this.skin.opacity = bones ? 0.2 : 0.66;
+    for (const { mesh, segment } of this.meshes) {
+      mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
+    }
   }
 };
 

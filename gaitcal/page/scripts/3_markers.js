@@ -6,6 +6,7 @@ Gaitcal.Markers = class {
     const colours = Gaitcal.COLOURS;
     this.labels = scene.markers.labels;
     this.segments = scene.markers.segments;
+    this.sides = this.segments.map((segment) => scene.segments[segment]);
     const places = Gaitcal.floats(scene.markers.places);
     const count = this.labels.length;
     this.local = this.labels.map((_, i) => new THREE.Vector3().fromArray(places, 3 * i));
@@ -30,26 +31,30 @@ Gaitcal.Markers = class {
     this.bars.renderOrder = 4;
   }
 
-  pose(trial, at, body) {
+  // `near`: the joint that is looked at from near by, where markers are small and those of the other side are hidden.
+  pose(trial, at, body, near) {
     const THREE = MeshCat.THREE;
     const matrix = new THREE.Matrix4();
     const none = new THREE.Matrix4().makeScale(0, 0, 0);
     const along = new THREE.Vector3();
     const up = new THREE.Vector3(0, 1, 0);
     const turn = new THREE.Quaternion();
+    const size = near === null ? 1 : 0.6;
+    const ball = (place) => matrix.makeScale(size, size, size).setPosition(place);
     for (let i = 0; i < this.labels.length; i++) {
       const group = body.groups[this.segments[i]];
       this.seen[i] = trial.marker(at, i, this.atMeasured[i]);
       this.carried[i] = trial.tracked[this.segments[i]];
       this.atModel[i].copy(this.local[i]).applyMatrix4(group.matrix);
-      const put = (mesh, shown, m) => mesh.setMatrixAt(i, shown ? m : none);
-      put(this.measured, this.seen[i], matrix.makeTranslation(...this.atMeasured[i].toArray()));
-      put(this.model, this.carried[i], matrix.makeTranslation(...this.atModel[i].toArray()));
+      const beside = Gaitcal.beside(this.sides[i], near);
+      const put = (mesh, shown, m) => mesh.setMatrixAt(i, shown && beside ? m : none);
+      put(this.measured, this.seen[i], ball(this.atMeasured[i]));
+      put(this.model, this.carried[i], ball(this.atModel[i]));
       along.subVectors(this.atMeasured[i], this.atModel[i]);
       const length = along.length();
       if (length > 0) turn.setFromUnitVectors(up, along.divideScalar(length));
       const middle = this.atModel[i].clone().addScaledVector(along, length / 2);
-      matrix.compose(middle, turn, new THREE.Vector3(1, length, 1));
+      matrix.compose(middle, turn, new THREE.Vector3(size, length, size));
       put(this.bars, this.seen[i] && this.carried[i] && length > 0, matrix);
     }
     for (const mesh of [this.measured, this.model, this.bars]) mesh.instanceMatrix.needsUpdate = true;

@@ -5,20 +5,24 @@ Gaitcal.Joints = class {
   constructor(scene, body, root) {
     const THREE = MeshCat.THREE;
     const colours = Gaitcal.COLOURS;
-    const HALF = 0.1;
+    const half = 0.056 * scene.height;
     const CONFIDENCE = 1.96;
+    const { ORDER } = Gaitcal;
     this.marks = [];
     this.parts = { nominal: [], fitted: [], uncertainty: [] };
-    const solid = (colour) =>
-      new THREE.MeshPhongMaterial({ color: colour, transparent: true, shininess: 20, specular: 0x222222 });
-    const materials = { nominal: solid(colours.nominal), fitted: solid(colours.fitted) };
+    const solid = (colour, more) =>
+      new THREE.MeshPhongMaterial({ color: colour, transparent: true, shininess: 20, specular: 0x222222, ...more });
+    const materials = {};
+    for (const kind of ["nominal", "fitted"]) materials[kind] = [solid(colours[kind], {}), solid(colours[kind], Gaitcal.VEIL)];
     const cloud = new THREE.MeshBasicMaterial({
       color: colours.fitted, transparent: true, opacity: 0.28, depthWrite: false, side: THREE.DoubleSide,
     });
     const ball = new THREE.SphereGeometry(1, 24, 16);
+    const cube = new THREE.BoxGeometry(1.7, 1.7, 1.7);
+    const rod = new THREE.CylinderGeometry(1, 1, 1, 12);
     const fresh = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ transparent: true }));
     fresh.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(9), 3));
-    fresh.renderOrder = 3;
+    fresh.renderOrder = ORDER.fresh;
     fresh.frustumCulled = false;
     fresh.onBeforeRender = (renderer) => renderer.clearDepth();
     root.add(fresh);
@@ -27,37 +31,50 @@ Gaitcal.Joints = class {
       mesh.renderOrder = order;
       mesh.frustumCulled = false;
       body.groups[mark.segment].add(mesh);
-      this.parts[kind].push({ mesh, segment: mark.segment });
+      this.parts[kind].push({ mesh, segment: mark.segment, joint: mark.joint, parent: mark.parent });
     };
-    const centre = (kind, mark, place, radius) => {
-      const mesh = new THREE.Mesh(ball, materials[kind]);
-      mesh.position.fromArray(place);
-      mesh.scale.setScalar(radius);
-      add(kind, mark, mesh, 4);
+    // One part of a mark, stretched by `scale` and turned from y to a direction.
+    const part = (kind, mark, geometry, place, direction, scale) => {
+      for (const [material, order] of [[materials[kind][0], ORDER.marks], [materials[kind][1], ORDER.veiled]]) {
+        const mesh = new THREE.Mesh(geometry, material);
+        mesh.position.copy(place);
+        if (direction) mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), direction);
+        mesh.scale.set(...scale);
+        add(kind, mark, mesh, order);
+      }
     };
-    const axis = (kind, mark, place, direction, radius) => {
-      const material = materials[kind];
-      const rod = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 2 * HALF, 12), material);
-      rod.position.fromArray(place);
-      rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3().fromArray(direction));
-      const head = new THREE.Mesh(new THREE.ConeGeometry(3 * radius, 8 * radius, 16), material);
-      head.position.y = HALF;
-      head.renderOrder = 4;
-      rod.add(head);
-      add(kind, mark, rod, 4);
+    // Told apart without colour: the fitted joint is round and solid, the nominal one square, thin and dashed.
+    const STYLE = {
+      fitted: { head: ball, centre: 0.0085, ends: 0.0075, thick: 0.0034, dashes: 1, dash: 1 },
+      nominal: { head: cube, centre: 0.006, ends: 0.0055, thick: 0.0017, dashes: 9, dash: 0.6 },
+    };
+    const centre = (kind, mark, place) =>
+      part(kind, mark, STYLE[kind].head, new THREE.Vector3().fromArray(place), null, Array(3).fill(STYLE[kind].centre));
+    const axis = (kind, mark, place, along) => {
+      const { head, ends, thick, dashes, dash } = STYLE[kind];
+      const [middle, direction] = [place, along].map((v) => new THREE.Vector3().fromArray(v));
+      const at = (s) => middle.clone().addScaledVector(direction, s);
+      for (const end of [-half, half]) part(kind, mark, head, at(end), direction, Array(3).fill(ends));
+      for (let k = 0; k < dashes; k++) {
+        const place = at(half * ((2 * k + 1) / dashes - 1));
+        part(kind, mark, rod, place, direction, [thick, ((2 * half) / dashes) * dash, thick]);
+      }
     };
 
     const fitted = new Set(scene.joints.filter((mark) => mark.fitted).map((mark) => mark.joint));
     const done = new Set();
+    const seen = new Set();
     for (const mark of scene.joints) {
       this.marks.push(mark);
-      centre("nominal", mark, mark.nominalCentre, 0.0105);
-      if (mark.nominalAxis) axis("nominal", mark, mark.nominalCentre, mark.nominalAxis, 0.0028);
+      mark.parent = !seen.has(mark.joint);
+      seen.add(mark.joint);
+      centre("nominal", mark, mark.nominalCentre);
+      if (mark.nominalAxis) axis("nominal", mark, mark.nominalCentre, mark.nominalAxis);
       if (!fitted.has(mark.joint)) continue;
       // Both segments see the fitted joint in one place; a second axis (the shoulder's) is drawn as well.
-      if (!done.has(mark.joint)) centre("fitted", mark, mark.fittedCentre, 0.0125);
+      if (!done.has(mark.joint)) centre("fitted", mark, mark.fittedCentre);
       if (mark.fittedAxis && (!done.has(mark.joint) || mark.joint.startsWith("shoulder"))) {
-        axis("fitted", mark, mark.fittedCentre, mark.fittedAxis, 0.0036);
+        axis("fitted", mark, mark.fittedCentre, mark.fittedAxis);
       }
       done.add(mark.joint);
       if (mark.centreSpread) {
@@ -66,10 +83,10 @@ Gaitcal.Joints = class {
         const s = mark.centreSpread.map((x) => CONFIDENCE * x);
         const c = mark.fittedCentre;
         mesh.matrix.set(s[0], s[1], s[2], c[0], s[3], s[4], s[5], c[1], s[6], s[7], s[8], c[2], 0, 0, 0, 1);
-        add("uncertainty", mark, mesh, 5);
+        add("uncertainty", mark, mesh, ORDER.clouds);
       }
       if (mark.axisSpread && mark.fittedAxis) {
-        add("uncertainty", mark, new THREE.Mesh(Gaitcal.cones(mark, 1.25 * HALF, CONFIDENCE), cloud), 5);
+        add("uncertainty", mark, new THREE.Mesh(Gaitcal.cones(mark, 1.25 * half, CONFIDENCE), cloud), ORDER.clouds);
       }
     }
     this.places = this.marks.map(() => new THREE.Vector3());
@@ -80,8 +97,20 @@ Gaitcal.Joints = class {
     return this.parts.uncertainty.length > 0;
   }
 
-  show(kind, on, trial) {
-    for (const { mesh, segment } of this.parts[kind]) mesh.visible = on && trial.tracked[segment];
+  // `near`: the one joint that is looked at, as its upper segment has it; null: all, in both their segments.
+  show(kind, on, trial, near) {
+    for (const { mesh, segment, joint, parent } of this.parts[kind]) {
+      mesh.visible = on && trial.tracked[segment] && (near === null || (near === joint && parent));
+    }
+  }
+
+  // The joint's centre in the laboratory and the axes of its segment, now; null where it has no mark.
+  pose(joint) {
+    const mark = this.marks.find((one) => one.joint === joint);
+    if (!mark) return null;
+    const group = this.body.groups[mark.segment];
+    const place = new MeshCat.THREE.Vector3().fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
+    return { place, turn: group.quaternion };
   }
 
   targets(trial, on) {

@@ -2,12 +2,13 @@
 // The legend, which is also where each part is shown or hidden.
 Gaitcal.LAYERS = [
   ["body", "Body", "fitted model, pose of each frame"],
+  ["bones", "Bones", "on the static trial's landmarks, not on the axes"],
   ["measured", "Measured markers", "as recorded"],
   ["model", "Model markers", "where the fitted model has them"],
   ["errors", "Marker errors", "from model to measured"],
   ["forces", "Ground reactions", "arrow from the centre of pressure; force plates"],
-  ["fitted", "Fitted joints", "centre and axis in this person"],
-  ["nominal", "Nominal joints", "before calibration"],
+  ["fitted", "Fitted joints", "solid, round: centre and axis in this person"],
+  ["nominal", "Nominal joints", "dashed, square: before calibration"],
   ["uncertainty", "Uncertainty", "95 %: cloud of the centre, cones of the axis"],
 ];
 
@@ -43,10 +44,9 @@ Gaitcal.swatch = (name) => {
     pen.ellipse(x, y, a, b, 0, 0, 7);
     pen.fill();
   };
-  const joint = (fill) => {
-    line(8, 36, 46, 12, 5, fill);
-    polygon([[56, 6], [50, 20], [42, 7]], fill);
-    dot(27, 24, 10, fill);
+  const square = (x, y, r, fill) => {
+    pen.fillStyle = fill;
+    pen.fillRect(x - r, y - r, 2 * r, 2 * r);
   };
   const draw = {
     body: () => ellipse(30, 22, 12, 20, c.body),
@@ -63,8 +63,20 @@ Gaitcal.swatch = (name) => {
       line(30, 38, 30, 14, 7, c.force);
       polygon([[30, 0], [42, 18], [18, 18]], c.force);
     },
-    fitted: () => joint(c.fitted),
-    nominal: () => joint(c.nominal),
+    bones: () => {
+      line(14, 34, 46, 10, 9, c.bone);
+      for (const [x, y] of [[9, 33], [15, 38], [45, 5], [51, 11]]) dot(x, y, 6, c.bone);
+    },
+    fitted: () => {
+      line(10, 35, 50, 9, 6, c.fitted);
+      for (const [x, y, r] of [[10, 35, 7], [30, 22, 9], [50, 9, 7]]) dot(x, y, r, c.fitted);
+    },
+    nominal: () => {
+      pen.setLineDash([6, 5]);
+      line(10, 35, 50, 9, 4, c.nominal);
+      pen.setLineDash([]);
+      for (const [x, y, r] of [[10, 35, 6], [30, 22, 7], [50, 9, 6]]) square(x, y, r, c.nominal);
+    },
     uncertainty: () => {
       polygon([[2, 8], [30, 22], [2, 36]], `${c.fitted}55`);
       polygon([[58, 8], [30, 22], [58, 36]], `${c.fitted}55`);

@@ -1,5 +1,8 @@
 "use strict";
 // The camera starts on the person and goes along; pointing at a marker or joint tells its name.
+Gaitcal.WIDE = 32;
+Gaitcal.NARROW = 10; // degrees: from near by a wide angle would show the near condyle much larger than the far one
+
 Gaitcal.Camera = class {
   constructor(viewer, pane, height) {
     const THREE = MeshCat.THREE;
@@ -7,7 +10,7 @@ Gaitcal.Camera = class {
     this.pane = pane;
     this.height = height;
     this.last = new THREE.Vector3();
-    viewer.set_camera(new THREE.PerspectiveCamera(32, 1, 0.05, 80));
+    viewer.set_camera(new THREE.PerspectiveCamera(Gaitcal.WIDE, 1, 0.05, 80));
     viewer.controls.maxDistance = 25;
     viewer.controls.minDistance = 0.15;
     this.resize();
@@ -20,10 +23,16 @@ Gaitcal.Camera = class {
     this.viewer.set_3d_pane_size(this.pane.clientWidth, Math.max(1, this.pane.clientHeight));
   }
 
+  angle(degrees) {
+    this.viewer.camera.fov = degrees;
+    this.viewer.camera.updateProjectionMatrix();
+  }
+
   // From a direction (in the laboratory: x forward, y up, z right) the whole person in the picture.
   look(person, x, y, z) {
     const THREE = MeshCat.THREE;
     const { camera, controls } = this.viewer;
+    this.angle(Gaitcal.WIDE);
     const up = Math.tan((Math.PI / 180) * (camera.fov / 2));
     const room = Math.max(0.66 * this.height, (0.36 * this.height) / camera.aspect);
     const target = new THREE.Vector3(person.x, 0.5 * this.height, person.z);
@@ -35,9 +44,26 @@ Gaitcal.Camera = class {
     this.viewer.set_dirty();
   }
 
-  goAlong(person, on) {
+  // A joint from near by; the direction is in its segment's axes: x forward, y up, z to the right.
+  lookAt(joint, x, y, z) {
+    const THREE = MeshCat.THREE;
+    const { camera, controls } = this.viewer;
+    this.angle(Gaitcal.NARROW);
+    const room = 0.085 * this.height * Math.max(1, 1 / camera.aspect);
+    const from = new THREE.Vector3(x, y, z).normalize().applyQuaternion(joint.turn);
+    from.multiplyScalar(room / Math.tan((Math.PI / 180) * (camera.fov / 2)));
+    controls.target.copy(joint.place);
+    camera.position.copy(joint.place).add(from);
+    controls.update();
+    this.last.copy(joint.place);
+    this.viewer.set_dirty();
+  }
+
+  // On the floor with the person, in space with a joint.
+  goAlong(person, on, inSpace) {
     if (on) {
-      const step = person.clone().sub(this.last).setY(0);
+      const step = person.clone().sub(this.last);
+      if (!inSpace) step.setY(0);
       this.viewer.camera.position.add(step);
       this.viewer.controls.target.add(step);
     }

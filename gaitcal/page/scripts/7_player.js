@@ -24,6 +24,7 @@ Gaitcal.Player = class {
 
     this.stage = new Gaitcal.Stage(upright);
     this.body = new Gaitcal.Body(scene, upright);
+    this.bones = new Gaitcal.Bones(scene, this.body);
     this.markers = new Gaitcal.Markers(scene, upright);
     this.forces = new Gaitcal.Forces(upright);
     this.joints = new Gaitcal.Joints(scene, this.body, upright);
@@ -31,6 +32,10 @@ Gaitcal.Player = class {
     this.legend = new Gaitcal.Legend(get("toggles"), () => this.refresh());
     this.tip = new Gaitcal.Tip(get("tip"), this.camera, () => this.targets());
     this.person = new THREE.Vector3();
+    // The joint that is looked at from near by: view.html#knee_r opens there.
+    this.near = scene.joints.find(({ joint }) => `#${joint}` === window.location.hash)?.joint ?? null;
+    this.bones.write(get("knees"));
+    get("bones").textContent = this.bones.source ? `Bones: ${this.bones.source}.` : "";
     this.playing = false;
     this.seconds = 0;
     this.speed = 1;
@@ -38,7 +43,8 @@ Gaitcal.Player = class {
     this.eased = false;
     this.controls();
     this.open(Math.max(0, this.trials.findIndex((trial) => trial.role === "gait")));
-    this.play(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.play(!still && this.near === null);
     this.before = null;
     requestAnimationFrame((now) => this.tick(now));
   }
@@ -59,8 +65,20 @@ Gaitcal.Player = class {
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = title;
-      button.addEventListener("click", () => this.camera.look(this.person, x, y, z));
+      button.addEventListener("click", () => this.look(x, y, z));
       get("views").append(button);
+    }
+    for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = title;
+      button.addEventListener("click", () => {
+        this.near = joint;
+        if (joint) this.play(false);
+        this.refresh();
+        this.look(...(joint ? [1, 0.06, 0] : [0.75, 0.3, 0.85]));
+      });
+      get("near").append(button);
     }
     window.addEventListener("keydown", (event) => {
       if (event.target.closest("input, select, button, summary") && event.key !== "Escape") return;
@@ -90,7 +108,8 @@ Gaitcal.Player = class {
     if (this.trial.stride > 1) {
       lines.push(`every ${Gaitcal.ordinal(this.trial.stride)} frame is in this page; poses between are interpolated`);
     }
-    get("about").textContent = lines.join("\n");
+    this.about = lines.join("\n");
+    this.legend.reason("bones", this.bones.why);
     this.forces.open(this.trial);
     this.legend.reason("forces", this.trial.hasForces || this.trial.plates.length ? null : "no force plates in this trial");
     this.legend.reason("uncertainty", this.joints.known ? null : "not estimated");
@@ -104,7 +123,14 @@ Gaitcal.Player = class {
       (this.trial.hasForces ? " Arrows: 1 m is 1000 N. Green on the timeline: torques are valid of the right leg (above), of the left leg (below)." : "");
     this.strip();
     this.refresh();
-    this.camera.look(this.person, 0.75, 0.3, 0.85);
+    this.look(...(this.near ? [1, 0.06, 0] : [0.75, 0.3, 0.85]));
+  }
+
+  // The whole person, or the joint that is looked at, from a direction.
+  look(x, y, z) {
+    const joint = this.near && this.joints.pose(this.near);
+    if (joint) this.camera.lookAt(joint, x, y, this.near.endsWith("_l") ? -z : z);
+    else this.camera.look(this.person, x, y, z);
   }
 
   // When the ground reaction on a foot is known, above the time slider: right over left.
@@ -166,17 +192,23 @@ Gaitcal.Player = class {
     const { trial, legend } = this;
     const at = trial.frame(this.seconds);
     this.body.pose(trial, at);
-    this.markers.pose(trial, at, this.body);
+    this.markers.pose(trial, at, this.body, this.near);
     this.forces.pose(trial, at);
-    this.body.show(legend.on("body"), trial);
+    const bones = legend.on("bones");
+    const words = bones ? this.bones.words(this.near) : null;
+    this.get("about").textContent = words ?? this.about;
+    this.get("heading").classList.toggle("near", words !== null);
+    this.body.show(legend.on("body"), trial, bones && this.bones.why === null, this.near);
+    this.bones.show(bones, trial, this.near);
     this.markers.measured.visible = legend.on("measured");
     this.markers.model.visible = legend.on("model");
     this.markers.bars.visible = legend.on("errors");
-    this.forces.group.visible = legend.on("forces");
-    for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, legend.on(kind), trial);
+    this.forces.group.visible = legend.on("forces") && this.near === null;
+    for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, legend.on(kind), trial, this.near);
     this.person.copy(this.body.groups[0].position);
     this.stage.follow(this.person);
-    this.camera.goAlong(this.person, this.get("follow").checked);
+    const joint = this.near && this.joints.pose(this.near);
+    this.camera.goAlong(joint ? joint.place : this.person, this.get("follow").checked, Boolean(joint));
     this.get("time").value = String(this.seconds);
     this.get("clock").textContent = `${(trial.start + this.seconds).toFixed(2)} s`;
     this.viewer.set_dirty();

@@ -1,0 +1,83 @@
+"""What the page says of each knee: where its axes pass the condyles, and what the bone stands on."""
+
+from __future__ import annotations
+
+import math
+
+from gaitcal.page.bones.knee_axis import AxisInCondyle, AxisInKnee, KneeAxis
+from gaitcal.page.bones.person_landmarks import KneeEvidence
+
+_LOW_MISFIT = 0.005
+"""m: below it, a bone's epicondyles lie where the markers say."""
+_STANDS = {
+    KneeEvidence.BOTH: "The femur stands on the markers of both epicondyles and on the fitted hip centre.",
+    KneeEvidence.DEVICE: (
+        "The femur stands on the lateral epicondyle's marker, the knee alignment device and the fitted hip centre."
+    ),
+    KneeEvidence.LATERAL: (
+        "Only the lateral epicondyle has a marker: the femur's turn about its length is assumed from the pelvis of the "
+        "static trial, so an axis that is turned in the horizontal plane proves nothing."
+    ),
+    KneeEvidence.NOMINAL: "No landmark of this knee is known: the femur stands on the nominal one, and proves nothing.",
+}
+
+
+def knee_words(knee: KneeAxis) -> list[str]:
+    """One sentence for the fitted axis, or that there is none, and one for the nominal axis."""
+    fitted = "Not fitted: the axis is the nominal one." if knee.fitted is None else f"Fitted axis: {_of(knee.fitted)}"
+    return [fitted, f"Nominal axis: {_of(knee.nominal)}"]
+
+
+def knee_brief(knee: KneeAxis) -> list[str]:
+    """The same in few words, to stand beside the picture of the knee."""
+    axes = {"Fitted (solid)": knee.fitted, "Nominal (dashed)": knee.nominal}
+    lines = [f"{name}: {_where(axis)}, {_brief(axis)}" for name, axis in axes.items() if axis is not None]
+    if knee.evidence in (KneeEvidence.LATERAL, KneeEvidence.NOMINAL):
+        lines.append("No marker on the medial epicondyle: how far the bone is turned is assumed")
+    return lines
+
+
+def _where(axis: AxisInKnee) -> str:
+    through = [name for name, end in (("medial", axis.medial), ("lateral", axis.lateral)) if end.inside]
+    if len(through) == 1:
+        return f"through the {through[0]} condyle only"
+    return "through both condyles" if through else "past both condyles"
+
+
+def _brief(axis: AxisInKnee) -> str:
+    far = [f"{1e3 * end.distance:.0f}{_error(end)} mm" for end in (axis.medial, axis.lateral)]
+    turned = f"{_degrees(axis)} off their line"
+    return f"{far[0]} from the medial centre, {far[1]} from the lateral one, {turned}"
+
+
+def evidence_words(knee: KneeAxis) -> str:
+    """What the femur stands on, and by how much it misses its own epicondyles."""
+    words = _STANDS[knee.evidence]
+    if knee.misfit > _LOW_MISFIT and knee.evidence is KneeEvidence.BOTH:
+        words += f" Its epicondyles lie {1e3 * knee.misfit:.0f} mm from where the markers have them."
+    return words
+
+
+def _of(axis: AxisInKnee) -> str:
+    ends = {"medial": axis.medial, "lateral": axis.lateral}
+    places = "; ".join(f"{name} {_at(end)}" for name, end in ends.items())
+    turned = f"turned {_degrees(axis)} against the line of their centres"
+    return f"{_where(axis)}, {turned}. From the centre: {places}."
+
+
+def _at(end: AxisInCondyle) -> str:
+    parts = [
+        f"{abs(1e3 * off):.0f} mm {forth if off > 0 else back}"
+        for off, forth, back in ((end.forward, "in front", "behind"), (end.above, "above", "below"))
+        if abs(off) >= 0.0005
+    ]
+    return f"{1e3 * end.distance:.0f}{_error(end)} mm" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def _error(end: AxisInCondyle) -> str:
+    return "" if math.isnan(end.standard_error) else f" ± {1e3 * end.standard_error:.0f}"
+
+
+def _degrees(axis: AxisInKnee) -> str:
+    error = "" if math.isnan(axis.angle_error) else f" ± {math.degrees(axis.angle_error):.0f}"
+    return f"{math.degrees(axis.angle):.0f}{error}°"

@@ -1,0 +1,97 @@
+"use strict";
+// Behind a bone a mark is veiled, not hidden: where it enters and leaves the bone is to be seen.
+Gaitcal.VEIL = { opacity: 0.38, depthFunc: MeshCat.THREE.GreaterDepth, depthWrite: false };
+
+// Whether a segment or joint is to be seen when a joint is looked at from near by: none of the other side is.
+Gaitcal.beside = (name, near) => {
+  const [side, other] = [name, near ?? ""].map((text) => /_([rl])$/.exec(text)?.[1]);
+  return !side || !other || side === other;
+};
+
+// The bones inside the body, which hide what lies behind them. Their outlines stand on landmarks that somebody palpated,
+// not on the fitted axes; see gaitcal/page/bones/person_landmarks.py.
+Gaitcal.Bones = class {
+  constructor(scene, body) {
+    const THREE = MeshCat.THREE;
+    this.segments = scene.segments;
+    this.why = scene.bones.why;
+    this.knees = scene.bones.knees ?? [];
+    this.source = scene.bones.source ?? "";
+    this.meshes = [];
+    const bone = new THREE.MeshPhongMaterial({
+      color: Gaitcal.COLOURS.bone, shininess: 8, specular: 0x1a1a1a, side: THREE.DoubleSide,
+    });
+    // Once more into the depth buffer, which the joints begin anew: so bones hide, or veil, the axes behind them.
+    const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true, side: THREE.DoubleSide });
+    const shapes = {};
+    for (const [name, packed] of Object.entries(scene.bones.meshes ?? {})) shapes[name] = Gaitcal.shape(packed);
+    for (const placed of scene.bones.placed ?? []) {
+      for (const [material, order] of [[bone, 0], [depth, Gaitcal.ORDER.bones]]) {
+        const mesh = new THREE.Mesh(shapes[placed.mesh], material);
+        mesh.matrixAutoUpdate = false;
+        mesh.matrix.set(...placed.place, 0, 0, 0, 1);
+        mesh.renderOrder = order;
+        mesh.castShadow = order === 0;
+        mesh.frustumCulled = false;
+        body.groups[placed.segment].add(mesh);
+        this.meshes.push({ mesh, segment: placed.segment });
+      }
+    }
+    for (const knee of this.knees) this.circles(knee, body);
+  }
+
+  // The circle and centre of each condyle, and the line through both centres: what the axes are measured against.
+  circles(knee, body) {
+    const THREE = MeshCat.THREE;
+    const { condyles } = Gaitcal.COLOURS;
+    const [across, ...centres] = [knee.across, ...knee.centres].map((v) => new THREE.Vector3().fromArray(v));
+    const add = (geometry, place, from, to) => {
+      for (const veiled of [false, true]) {
+        const material = new THREE.MeshBasicMaterial({ color: condyles, transparent: true, ...(veiled ? Gaitcal.VEIL : {}) });
+        const mesh = new THREE.Mesh(geometry, material);
+        mesh.position.copy(place);
+        mesh.quaternion.setFromUnitVectors(from, to);
+        mesh.renderOrder = veiled ? Gaitcal.ORDER.veiled : Gaitcal.ORDER.marks;
+        mesh.frustumCulled = false;
+        body.groups[knee.segment].add(mesh);
+        this.meshes.push({ mesh, segment: knee.segment, near: true });
+      }
+    };
+    const [y, z] = [new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1)];
+    centres.forEach((centre, k) => {
+      add(new THREE.TorusGeometry(knee.radii[k], 0.0007, 8, 64), centre, z, across);
+      add(new THREE.SphereGeometry(0.0022, 16, 12), centre, z, across);
+    });
+    const line = centres[1].clone().sub(centres[0]);
+    const middle = centres[0].clone().addScaledVector(line, 0.5);
+    add(new THREE.CylinderGeometry(0.0007, 0.0007, line.length(), 8), middle, y, line.clone().normalize());
+  }
+
+  // `near`: the joint that is looked at from near by, whose leg alone is shown; null: the whole person.
+  show(on, trial, near) {
+    for (const { mesh, segment, near: only } of this.meshes) {
+      mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near) && (!only || near !== null);
+    }
+  }
+
+  // What is said of the knee that is looked at, beside it; null where there is nothing to say.
+  words(near) {
+    const knee = this.knees.find((one) => one.joint === near);
+    return knee ? [knee.title, ...knee.brief].join("\n") : null;
+  }
+
+  // What is said of each knee, under the legend.
+  write(host) {
+    host.hidden = this.knees.length === 0;
+    for (const knee of this.knees) {
+      const title = document.createElement("h3");
+      title.textContent = knee.title;
+      host.append(title);
+      for (const text of [...knee.axes, knee.stands]) {
+        const line = document.createElement("p");
+        line.textContent = text;
+        host.append(line);
+      }
+    }
+  }
+};
