@@ -51,13 +51,17 @@ class MomentFrame(Enum):
     """Along which axes a joint moment is told. `words`: in files and on pages."""
 
     COORDINATES = ("coordinates", "about the axis of each coordinate of the model (generalised force)")
+    """About the axis of each coordinate."""
     PROXIMAL = ("proximal", "in the frame of the proximal segment (x forward, y up, z right; ISB)")
+    """Along the axes of the proximal segment."""
     DISTAL = ("distal", "in the frame of the distal segment (x forward, y up, z right; ISB)")
+    """Along the axes of the distal segment."""
     JCS = (
         "jcs",
         "orthogonal projection on the axes of the joint coordinate system (Grood and Suntay 1983): z of the "
         "proximal segment, the floating axis, y of the distal segment",
     )
+    """Projected on the axes of the joint coordinate system."""
 
     def __init__(self, key: str, words: str) -> None:
         self.key, self.words = key, words

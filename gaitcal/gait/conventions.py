@@ -32,14 +32,18 @@ class Signs(Enum):
     """Which sense is positive."""
 
     OPENSIM = "opensim"
+    """Flexion, adduction, internal rotation, dorsiflexion, inversion."""
     CLINICAL = "clinical"
+    """Of moments: extension, abduction, external rotation, plantarflexion, eversion."""
 
 
 class Acting(Enum):
     """Whose moment it is. `words`: in files."""
 
     INTERNAL = ("internal", "internal: of the structures that cross the joint, net, on the distal segment")
+    """What muscles, ligaments and bones do."""
     EXTERNAL = ("external", "external: what the structures that cross the joint work against, on the distal segment")
+    """What they work against."""
 
     def __init__(self, key: str, words: str) -> None:
         self.key, self.words = key, words
@@ -49,8 +53,11 @@ class MomentUnit(Enum):
     """Unit of moments, with that of powers beside it."""
 
     NM = ("Nm", "N m", "W")
+    """N·m, powers in W."""
     NM_PER_KG = ("Nm/kg", "N m/kg", "W/kg")
+    """N·m/kg, powers in W/kg."""
     PERCENT_BWH = ("%BW*H", "% body weight x height", "W/kg")
+    """Percent of body weight times height, powers in W/kg."""
 
     def __init__(self, key: str, words: str, power: str) -> None:
         self.key, self.words, self.power = key, words, power
@@ -94,9 +101,13 @@ class Convention:
     """How angles, moments and powers are told; as in the files of a result unless said otherwise."""
 
     signs: Signs = Signs.OPENSIM
+    """Which sense is positive."""
     acting: Acting = Acting.INTERNAL
+    """Whose moment it is."""
     frame: MomentFrame = MomentFrame.COORDINATES
+    """Along which axes."""
     unit: MomentUnit = MomentUnit.NM
+    """Of moments; powers go with it."""
 
     def moment(self, name: str, values: Array, subject: Subject) -> Array:
         """Moments or their standard errors in the unit and with the sign of this convention.

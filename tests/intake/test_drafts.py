@@ -51,7 +51,7 @@ file = "knee_r.csv"  # 1200 frames at 200 Hz
 
 [[trial]]
 name = "walk"  # after the file
-role = "gait"  # sure: the feet go to and fro in turn (correlation -0.85), over 1.3 m
+role = "gait"  # sure: the feet go to and fro in turn (correlation -0.86), over 1.3 m
 file = "walk.csv"  # 208 frames at 200 Hz
 forces = "grf.csv"  # sure: covers the time, and under load acts 5 cm from the feet
 

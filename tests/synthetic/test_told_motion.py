@@ -9,7 +9,8 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.ground import residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, standing_pose
 from gaitcal.synthetic.subject import synthetic_model, true_gait
 from gaitcal.synthetic.told_motion import Teller, ToldMotion
