@@ -6,7 +6,7 @@ be exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -15,8 +15,13 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
+from gaitcal.motion.trial_problem import trial_problem
+from gaitcal.recording import Recording
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
+from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
 
 RATE = 200.0
@@ -72,7 +77,24 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     """A walk of a person with these parameters in which both feet have a whole stride: 415 frames at 200 Hz."""
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
-    return _walk(parameters, time, begin, WALK_NODES, nominal_curves(begin + time / GAIT_CYCLE))
+    curves = nominal_curves(begin + time / GAIT_CYCLE)
+    return _walk(parameters, time, begin, WALK_NODES, _as_the_nominal_person_looks(parameters, time, curves))
+
+
+def _as_the_nominal_person_looks(parameters: Parameters, time: Array, curves: Meant) -> Meant:
+    """The motion in which the markers of a person come nearest to those of the nominal one.
+
+    The same angles about other axes would make other bodies of them: bow-legged ones, that stand on the edge of a foot.
+    """
+    nominal = published_model()
+    if np.array_equal(parameters.joint, nominal.parameters.joint):
+        return curves
+    seen = synthetic_markers(nominal.parameters, nominal.markers, curves.q)
+    recording = Recording(source="nominal", time=time, labels=nominal.markers.labels, markers=seen)
+    person = replace(nominal, parameters=parameters)
+    problem = trial_problem("walk", person, recording, NodeRule(fixed=WALK_NODES))
+    nodes = tracked_motion(problem, parameters).nodes
+    return Meant(problem.basis.evaluate(nodes), problem.basis.evaluate(nodes, 2))
 
 
 def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
