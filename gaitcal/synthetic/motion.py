@@ -6,7 +6,7 @@ be exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,13 +15,9 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
-from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.recording import Recording
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
-from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.likeness import is_nominal, looking_like_nominal, posture_like_nominal
 from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
 
 RATE = 200.0
@@ -78,23 +74,11 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
     curves = nominal_curves(begin + time / GAIT_CYCLE)
-    return _walk(parameters, time, begin, WALK_NODES, _as_the_nominal_person_looks(parameters, time, curves))
-
-
-def _as_the_nominal_person_looks(parameters: Parameters, time: Array, curves: Meant) -> Meant:
-    """The motion in which the markers of a person come nearest to those of the nominal one.
-
-    The same angles about other axes would make other bodies of them: bow-legged ones, that stand on the edge of a foot.
-    """
-    nominal = published_model()
-    if np.array_equal(parameters.joint, nominal.parameters.joint):
-        return curves
-    seen = synthetic_markers(nominal.parameters, nominal.markers, curves.q)
-    recording = Recording(source="nominal", time=time, labels=nominal.markers.labels, markers=seen)
-    person = replace(nominal, parameters=parameters)
-    problem = trial_problem("walk", person, recording, NodeRule(fixed=WALK_NODES))
-    nodes = tracked_motion(problem, parameters).nodes
-    return Meant(problem.basis.evaluate(nodes), problem.basis.evaluate(nodes, 2))
+    if not is_nominal(parameters):
+        basis = spline_basis(time, WALK_NODES)
+        nodes = looking_like_nominal(parameters, basis, curves.q)
+        curves = Meant(basis.evaluate(nodes), basis.evaluate(nodes, 2))
+    return _walk(parameters, time, begin, WALK_NODES, curves)
 
 
 def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
@@ -115,7 +99,7 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     cycle = 2 * np.pi * ISOLATED_HZ[kind] * time
 
     def put(name: str, degrees: Array) -> None:
-        q[:, COORDINATE_INDEX[f"{name}_{side}"]] = np.deg2rad(degrees)
+        q[:, COORDINATE_INDEX[f"{name}_{side}"]] += np.deg2rad(degrees)
 
     if kind == "hip":
         half = time[-1] / 2
@@ -138,20 +122,20 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     return moved if rate == RATE else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.nodes)
 
 
-def standing_pose() -> Array:
-    """(27,) upright, arms slightly away from the body."""
+def standing_pose(parameters: Parameters | None = None) -> Array:
+    """(27,) upright, arms slightly away from the body; of a person with other joint parameters, what looks so."""
     q = np.zeros(len(COORDINATES))
     q[COORDINATE_INDEX["pelvis_ty"]] = 0.95
     for side in ("r", "l"):
         q[COORDINATE_INDEX[f"arm_add_{side}"]] = np.deg2rad(-12.0)
         q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = np.deg2rad(10.0)
-    return q
+    return q if parameters is None else posture_like_nominal(parameters, q)
 
 
-def static_motion(frames: int = 100) -> TrueMotion:
+def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE
-    return _in_spline_space(time, np.tile(standing_pose(), (frames, 1)))
+    return _in_spline_space(time, np.tile(standing_pose() if standing is None else standing, (frames, 1)))
 
 
 def _window(time: Array, start: float, end: float) -> Array:

@@ -62,7 +62,7 @@ class Teller:
     """Tells motions of one person: its linkage in the static trial's frames, found once."""
 
     def __init__(self, model: SubjectModel, static: StaticFrames) -> None:
-        self._true, still = model.parameters, standing_pose()
+        self._true, still = model.parameters, standing_pose(model.parameters)
         own = segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
         self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
