@@ -20,6 +20,9 @@ from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 
+ON_THE_FLOOR = 4.0
+"""Weight of the feet's markers: legs of unequal length stand on one floor all the same."""
+
 
 def is_nominal(parameters: Parameters) -> bool:
     """Whether all joint parameters are those of the nominal person."""
@@ -31,7 +34,8 @@ def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -
     nominal = published_model(static_only=True)
     seen = synthetic_markers(nominal.parameters, nominal.markers, q)
     recording = Recording(source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen)
-    person = replace(nominal, parameters=parameters)
+    weight = np.where([s.startswith("foot") for s in nominal.markers.segments], ON_THE_FLOOR, 1.0)
+    person = replace(nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight))
     problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
     nodes: Array = tracked_motion(problem, parameters).nodes
     return nodes
