@@ -25,6 +25,8 @@ from gaitcal.synthetic.subject import true_gait
 
 LOADED_N = 20.0
 """Vertical force above which a foot counts as loaded: of less, rounding makes the centre of pressure."""
+RESIDUAL = 1e-9
+"""N, N·m: rounding of some hundred N at lever arms of a metre."""
 WITHIN = 2.0
 """Standard deviations: what 95 in 100 people keep to."""
 NO_MATTER = 0.05
@@ -164,4 +166,5 @@ def outside_sole(walk: Walk, foot: int) -> Array:
 def passes(walk: Walk) -> bool:
     """Whether all is as it should be."""
     inside = all((outside_sole(walk, foot)[walk.loaded[:, foot]] <= 0).all() for foot in range(2))
-    return inside and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
+    pushes = bool((walk.force[:, :, 1] >= 0).all()) and walk.residual < RESIDUAL
+    return inside and pushes and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
