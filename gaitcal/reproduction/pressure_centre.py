@@ -68,7 +68,8 @@ class PressureCentres:
 
     def errors(self, centre: str, frame: ReactionFrame) -> Array:
         """(7,) means, %BW*H."""
-        return self.drawn[centre][frame].mean(axis=0)
+        means: Array = self.drawn[centre][frame].mean(axis=0)
+        return means
 
     def difference(self, frame: ReactionFrame) -> tuple[Array, Array]:
         """(7,) `OWN` - `SHARED` and its standard error over paired draws (NaN for one draw), %BW*H."""
