@@ -12,7 +12,7 @@ from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_directory, require_room
 from gaitcal.files.ownership import ResultKind
-from gaitcal.reproduction.claims import Claim, Verdict
+from gaitcal.reproduction.claims import Claim, Kind, Verdict
 from gaitcal.reproduction.folder import write_tables
 from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce
 from gaitcal.reproduction.sensitivities import SensitivityDraws
@@ -21,6 +21,8 @@ from gaitcal.reproduction.tables import RUN, TableRow
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"
 """Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes on there."""
+_CLAIMS = {Kind.PAPER: "claims of the paper", Kind.SENSITIVITY: "sensitivities, ours"}
+_DECIDED = (Verdict.HOLDS, Verdict.FAILS, Verdict.UNDECIDED)
 _SHOWN = ("I", "III", "discussion")
 
 
@@ -87,10 +89,14 @@ def _cell(row: TableRow) -> str:
 
 
 def _print_claims(talk: Talk, claims: Sequence[Claim]) -> None:
-    table = frameless_table(("claim", "published", "ours", "verdict"))
-    for claim in claims:
-        if claim.verdict in (Verdict.HOLDS, Verdict.FAILS) or talk.verbose:
-            table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
-    talk.out.print(table)
-    counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
-    talk.line("claims: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))
+    """Those of the paper and ours apart: whether ours hold says nothing of the paper."""
+    for kind, title in _CLAIMS.items():
+        of_kind = [claim for claim in claims if claim.kind is kind]
+        table = frameless_table((title, "published", "ours", "verdict"))
+        for claim in of_kind:
+            if claim.verdict in _DECIDED or talk.verbose:
+                table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+        if table.row_count:
+            talk.out.print(table)
+        counts = {v: sum(claim.verdict is v for claim in of_kind) for v in Verdict}
+        talk.line(f"{title}: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))

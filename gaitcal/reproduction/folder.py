@@ -21,7 +21,7 @@ from gaitcal.reproduction.reproduce import Reproduction
 from gaitcal.reproduction.tables import TableRow
 
 TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
-CLAIM_COLUMNS = ("claim", "published", "ours", "verdict")
+CLAIM_COLUMNS = ("kind", "claim", "published", "ours", "verdict")
 DIGITS = 6
 """Significant digits of figures."""
 
@@ -68,7 +68,8 @@ def table_frame(rows: Iterable[TableRow]) -> pd.DataFrame:
 
 def claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
     """`claims.csv`."""
-    return pd.DataFrame([(c.claim, c.published, c.ours, c.verdict.value) for c in claims], columns=list(CLAIM_COLUMNS))
+    rows = [(c.kind.value, c.claim, c.published, c.ours, c.verdict.value) for c in claims]
+    return pd.DataFrame(rows, columns=list(CLAIM_COLUMNS))
 
 
 def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gaitcal.reproduction import absorbed_noise, pressure_centre, refit_end, trial_length
 from gaitcal.reproduction.absorbed_noise import Absorbed
-from gaitcal.reproduction.claims import Claim
+from gaitcal.reproduction.claims import Claim, Kind
 from gaitcal.reproduction.pressure_centre import PressureCentres
 from gaitcal.reproduction.refit_end import StoppedRefits
 from gaitcal.reproduction.tables import TableRow
@@ -65,9 +65,10 @@ def sensitivity_rows(found: Sensitivities) -> list[TableRow]:
 
 def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
     """Of `claims.csv`; without a run they are there as not run."""
-    return [
+    claims = [
         *trial_length.trial_length_claims(None if found is None else found.lengths),
         *absorbed_noise.absorbed_claims(None if found is None else found.absorbed),
         *refit_end.refit_claims(None if found is None else found.stopped),
         *pressure_centre.pressure_centre_claims(None if found is None else found.centres),
     ]
+    return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from gaitcal.reproduction.claims import Verdict
-from gaitcal.reproduction.joint_place import joint_p, ordinary
+from gaitcal.reproduction.joint_place import Place, joint_p, joint_place, low_p, low_place, not_rejected
 
 DRAWS, FIGURES, REPEATS = 24, 12, 6000
 
@@ -46,5 +48,25 @@ def test_too_few_draws_tell_nothing() -> None:
     assert np.isnan(joint_p(rng.lognormal(size=(19, 3)), np.full(3, 1e6)))
     assert joint_p(rng.lognormal(size=(20, 3)), np.full(3, 1e6)) == pytest.approx(1 / 21)
     assert np.isnan(joint_p(rng.lognormal(size=(30, 30)), np.ones(30)))
-    verdicts = [ordinary("", "", p, "").verdict for p in (np.nan, 0.049, 0.05)]
-    assert verdicts == [Verdict.NOT_RUN, Verdict.FAILS, Verdict.HOLDS]
+    assert np.isnan(low_p(rng.lognormal(size=(19, 3)), np.zeros(3)))
+    places = [Place(np.nan, np.nan), Place(0.03, 0.009), Place(0.03, 0.011), Place(0.07, 0.011), Place(0.07, 0.009)]
+    verdicts = [not_rejected("", "", place, "").verdict for place in places]
+    assert verdicts == [Verdict.NOT_RUN, Verdict.FAILS, Verdict.UNDECIDED, Verdict.UNDECIDED, Verdict.HOLDS]
+
+
+def test_a_rank_sum_is_low_where_every_figure_is() -> None:
+    rng = np.random.default_rng(5)
+    draws = rng.lognormal(size=(200, 7))
+    assert low_p(draws, np.full(7, np.exp(-1.0))) < 0.02 < joint_p(draws, np.full(7, np.exp(-1.0)))
+    assert low_p(draws, np.full(7, np.exp(1.0))) > 0.98
+    ps = [low_p(*np.split(rng.lognormal(size=(40, 5)), [39])) for _ in range(2000)]
+    assert np.mean(np.array(ps) <= 0.1) == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize(("place", "size"), [(joint_place, 1.2), (low_place, 0.8)])
+def test_the_told_error_is_that_of_other_draws(place: Callable[..., Place], size: float) -> None:
+    rng = np.random.default_rng(6)
+    printed = np.exp(-np.full(5, size))
+    places = [place(rng.lognormal(size=(120, 5)), printed) for _ in range(25)]
+    scatter = np.std([found.p for found in places])
+    assert 0.5 < np.mean([found.error for found in places]) / scatter < 2.0

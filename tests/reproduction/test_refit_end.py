@@ -37,7 +37,10 @@ def test_one_after_the_other_is_not_at_once() -> None:
     for claim in refit_claims(_stopped((Iteration.GAUSS_NEWTON, 2), (Iteration.STEEPEST_DESCENT, 2))):
         assert claim.verdict is Verdict.FAILS
         assert "marker errors: steepest descent 2; printed torque errors: Gauss-Newton 2; both" in claim.ours
-        assert "both at once: at no number." in claim.ours
+        assert "both at once: at none of those tried." in claim.ours
+        assert "(0, 1, 2, 3, 5, 10 of Gauss-Newton; 0, 1, 2, 3, 5, 10, 30 of steepest descent; the end)" in claim.claim
+        assert "; steepest descent 2: 6.0 mm" not in claim.ours
+        assert "; steepest descent 2: 14.0 mm" in claim.ours
     assert {c.verdict for c in refit_claims(None)} == {Verdict.NOT_RUN}
     assert [c.claim for c in refit_claims(None)] == [c.claim for c in refit_claims(_stopped(None, None))]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from gaitcal.commands import reproduce as command
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
 from gaitcal.reproduction import reproduce
-from gaitcal.reproduction.claims import Verdict
+from gaitcal.reproduction.claims import Kind, Verdict
 from gaitcal.reproduction.folder import CLAIM_COLUMNS, TABLE_COLUMNS, table_frame, write_tables
 from gaitcal.reproduction.noise_seed import SeedResult
 from gaitcal.reproduction.published import table_four, table_two
@@ -155,8 +156,10 @@ def test_every_sensitivity_has_claims_and_may_be_left_out(
     monkeypatch.setattr(reproduce, "noisy_draws", lambda *_: draws)
     without = run(replace(TINY, sensitivities=None))
     assert [c.claim for c in without.claims] == [c.claim for c in reproduction.claims]
-    of_them = [c for c in without.claims if c.claim.startswith("sensitivity: ")]
-    assert len(of_them) == 2 + 1 + 2 + 2
+    of_them = [c for c in without.claims if c.kind is Kind.SENSITIVITY]
+    assert len(of_them) == 1 + 1 + 2 + 2
+    assert of_them == without.claims[-6:]
+    assert {c.kind for c in reproduction.claims[-6:]} == {Kind.SENSITIVITY}
     assert {c.verdict for c in of_them} == {Verdict.NOT_RUN}
     others = [row for row in reproduction.tables if row.table != "sensitivity"]
     assert without.tables == others  # nothing else depends on them
@@ -187,7 +190,13 @@ def test_command_prints_and_writes(
     printed = capsys.readouterr().out
     assert "synthetic with noise: position error RMS" in printed
     assert "380 s" in printed
-    assert "claims:" in printed
+    assert "claims of the paper: " in printed
+    assert "sensitivities, ours: " in printed
+    of_paper, of_ours = (
+        sum(int(n) for n in re.findall(r"(\d+) [a-z]", re.search(f"{t}: (.*)", printed)[1]))
+        for t in ("claims of the paper", "sensitivities, ours")
+    )
+    assert (of_paper, of_ours) == (len(reproduction.claims) - 6, 6)
     assert "this run: tables " in printed
     assert "everything" in printed
 

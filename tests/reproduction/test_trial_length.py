@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.reproduction.claims import Verdict
+from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.joint_recovery import synthetic_problem, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
-from gaitcal.reproduction.published import PROBLEMS
+from gaitcal.reproduction.published import PROBLEMS, table_one
 from gaitcal.reproduction.trial_length import (
     CAMERAS_HZ,
     PARAMETER_ROWS,
+    PRINTED,
     LengthDraws,
     trial_length_claims,
     trial_length_rows,
@@ -59,11 +60,34 @@ def test_at_the_usual_rate_they_are_the_draws_of_the_tables(
 
 def test_rows_and_claims(lengths: list[LengthDraws]) -> None:
     rows = trial_length_rows(lengths)
-    assert len(rows) == 2 * (4 + 7 + 1)
+    assert len(rows) == 2 * (4 + 7 + 2)
     assert not {(r.row, r.column) for r in rows if r.row.count("6 s")} & {
         (r.row, r.column) for r in rows if "20 s" in r.row
     }
-    assert [c.verdict for c in trial_length_claims(lengths)] == [Verdict.NOT_RUN] * 2  # two draws tell nothing
-    many = [LengthDraws(length.rate, length.problems * 15) for length in lengths]
-    assert all(c.verdict is not Verdict.NOT_RUN for c in trial_length_claims(many))
-    assert [c.claim for c in trial_length_claims(None)] == [c.claim for c in trial_length_claims(many)]
+    (few,) = trial_length_claims(lengths)
+    assert few.verdict is Verdict.NOT_RUN  # two draws tell nothing
+    (not_run,) = trial_length_claims(None)
+    assert (not_run.verdict, not_run.claim) == (Verdict.NOT_RUN, few.claim)
+
+
+class _Fixed(LengthDraws):
+    """Draws of the seven figures, without the searches behind them."""
+
+    def values(self, problem: str, key: str) -> np.ndarray:
+        rng = np.random.default_rng([PROBLEMS.index(problem), len(key)])
+        return (self.rate / CAMERAS_HZ) * (table_one(PRINTED, key)[problem] or 0.0) * rng.lognormal(size=200)
+
+
+def test_the_claim_follows_the_rank_sum_and_tells_both_p_with_errors() -> None:
+    def claim(first: float, last: float) -> Claim:
+        return trial_length_claims([_Fixed(CAMERAS_HZ * first, [{}] * 200), _Fixed(CAMERAS_HZ * last, [{}] * 200)])[0]
+
+    assert claim(3.0, 1.0).verdict is Verdict.HOLDS
+    assert claim(1.0, 1.0).verdict is Verdict.FAILS
+    assert claim(3.0, 3.0).verdict is Verdict.FAILS
+    told = claim(3.0, 1.0).ours
+    assert told.count("low rank sum p = ") == told.count("distance p = ") == 2
+    assert told.count(" +- ") == 4
+    assert "ordinary" not in told + claim(3.0, 1.0).claim
+    low = _Fixed(3 * CAMERAS_HZ, [{}] * 200)
+    assert low.low.p < 0.02 < low.joint.p  # low in every row, and not far in any
