@@ -163,7 +163,7 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     own, total = (wide[name].to_numpy() for name in ("se_stride", "se"))
     trials = wide.index.get_level_values("trial").to_numpy()
     parts = []
-    for key in dict.fromkeys(strides[list(GROUP)].itertuples(index=False, name=None)):
+    for key in strides[list(GROUP)].drop_duplicates().itertuples(index=False, name=None):
         rows = rows_of[key]
         found = spread(usable[rows], trials[rows], own[rows], total[rows])
         part = dict(zip(GROUP, key, strict=True)) | {"percent": percent}

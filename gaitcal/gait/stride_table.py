@@ -61,6 +61,8 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
 
 def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
     text = table[name]
+    if pd.api.types.is_numeric_dtype(text):
+        return text.astype(np.float64)
     numbers = pd.to_numeric(text, errors="coerce").astype(np.float64)
     wrong = np.flatnonzero(numbers.isna() & text.notna() & (text.astype(str).str.strip() != ""))
     if len(wrong) and (said := str(text.iloc[wrong[0]])).lower() != "nan":

@@ -20,7 +20,8 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
 
     Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
     variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
-    attribute, and with `positive` (what a positive value means) where the table says it, as exports do; NaN where a trial has no such stride. Without any stride it is empty.
+    attribute, and with `positive` (what a positive value means) where the table says it, as exports do; NaN where a
+    trial has no such stride. Without any stride it is empty.
 
     Raises
     ------

@@ -50,16 +50,19 @@ def write_csv(table: pd.DataFrame, path: Path, comments: Iterable[str] = ()) -> 
 
 def _cells(column: pd.Series) -> list[str]:
     """A column as text; empty where there is no value."""
-    plain, values = isinstance(column.dtype, np.dtype), column.tolist()
-    if plain and column.dtype.kind in "iu":
-        return list(map(str, values))
-    if plain and column.dtype.kind == "f":
-        text = list(map(repr, values))
+    kind = column.dtype.kind if isinstance(column.dtype, np.dtype) else ""
+    if kind and kind in "iu":
+        return list(map(str, column.tolist()))
+    if kind == "f":
+        text = list(map(repr, column.tolist()))
         for k in np.flatnonzero(column.isna()):
             text[k] = ""
         return text
-    known = {value: _cell(value) for value in {v for v in values if isinstance(v, str)}}
-    return [known[v] if isinstance(v, str) else "" if pd.isna(v) else str(v) for v in values]
+    if isinstance(column.dtype, pd.StringDtype) or pd.api.types.infer_dtype(column, skipna=False) == "string":
+        codes, known = pd.factorize(column)  # text repeats itself: each is looked at once
+        told = np.array([*map(_cell, known), ""], dtype=object)  # the last: of what is missing, whose code is -1
+        return list(told[codes])
+    return ["" if pd.isna(value) else _cell(value) for value in column.tolist()]
 
 
 def _cell(value: object) -> str:
