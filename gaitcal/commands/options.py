@@ -18,7 +18,7 @@ Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be 
 Normal = Annotated[
     Path | None,
     typer.Option(
-        help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: of children, as published."
+        help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
     ),
 ]
 

@@ -12,7 +12,7 @@ end of a line and lines of empty cells, as spreadsheet programs write them, are 
 
 | signs | angles | moments |
 |---|---|---|
-| `gaitcal`, also `opensim` | as in `cycles.csv` | internal, in the direction of the coordinate: flexor, adductor, dorsiflexor |
+| `gaitcal`, `opensim` | as in `cycles.csv` | internal, in the coordinate's direction: flexor, adductor, dorsiflexor |
 | `external` | as in `cycles.csv` | external: all of the other sign |
 | `clinical` | pelvis: forward tilt, this side up, this side forward | internal: extensor, abductor, plantarflexor |
 
@@ -203,7 +203,7 @@ def _told(comments: Sequence[str]) -> dict[str, list[str]]:
 def _signs(said: Sequence[str], source: Path) -> Signs:
     """What all lines on signs agree in."""
     names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
-    allowed = f"allowed: one line '# signs: {' | '.join(names)}'"
+    allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
     if not said:
         raise InputError(f"missing; {allowed}", source=source, field="signs")
     for text in said:

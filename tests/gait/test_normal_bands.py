@@ -136,7 +136,7 @@ def test_lines_on_signs_must_agree(tmp_path: Path) -> None:
     same = written(tmp_path, rows, "opensim", header + "# signs: GaitCal\n# source: a\n# source: b\n")
     band = read_normal_bands(same)["hip_flexion"]
     assert band.signs is Signs.GAITCAL and band.source == "a; b"
-    with pytest.raises(InputError, match="signs: found 'clinical' and 'external'; allowed: one line"):
+    with pytest.raises(InputError, match="signs: found 'clinical' and 'external'; allowed: a line"):
         read_normal_bands(written(tmp_path, rows, "clinical", header + "# signs: external\n"))
 
 

@@ -125,7 +125,7 @@ def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Cal
     assert set(mean.loc[mean["variable"] == "knee_angle_moment", "unit"]) == {"N m/kg"}
     assert tuple(mean.columns) == (*ENSEMBLE_COLUMNS, "unit", "positive")
     mixed = pd.concat([table, other.assign(trial="second")])
-    with pytest.raises(InputError, match=r"found hip_flexion.* as \[deg\] and as \[deg\] flexion; allowed: one conv"):
+    with pytest.raises(InputError, match=r"found pelvis_tilt as \[deg\] and as \[deg\] flexion; allowed: one conv"):
         ensemble(mixed)
     pytest.importorskip("xarray")
     dataset = cycles_to_xarray(read)
@@ -143,7 +143,7 @@ def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
     for file, said in (
         ("semicolons.csv", "found the columns person;session;trial.*, without trial, .*with commas between them"),
         (SPATIOTEMPORAL, "is no table of strides: .*without percent, se|without percent, valid"),
-        ("letters.csv", "value: found 'x.*' in row 1; allowed: a number"),
+        ("letters.csv", "value: found 'x.*' in row [0-9]+; allowed: a number"),
     ):
         with pytest.raises(InputError, match=said) as caught:
             read_cycles(folder / file)
