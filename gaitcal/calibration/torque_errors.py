@@ -176,9 +176,9 @@ class MarkerMoves:
     def through(self, basis: SplineBasis, part: slice, slopes: tuple[Array, ...]) -> tuple[Array, Array]:
         """(frames, m, own) T n_c and (frames, m, np) - T S, for slopes (frames, m, nq) by q, v, a in some frames."""
         near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-        columns = np.hstack([self.nodes, -self.sensitivity])
         nq = slopes[0].shape[2]
-        by_node = columns[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
+        rows = slice(near.start * nq, near.stop * nq)
+        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
         frames = part.stop - part.start
         # only the nodes whose splines reach these frames; one product, as sums of large arrays take longer
         moved = [(basis_matrix(basis, k)[part, near] @ by_node).reshape(frames, nq, -1) for k in range(len(slopes))]
@@ -194,7 +194,7 @@ class MarkerMoves:
             columns = np.flatnonzero(names == source.key)
             change = by_unknown @ self.shift[:, columns]
             mine = columns[columns < count]
-            change[:, :, : len(mine)] += own[:, :, mine]
+            change[:, :, : len(mine)] += own if len(mine) == count else own[:, :, mine]
             out[source] = _squares(change)
         return out
 

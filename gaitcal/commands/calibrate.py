@@ -13,7 +13,7 @@ from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.files.snapshot import sha256_of
-from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import STUDY, draft_text, study_of
@@ -40,8 +40,9 @@ def run(
     """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
 
     `force` goes on past errors that the checks find, and keeps every trial of a drafted study. `normal`: file of normal
-    bands.
+    bands, or the name of those that gaitcal brings.
     """
+    normal = None if normal is None else bands_file(normal)
     bands = None if normal is None else read_normal_bands(normal)
     source = study_or_draft(path, options, talk)
     drafted = source if isinstance(source, Draft) else None

@@ -15,7 +15,12 @@ Mass = Annotated[float | None, typer.Option(help="Body mass in kg, where the rec
 Height = Annotated[float | None, typer.Option(help="Body height in m, the same.")]
 Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
-Normal = Annotated[Path | None, typer.Option(help="CSV of normal bands, drawn behind the report's angles and moments.")]
+Normal = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
+    ),
+]
 
 HoldOut = Annotated[
     bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")

@@ -27,6 +27,8 @@ from gaitcal.results.recordings import WrittenRecording, write_recordings
 from gaitcal.results.saved import MODEL, load_result_model
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
+SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
+"""What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
@@ -50,7 +52,7 @@ def convention_of(signs: str | None, moments: str | None, units: str | None, *, 
     if signs is None and moments is None and units is None and not external:
         return None
     return Convention(
-        signs=Signs.OPENSIM if signs is None else _chosen({s.value: s for s in Signs}, signs, "--convention"),
+        signs=Signs.OPENSIM if signs is None else _chosen(SIGNS, signs, "--convention"),
         frame=MomentFrame.COORDINATES
         if moments is None
         else _chosen({f.key: f for f in MomentFrame}, moments, "--moments"),

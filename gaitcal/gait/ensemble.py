@@ -37,6 +37,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
+from gaitcal.gait.stride_table import TOLD, conventions_of, typed
 
 GROUP: Final = ("person", "session", "side", "variable")
 """Columns of `cycles.csv` whose strides belong together."""
@@ -136,34 +137,36 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it; samples with `valid` 0 are left out.
+    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with `valid` 0 are left
+        out.
 
     Raises
     ------
     InputError
-        A stride is there twice.
+        A column is missing, a stride is there twice, or a variable in two conventions.
 
     Returns
     -------
     One row a percent, with `ENSEMBLE_COLUMNS`, in the units of `strides`: `n` strides of `trials` trials; `mean`; `sd`
-    over strides; `sd_within`, `sd_between` trials; `sd_error`, the part that is measurement error; `se` of the mean.
+    over strides; `sd_within`, `sd_between` trials; `sd_error`, the part that is measurement error; `se` of the mean;
+    `unit` and `positive` where `strides` have them.
     """
     if strides.empty:
         return pd.DataFrame(columns=list(ENSEMBLE_COLUMNS))
-    errors = [name for name in ("se_stride", "se") if name in strides]
+    strides = typed(strides)
     require_once(strides)
-    wide = strides.set_index(WHERE)[["value", "valid", *errors]].astype(float).unstack("percent")
+    told = conventions_of(strides) if any(name in strides for name in TOLD) else {}
+    wide = strides.set_index(WHERE)[["value", "valid", "se_stride", "se"]].astype(float).unstack("percent")
     percent = wide["value"].columns.to_numpy()
     rows_of = wide.groupby(level=list(GROUP), sort=False, dropna=False).indices
     usable = np.where(wide["valid"].to_numpy() == 1, wide["value"].to_numpy(), np.nan)
-    own, total = (
-        wide[name].to_numpy() if name in errors else np.full_like(usable, np.nan) for name in ("se_stride", "se")
-    )
+    own, total = (wide[name].to_numpy() for name in ("se_stride", "se"))
     trials = wide.index.get_level_values("trial").to_numpy()
     parts = []
-    for key in dict.fromkeys(strides[list(GROUP)].itertuples(index=False, name=None)):
+    for key in strides[list(GROUP)].drop_duplicates().itertuples(index=False, name=None):
         rows = rows_of[key]
         found = spread(usable[rows], trials[rows], own[rows], total[rows])
         part = dict(zip(GROUP, key, strict=True)) | {"percent": percent}
-        parts.append(pd.DataFrame(part | {name: getattr(found, name) for name in STATISTICS}))
+        part |= {name: getattr(found, name) for name in STATISTICS}
+        parts.append(pd.DataFrame(part | dict(zip(TOLD, told.get(str(key[-1]), ()), strict=False))))
     return pd.concat(parts, ignore_index=True)

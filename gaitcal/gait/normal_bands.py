@@ -7,11 +7,12 @@
     hip_flexion,deg,2,34.9,6.1
     hip_flexion_moment,N m/kg,0,0.31,0.14
 
-Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it:
+Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it. Empty cells at the
+end of a line and lines of empty cells, as spreadsheet programs write them, are left out.
 
 | signs | angles | moments |
 |---|---|---|
-| `gaitcal` | as in `cycles.csv` | internal, in the direction of the coordinate: flexor, adductor, dorsiflexor |
+| `gaitcal`, `opensim` | as in `cycles.csv` | internal, in the coordinate's direction: flexor, adductor, dorsiflexor |
 | `external` | as in `cycles.csv` | external: all of the other sign |
 | `clinical` | pelvis: forward tilt, this side up, this side forward | internal: extensor, abductor, plantarflexor |
 
@@ -36,6 +37,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError, nearest
+from gaitcal.files.package_data import models_path
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.variables import GROUND_REACTION, Kind, kind_of
 from gaitcal.gait.words import split_side
@@ -45,6 +47,8 @@ from gaitcal.recording.text_file import read_lines
 
 COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2
+SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "normal_walking.csv"}
+"""Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are."""
 
 
 class _Row(NamedTuple):
@@ -131,24 +135,36 @@ def _to_ours(unit: str, subject: Subject) -> float:
     }.get(unit, 1.0)
 
 
+def bands_file(name: Path | str) -> Path:
+    """The file of normal bands of that path, or of that name among those that gaitcal brings (`schwartz2008`).
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    path, known = Path(name), SHIPPED.get(str(name).lower())
+    if known is None or path.exists():
+        if not path.exists():
+            allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
+            raise InputError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
+        return path
+    return models_path() / known
+
+
 def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
-    """Variable -> its band, from a CSV file as the module describes it.
+    """Variable -> its band, from a CSV file as the module describes it, or of a name in `SHIPPED`.
 
     Raises
     ------
     InputError
         One line: file, line, what was found, what is allowed.
     """
-    source = Path(path)
-    lines = [(number, line) for number, line in enumerate(read_lines(source), start=1) if line.strip()]
-    comments = [line.lstrip("# ").strip() for _, line in lines if line.startswith("#")]
-    rows = [(number, next(csv.reader([line]))) for number, line in lines if not line.startswith("#")]
+    source = bands_file(path)
+    comments, rows = _parted(source)
     told = _told(comments)
-    names = {signs.value: signs for signs in Signs}
-    if (said := told.get("signs", "").lower()) not in names:
-        found = f"found '{told['signs']}'" if "signs" in told else "missing"
-        raise InputError(f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs")
-    header = tuple(cell.strip() for cell in rows[0][1]) if rows else ()
+    signs = _signs(told.get("signs", []), source)
+    header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
         raise InputError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
     points: dict[str, list[_Row]] = {}
@@ -156,22 +172,52 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
         points.setdefault(row.variable, []).append(row)
     if not points:
         raise InputError("found no row below the names of the columns", source=source)
-    return {
-        variable: _band(variable, found, names[said], told.get("source", ""), source)
-        for variable, found in points.items()
-    }
+    said = "; ".join(told.get("source", []))
+    return {variable: _band(variable, found, signs, said, source) for variable, found in points.items()}
 
 
-def _told(comments: Sequence[str]) -> dict[str, str]:
-    """What comments of the form `name: text` say, the first of each name."""
-    pairs = [comment.partition(":") for comment in comments if ":" in comment]
-    return {name.strip().lower(): text.strip() for name, _, text in reversed(pairs)}
+def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Comments without their `#`, and numbered rows of cells."""
+    comments, rows = [], []
+    for number, line in enumerate(read_lines(source), start=1):
+        cells = [cell.strip() for cell in next(csv.reader([line]), [])]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells and cells[0].startswith("#"):
+            # a spreadsheet program may have put the comment, or a part of it, in quotation marks
+            comments.append(", ".join(cells).lstrip("# "))
+        elif cells:
+            rows.append((number, cells))
+    return comments, rows
+
+
+def _told(comments: Sequence[str]) -> dict[str, list[str]]:
+    """What comments of the form `name: text` say, each text once."""
+    out: dict[str, list[str]] = {}
+    for name, colon, text in (comment.partition(":") for comment in comments):
+        if colon and text.strip() not in (texts := out.setdefault(name.strip().lower(), [])):
+            texts.append(text.strip())
+    return out
+
+
+def _signs(said: Sequence[str], source: Path) -> Signs:
+    """What all lines on signs agree in."""
+    names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
+    allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
+    if not said:
+        raise InputError(f"missing; {allowed}", source=source, field="signs")
+    for text in said:
+        if text.lower() not in names:
+            raise InputError(f"found '{text}'; {allowed}", source=source, field="signs")
+    if len({names[text.lower()] for text in said}) > 1:
+        raise InputError(f"found {' and '.join(map(repr, said))}; {allowed}", source=source, field="signs")
+    return names[said[0].lower()]
 
 
 def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
     known = known_variables()
     for number, row in rows:
-        cells, at = [cell.strip() for cell in row], f"line {number}"
+        cells, at = row, f"line {number}"
         if len(cells) != len(COLUMNS):
             raise InputError(f"found {len(cells)} cells; allowed: {len(COLUMNS)}", source=source, field=at)
         variable, unit = cells[:2]

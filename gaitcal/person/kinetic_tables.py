@@ -27,7 +27,8 @@ VECTOR_HEADER = (
     "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. _angle, _flexion,",
     "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about y",
     "positive: flexion, adduction, inversion, dorsiflexion, internal rotation on both sides; trunk as coordinates",
-    "_se: standard error; valid_r, valid_l, valid: as of the torques (moments/)",
+    "_se: standard error; _se_stride: the part of it that differs from stride to stride; empty where unknown",
+    "valid_r, valid_l, valid: as of the torques (moments/)",
 )
 """Comment lines above the header of every file of moment vectors."""
 
@@ -45,15 +46,17 @@ def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> pd.
 
 
 def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> pd.DataFrame:
-    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard error."""
+    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
     errors = None if loads.errors is None else loads.errors.kinetics
+    known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
+    unknown = np.full(len(kinetics.time), np.nan)
     columns = _first(kinetics.time, loads.reactions)
     for name in COMPONENTS:
         for frame in VECTOR_FRAMES:
             value, column = component_of(kinetics, name, frame), vector_column(name, frame)
             columns[column] = value
-            unknown = np.full(len(value), np.nan)
-            columns[f"{column}_se"] = unknown if errors is None else component_of(errors, name, frame)
+            for ending, of in known.items():
+                columns[column + ending] = unknown if of is None else component_of(of, name, frame)
     return pd.DataFrame(columns)
 
 

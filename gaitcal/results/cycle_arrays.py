@@ -8,7 +8,7 @@ import pandas as pd
 
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import require_once
-from gaitcal.gait.variables import unit_of
+from gaitcal.gait.stride_table import conventions_of, typed
 
 DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
 COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}
@@ -20,12 +20,13 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
 
     Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
     variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
-    attributes; NaN where a trial has no such stride. Without any stride it is empty.
+    attribute, and with `positive` (what a positive value means) where the table says it, as exports do; NaN where a
+    trial has no such stride. Without any stride it is empty.
 
     Raises
     ------
     InputError
-        xarray is not installed, or a stride is there twice.
+        xarray is not installed, a stride is there twice, or a variable in two conventions.
     """
     try:
         import xarray
@@ -33,7 +34,9 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         raise InputError("xarray is not installed; pip install xarray") from None
     if strides.empty:
         return xarray.Dataset()
+    strides = typed(strides)
     require_once(strides)
+    told = conventions_of(strides)
     several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
     wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
     columns: dict[str, pd.Series] = {}
@@ -42,7 +45,10 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
     for name in dataset.data_vars:
         variable = str(name).removesuffix("_se").removesuffix("_valid")
-        dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit_of(variable)
+        unit, positive = told[variable]
+        dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit
+        if positive and str(name) == variable:
+            dataset[name].attrs["positive"] = positive
     dataset["percent"].attrs["units"] = "%"
     for name in ("person", "session"):
         if name not in several:

@@ -16,6 +16,7 @@ from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
+from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.model.linkage import SIDES, is_translation
@@ -25,9 +26,6 @@ from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.results.table_file import read_csv, refused_lines, write_csv
 
-CYCLE_COLUMNS = (
-    *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
-)
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
@@ -92,6 +90,9 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
 def read_cycles(path: Path | str) -> pd.DataFrame:
     """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of `gaitcal.cycles`.
 
+    One that `gaitcal export` wrote has `unit` and `positive` beside them; of an earlier version, what it did not write
+    is empty.
+
     Raises
     ------
     InputError
@@ -100,18 +101,10 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     source = Path(path)
     source = source / CYCLES if source.is_dir() else source
     try:
-        return typed(read_csv(source)[0])
-    except (OSError, UnicodeError, ValueError, KeyError) as error:
+        table, _ = read_csv(source)
+    except (OSError, UnicodeError, ValueError) as error:
         raise InputError(f"cannot be read as a table of strides: {error}", source=source) from None
-
-
-def typed(table: pd.DataFrame) -> pd.DataFrame:
-    """A table of strides that may hold text, with numbers where numbers belong."""
-    whole = dict.fromkeys(("stride", "percent", "valid"), int)
-    return table.assign(
-        **{name: pd.to_numeric(table[name]).astype(kind) for name, kind in whole.items()},
-        **{name: pd.to_numeric(table[name]) for name in ("value", "se", "se_stride") if name in table},
-    )
+    return typed(table, source)
 
 
 def cycle_table(

@@ -28,7 +28,7 @@ from gaitcal.recording.metadata import FootMoment
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
 from gaitcal.results.saved_trial import saved_events
-from gaitcal.results.table_file import read_csv, write_csv
+from gaitcal.results.table_file import VERDICT, read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
 
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
@@ -36,7 +36,8 @@ NUMBERS = ("value", "se", "se_stride")
 """Columns that a convention changes; the second part of the error where the table has it."""
 HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
-    "se: standard error, empty where unknown; valid: 1 where the value may be used; as in cycles.csv of the result",
+    "se: standard error, se_stride: the part of it that strides do not share, empty where unknown; valid: 1 where the",
+    "value may be used; as in cycles.csv of the result",
 )
 """Comment lines above the header, before those of the convention."""
 RELATIVE = ("joint angles are relative", "static trial, deg")
@@ -107,7 +108,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
             message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
             raise InputError(message, source=folder)
     # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
-    told = (*(f"{name}: " for name, _ in strides), *RELATIVE)
+    told = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(told))
     return _Result(model, table, kept, strides, vectors)
 
@@ -168,16 +169,16 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         if len(cycles) != of_trial["stride"].nunique():
             raise InputError(f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again")
         first = of_trial.iloc[0]
-        time = table["time"].to_numpy(dtype=np.float64)
+        time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
         for stride, cycle in enumerate(cycles, start=1):
             for name in names:
                 own = leg_of(name)
                 column, counts = vector_column(name, frame), f"valid_{own}" if own else "valid"
                 usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
-                value, error, valid = (
-                    normalise(time, values, cycle)
-                    for values in (table[column].to_numpy(float), table[f"{column}_se"].to_numpy(float), usable)
+                told = (table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride"))
+                value, error, differing, valid = (
+                    normalise(time, np.asarray(values, dtype=np.float64), cycle) for values in (*told, usable)
                 )
                 parts.append(
                     pd.DataFrame(
@@ -191,6 +192,7 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                             "value": value,
                             "se": error,
                             "valid": np.isfinite(valid).astype(int).astype(str),
+                            **({"se_stride": differing} if "se_stride" in found.table else {}),
                         }
                     )
                 )

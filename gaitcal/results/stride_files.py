@@ -11,15 +11,21 @@ import pandas as pd
 
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.result import TrialResult
-from gaitcal.results.cycles import CYCLES, DIGITS, typed, write_cycles
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_HEADER, spatiotemporal_table
-from gaitcal.results.table_file import read_csv, refused_lines, write_csv
+from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
+from gaitcal.results.spatiotemporal import (
+    SPATIOTEMPORAL,
+    SPATIOTEMPORAL_COLUMNS,
+    SPATIOTEMPORAL_HEADER,
+    spatiotemporal_table,
+)
+from gaitcal.results.table_file import VERDICT, read_csv, refused_lines, write_csv
 
 ENSEMBLE: Final = "ensemble.csv"
-STRIDE_FILES: Final = (CYCLES, SPATIOTEMPORAL)
-"""Those that are read back when further trials join them."""
+STRIDE_FILES: Final = {CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
+"""With their columns, those that are read back when further trials join them."""
 ENSEMBLE_HEADER: Final = (
     "mean curves of cycles.csv over all strides of its trials, valid samples alone; units as there",
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, sd_between trials",
@@ -54,7 +60,7 @@ def write_stride_files(
     none = EarlierStrides(pd.DataFrame(), (), pd.DataFrame(), ())
     before = earlier or none
     cycles = write_cycles(folder / CYCLES, model, trials, relative_to, before.cycles, before.cycle_lines)
-    write_csv(ensemble(typed(cycles)).round(DIGITS), folder / ENSEMBLE, ENSEMBLE_HEADER)
+    write_csv(ensemble(cycles).round(DIGITS), folder / ENSEMBLE, ENSEMBLE_HEADER)
     table = spatiotemporal_table(model.subject, trials)
     if len(before.spatiotemporal):
         table = pd.concat([before.spatiotemporal, table.astype(object)], ignore_index=True)
@@ -69,14 +75,16 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
     """
     names = tuple(kept)
     out = []
-    for file in STRIDE_FILES:
+    for file, columns in STRIDE_FILES.items():
         table, lines = pd.DataFrame(), tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
             table, comments = read_csv(folder / file)
-            lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: " for name in names)))
+            # with the word that follows: a trial may be called `se`, of which the head speaks as well
+            lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: {VERDICT}" for name in names)))
             table = table[table["trial"].isin(names)]
             if "person" not in table:
                 table = table.assign(person=subject.name, session=subject.session)
+            table = table.reindex(columns=list(columns))  # an earlier version had fewer, in another order
         out.append((table, lines))
     (cycles, cycle_lines), (spatiotemporal, spatiotemporal_lines) = out
     return EarlierStrides(cycles, cycle_lines, spatiotemporal, spatiotemporal_lines)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.gait.normal_bands import Signs, known_variables, read_normal_bands
+from gaitcal.gait.normal_bands import SHIPPED, Signs, bands_file, known_variables, read_normal_bands
 from gaitcal.model.subject_model import Subject
 
 PERSON = Subject("x", 60.0, 1.7, "female")
@@ -115,6 +115,36 @@ def test_what_is_wrong_is_one_line_with_the_line_of_the_file(tmp_path: Path, row
 def test_signs_and_columns_must_be_told(tmp_path: Path, header: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_normal_bands(written(tmp_path, "hip_flexion,deg,0,1,1\nhip_flexion,deg,9,1,1\n", header=header))
+
+
+def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path) -> None:
+    rows = "hip_flexion,deg,0,1,1\nhip_flexion,deg,9,1,1\n"
+    padded = (
+        '"# source: Somebody, 2020",,,\n# signs: clinical,,,,\n,,,,\nvariable,unit,percent,mean,sd,,\n'
+        + rows
+        + ",,,,\n"
+    )
+    path = tmp_path / "normal.csv"
+    path.write_text(padded.replace("\n", "\r\n"), encoding="utf-8-sig", newline="")
+    band = read_normal_bands(path)["hip_flexion"]
+    assert (band.source, band.signs, band.percent.tolist()) == ("Somebody, 2020", Signs.CLINICAL, [0.0, 9.0])
+
+
+def test_lines_on_signs_must_agree(tmp_path: Path) -> None:
+    rows = "variable,unit,percent,mean,sd\nhip_flexion,deg,0,1,1\nhip_flexion,deg,9,1,1\n"
+    header = "# signs: {signs}\n"
+    same = written(tmp_path, rows, "opensim", header + "# signs: GaitCal\n# source: a\n# source: b\n")
+    band = read_normal_bands(same)["hip_flexion"]
+    assert band.signs is Signs.GAITCAL and band.source == "a; b"
+    with pytest.raises(InputError, match="signs: found 'clinical' and 'external'; allowed: a line"):
+        read_normal_bands(written(tmp_path, rows, "clinical", header + "# signs: external\n"))
+
+
+def test_bands_that_come_with_the_program_have_names() -> None:
+    assert "hip_flexion_moment" in read_normal_bands("schwartz2008")
+    assert all(bands_file(name).is_file() for name in SHIPPED)
+    with pytest.raises(InputError, match="no such file; allowed: a CSV file, or .*schwartz2008; did you mean 'schw"):
+        read_normal_bands("schwartz")
 
 
 def test_every_variable_of_the_table_of_strides_may_have_a_band() -> None:

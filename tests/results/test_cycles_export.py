@@ -13,9 +13,11 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli import app
 from gaitcal.gait.cycles import GaitCycle, normalise
+from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import TrialEvents
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.recording.metadata import FootMoment
+from gaitcal.results.cycles import read_cycles
 from tests.synthetic_studies import write_synthetic_study
 
 RUNNER = CliRunner()
@@ -113,10 +115,15 @@ def test_moments_in_other_frames_are_those_of_the_vectors_over_the_same_strides(
     assert {"hip_rotation_moment", "knee_rotation_moment", "ankle_inversion_moment"} <= set(found["variable"])
     for name in ("knee_rotation", "ankle_angle", "hip_adduction"):
         rows = found[found["variable"] == f"{name}_moment"]
-        for column, suffix in (("value", ""), ("se", "_se")):
+        known = rows[rows["se"].notna()]
+        assert len(known) and known["se_stride"].between(1e-9, known["se"] + ROUNDED).all()
+        for column, suffix in (("value", ""), ("se", "_se"), ("se_stride", "_se_stride")):
             expected = normalise(vectors["time"].to_numpy(), vectors[f"{name}_l_{frame}{suffix}"].to_numpy(), cycle)
             np.testing.assert_allclose(rows[column], expected, atol=ROUNDED)
     own = before[(before["side"] == "l") & (before["stride"] == 1)]
+    means = ensemble(read_cycles(result / "export"))
+    of_knee = means[(means["variable"] == "knee_rotation_moment") & (means["n"] > 0)]
+    assert len(of_knee) and of_knee[["se", "sd_error"]].notna().all(axis=None) and set(of_knee["unit"]) == {"N m"}
     hip = found[found["variable"] == "hip_flexion_moment"]
     as_it_was = own[own["variable"] == "hip_flexion_moment"]
     assert hip["valid"].tolist() == as_it_was["valid"].tolist()
@@ -161,6 +168,17 @@ def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     with (result / "model.toml").open("a", encoding="utf-8") as model:
         model.write("# edited\n")
     assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace("\n", " ")
+
+
+def test_vectors_of_an_earlier_version_have_no_error_of_their_own_strides(result: Path) -> None:
+    for path in (result / "moment_vectors").iterdir():
+        old = table(path)
+        old[[name for name in old.columns if not name.endswith("_se_stride")]].to_csv(path, index=False)
+    (result / "manifest.json").unlink()  # with the hashes of the files as they were
+    found = exported(result, "--moments", "jcs", "--convention", "gaitcal")
+    moments = found["variable"].str.endswith("_moment")
+    assert found["se_stride"][moments].isna().all() and found["se_stride"][~moments].notna().any()
+    assert found["se"][moments].notna().any()
 
 
 def test_wrong_words_are_told(result: Path) -> None:
