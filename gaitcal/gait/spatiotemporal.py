@@ -32,7 +32,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, resample
+from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, between, is_stride, resample
+from gaitcal.gait.event_order import double_support
 from gaitcal.gait.events import SIDES, TrialEvents
 from gaitcal.gait.gait_event import EventSource
 
@@ -97,7 +98,7 @@ def strides_measured(
     out: list[Stride] = []
     for side, other in (("r", "l"), ("l", "r")):
         number = 0
-        for start, stop in _spans(of_feet[side]):
+        for start, stop in _spans(of_feet[side], of_feet[other]):
             whole = start is not None and stop is not None
             number += whole
             struck = None if stop is None else _step_before(of_feet[side], of_feet[other], start, stop)
@@ -119,15 +120,14 @@ def strides_measured(
     return tuple(out)
 
 
-def _spans(foot: FootEvents) -> list[tuple[float | None, float | None]]:
+def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
     """From each strike to the next, from before the first and to after the last; apart where it is no stride."""
     strikes: list[float] = foot.strikes.tolist()
     if not strikes:
         return []
     out: list[tuple[float | None, float | None]] = [(None, strikes[0])]
     for start, stop in itertools.pairwise(strikes):
-        whole = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
-        out += [(start, stop)] if whole else [(start, None), (None, stop)]
+        out += [(start, stop)] if is_stride(start, stop, foot, other) else [(start, None), (None, stop)]
     return [*out, (strikes[-1], None)]
 
 
@@ -142,12 +142,12 @@ def _times(
 ) -> dict[str, float]:
     """What events alone tell; `struck`: when the other foot began the step that ends the stride."""
     out: dict[str, float] = {}
-    off = _between(own.toe_offs, start, stop)
+    off = _off(own, other, start, stop)
     if stop is not None and struck is not None:
         out["step_time"] = stop - struck
     if start is not None and off is not None:
         out["stance"] = off - start
-        out |= _supports(other, start, off)
+        out |= double_support(other, start, off)
     if stop is not None and off is not None:
         out["swing"] = stop - off
     if start is not None and stop is not None:
@@ -158,14 +158,22 @@ def _times(
     return out
 
 
-def _between(times: Array, start: float | None, stop: float | None) -> float | None:
-    """The off of a stride: the first one after its start; the last one before its stop, where the start is unknown."""
+def _off(own: FootEvents, other: FootEvents, start: float | None, stop: float | None) -> float | None:
+    """The off of a stride: the first one after its start; the last one before its stop, where the start is unknown.
+
+    None where a strike is missing beside it: two strikes of the other foot between.
+    """
     low = start if start is not None else float(stop or 0.0) - CYCLE_RANGE[1]
     high = stop if stop is not None else low + CYCLE_RANGE[1]
-    found = times[(times > low) & (times < high)]
-    if not len(found):
+    earlier, later = own.strikes[own.strikes < high], own.strikes[own.strikes > low]
+    cut_before, cut_after = start is None and len(earlier), stop is None and len(later)
+    low, high = max(low, float(earlier[-1])) if cut_before else low, min(high, float(later[0])) if cut_after else high
+    found = between(own.toe_offs, low, high)
+    if not len(found) or ((cut_before or cut_after) and len(found) < 2 and len(between(other.strikes, low, high)) > 1):
         return None
-    return float(found[0] if start is not None else found[-1])
+    off = float(found[0] if start is not None else found[-1])
+    phase = between(other.strikes, start, off) if start is not None else between(other.strikes, off, high)
+    return None if len(phase) > 1 else off
 
 
 def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: float) -> float | None:
@@ -177,31 +185,6 @@ def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: 
     if len(earlier):  # not across a strike of its own
         before = before[before > earlier[-1]]
     return float(before[-1]) if len(before) else None
-
-
-def _supports(other: FootEvents, strike: float, off: float) -> dict[str, float]:
-    """Double and single support of a stance from `strike` to `off`; 0 where the other foot is in the air (running)."""
-    out: dict[str, float] = {}
-    changes = sorted([(t, True) for t in other.strikes.tolist()] + [(t, False) for t in other.toe_offs.tolist()])
-    before = [down for t, down in changes if t <= strike]
-    inside = [(t, down) for t, down in changes if strike < t < off]
-    after = [down for t, down in changes if t >= off]
-    # The foot is what its last event made it, else what its next one ends.
-    turns = [down for _, down in inside]
-    down_first = before[-1] if before else not [*turns, *after][0] if turns or after else None
-    down_last = not after[0] if after else [*before, *turns][-1] if turns or before else None
-    if down_first is not None:
-        left = [t for t, down in inside if not down]
-        out |= {"first_double_support": left[0] - strike} if down_first and left else {}
-        out |= {} if down_first else {"first_double_support": 0.0}
-    if down_last is not None:
-        struck = [t for t, down in inside if down]
-        out |= {"second_double_support": off - struck[-1]} if down_last and struck else {}
-        out |= {} if down_last else {"second_double_support": 0.0}
-    if len(out) == 2:
-        both = sum(out.values())
-        out |= {"double_support": both, "single_support": off - strike - both}
-    return out
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
+from gaitcal.gait.events import times_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.kinetic_tables import told_components, vector_column
@@ -94,12 +95,11 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     for name in dict.fromkeys(table["trial"]):
         about = trials.get(name) if isinstance(trials, dict) else None
         events = saved_events(about.get("events") if isinstance(about, dict) else None)
-        for side in SIDES:
-            strikes, offs = (
-                np.array([e.time for e in events if e.side == side and e.moment is moment])
-                for moment in (FootMoment.STRIKE, FootMoment.OFF)
-            )
-            strides[name, side] = gait_cycles(FootEvents(strikes, offs))
+        right, left = (
+            FootEvents(*(np.array(times_of(events, side, m)) for m in (FootMoment.STRIKE, FootMoment.OFF)))
+            for side in SIDES
+        )
+        strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial
