@@ -24,7 +24,8 @@ mean joins both kinds of error; c, the same in all, does not become smaller by m
 
     se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
 
-Samples that are not valid are left out one by one, so that n may change along the stride.
+Samples that are not valid are left out one by one, so that n may change along the stride. Strides that turn
+(`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
+from gaitcal.gait.progression import TURNING
 
 GROUP: Final = ("person", "session", "side", "variable")
 """Columns of `cycles.csv` whose strides belong together."""
@@ -136,7 +138,8 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it; samples with `valid` 0 are left out.
+    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it; samples with `valid` 0 and strides that turn are
+        left out.
 
     Raises
     ------
@@ -150,12 +153,15 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     """
     if strides.empty:
         return pd.DataFrame(columns=list(ENSEMBLE_COLUMNS))
-    errors = [name for name in ("se_stride", "se") if name in strides]
+    errors = [name for name in ("se_stride", "se", "turn") if name in strides]
     require_once(strides)
     wide = strides.set_index(WHERE)[["value", "valid", *errors]].astype(float).unstack("percent")
     percent = wide["value"].columns.to_numpy()
     rows_of = wide.groupby(level=list(GROUP), sort=False, dropna=False).indices
-    usable = np.where(wide["valid"].to_numpy() == 1, wide["value"].to_numpy(), np.nan)
+    counts = wide["valid"].to_numpy() == 1
+    if "turn" in strides:
+        counts &= ~(np.abs(wide["turn"].to_numpy()) > TURNING)
+    usable = np.where(counts, wide["value"].to_numpy(), np.nan)
     own, total = (
         wide[name].to_numpy() if name in errors else np.full_like(usable, np.nan) for name in ("se_stride", "se")
     )

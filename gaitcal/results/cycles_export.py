@@ -91,12 +91,15 @@ def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
     trials = read_object(folder / SUMMARY).get("trials")
-    strides, vectors = {}, {}
+    strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
+    vectors = {}
     for name in dict.fromkeys(table["trial"]):
         about = trials.get(name) if isinstance(trials, dict) else None
         events = saved_events(about.get("events") if isinstance(about, dict) else None)
         right, left = (
-            FootEvents(*(np.array(times_of(events, side, m)) for m in (FootMoment.STRIKE, FootMoment.OFF)))
+            FootEvents(
+                np.array(times_of(events, side, FootMoment.STRIKE)), np.array(times_of(events, side, FootMoment.OFF))
+            )
             for side in SIDES
         )
         strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
@@ -170,6 +173,8 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         first = of_trial.iloc[0]
         time = table["time"].to_numpy(dtype=np.float64)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
+        with_turn = of_trial.drop_duplicates("stride") if "turn" in of_trial else of_trial.iloc[:0]
+        turn_of = {str(row["stride"]): {"turn": row["turn"]} for _, row in with_turn.iterrows()}
         for stride, cycle in enumerate(cycles, start=1):
             for name in names:
                 own = leg_of(name)
@@ -191,6 +196,7 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                             "value": value,
                             "se": error,
                             "valid": np.isfinite(valid).astype(int).astype(str),
+                            **turn_of.get(str(stride), {}),
                         }
                     )
                 )
