@@ -18,7 +18,7 @@ Vicon's programs measure between the toe markers, which are further apart as toe
 hospital its step width is 55 to 80 mm larger than between heels (`tests/gait/test_spatiotemporal.py`).
 
 A stride that turns (`gait/progression.py`) is measured along its own line, too, and left out of means. Feet that swing
-and get no further than a decimetre have no lengths: they step on the spot, or on a belt too slow to be told from a floor.
+and get no further than a decimetre have no lengths: they step on the spot, or on a belt that looks like a floor.
 
 A stride that the recording cuts counts for what it shows: the stance of a last strike, the step to a first one (along
 the other foot's stride, where that is whole). Nothing is told of a foot at a strike at which no marker shows it.

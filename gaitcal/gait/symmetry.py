@@ -3,9 +3,10 @@
     symmetry index = 100 (R - L) / ((R + L) / 2)   (%)
 
 of the means R and L of both legs (Robinson, Herzog & Nigg, J Manipulative Physiol Ther 1987): 0 where they are alike,
-positive where the right one is larger. There is none of the step width, which is one distance between both feet. Strides
-that turn are left out, and what is of a leg that is refused, steps and supports with it, to which both feet belong. Mean and standard deviations are those of `gait/ensemble.py`: each stride counts
-the same, also one of which the recording shows a part.
+positive where the right one is larger. There is none of the step width, which is one distance between both feet. Mean
+and standard deviations are those of `gait/ensemble.py`: each stride counts the same, also one of which the recording
+shows a part. Strides that turn are left out, and legs that are refused, with steps and supports beside them, to which
+both feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from gaitcal.gait.events import TrialEvents, joined_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import MEASURES, Stride, strides_measured
 from gaitcal.gait.strides import strides_of
-from gaitcal.gait.symmetry import measure_means
+from gaitcal.gait.symmetry import counting, measure_means, stride_findings
 from gaitcal.recording.metadata import FootMoment
 from tests.gait.recorded_walks import hand_count, recorded_strides, strides_of_markers, vendor_figures
 
@@ -194,6 +194,39 @@ def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
     assert "step_length" not in first.measures
     assert "stride_length" in whole(found, "l")[0].measures
     assert "stride_length" not in whole(strides_measured(events, time, None))[0].measures
+
+
+def test_feet_that_swing_and_get_no_further_have_no_lengths_and_are_told() -> None:
+    time, feet, events = steps(6)
+    still = replace(feet, heel=feet.heel * [0.02, 1.0, 1.0])
+    strides = strides_measured(events, time, still)
+    assert not any({"speed", "stride_length", "step_length", "step_width"} & set(s.measures) for s in strides)
+    assert all(s.on_the_spot and s.measures["stance"] > 0 for s in whole(strides))
+    (found,) = stride_findings("walk", strides)
+    assert found.cause == "feet swing and get no further" and "right 1 and 2, left 1 and 2" in found.found
+    assert not stride_findings("walk", strides_measured(events, time, feet))
+
+
+def test_strides_that_turn_are_in_no_mean_and_are_named() -> None:
+    time, feet, events = steps(8)
+    faced = np.radians(np.interp(time, [2.4, 3.5], [0.0, 50.0])) + 0.1 * np.sin(2 * np.pi * time / 1.1)
+    strides = strides_measured(events, time, feet, None, faced)
+    assert [round(s.turn or 0.0) for s in whole(strides)] == [0, 0, 50]
+    kept = counting(strides)
+    assert [s.number for s in whole(kept)] == [1, 2] and [s.number for s in whole(kept, "l")] == [1]
+    (found,) = stride_findings("walk", strides)
+    assert "right 3, left 2 and 3 (by up to 50 deg)" in found.found
+    width = next(m for m in measure_means({"walk": counting(strides)}) if m.name == "step_width")
+    assert width.symmetry is None and width.right is not None and width.left is not None
+
+
+def test_what_needs_a_refused_leg_counts_for_nothing() -> None:
+    time, feet, events = steps(6)
+    strides = counting(strides_measured(events, time, feet), ("l",))
+    assert not any(s.measures for s in strides if s.side == "l")
+    left = {name for s in strides for name in s.measures}
+    assert {"stance", "cadence", "stride_length"} <= left and not any("step" in n or "support" in n for n in left)
+    assert not any(s.measures for s in counting(strides, ("r", "l")))
 
 
 def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
