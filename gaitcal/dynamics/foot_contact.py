@@ -22,6 +22,8 @@ RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
 SLOWEST_BELT = 0.05
 """m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by."""
+SLOWEST_SWING = 0.25
+"""m/s against the belt that a foot in swing exceeds, as in `gait/swing.py`."""
 SWINGING = 0.9
 """Share of the moments of all points below the speed that some swing must exceed."""
 EDGE = 0.08
@@ -75,8 +77,8 @@ def ground_velocity(points: Array, velocity: Array) -> Array:
     if speed > RESTING:
         return out
     back = out / speed if speed > SLOWEST_BELT else np.zeros(3)
-    onwards = -(velocity[whole] @ back)  # (nf, n) m/s, against the belt
-    swings = float(np.quantile(onwards, SWINGING)) > RESTING
+    onwards = -(velocity[whole] @ back)  # (nf, n) m/s, in the room
+    swings = float(np.quantile(onwards, SWINGING)) + speed > SLOWEST_SWING
     stays = abs(float(onwards.mean())) < 0.5 * speed
     return out if swings and stays else np.zeros(3)
 

@@ -22,9 +22,9 @@ from gaitcal.motion.motion import Motion
 
 PELVIS_ANGLES: Final = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 """About z, x and y, each moved by those before it."""
-TURNING: Final = 20.0
-"""deg: who turns by more within a stride does not walk straight. From strike to strike of a straight walk the pelvis
-faces the same to a few degrees."""
+TURNING: Final = 15.0
+"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
+faces the same to 6 deg (24 strides of eight people)."""
 AXES: Final = "ZXY"
 
 

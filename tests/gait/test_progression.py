@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gaitcal.gait.progression import AXES, along_line, facing, turn_between, turns
+from gaitcal.gait.progression import AXES, TURNING, along_line, facing, turn_between, turns
 
 TIME = np.arange(0.0, 2.0, 0.01)
 WAVE = np.sin(2 * np.pi * TIME)
@@ -47,4 +47,4 @@ def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
         faced = facing(turned(ANGLES, sign * np.radians(200.0) * TIME))
         assert turn_between(TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
         assert turns(turn_between(TIME, faced, 0.3, 1.3))
-    assert not turns(None) and not turns(20.0) and turns(-20.1)
+    assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
