@@ -24,7 +24,7 @@ PELVIS_ANGLES: Final = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 """About z, x and y, each moved by those before it."""
 TURNING: Final = 15.0
 """deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
-faces the same to 6 deg (24 strides of eight people)."""
+faces the same to 6 deg (27 strides of eight people)."""
 AXES: Final = "ZXY"
 
 
