@@ -20,6 +20,12 @@ from gaitcal.recording.metadata import FootEvent, FootMoment
 
 RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
+SLOWEST_BELT = 0.05
+"""m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by."""
+SLOWEST_SWING = 0.25
+"""m/s against the belt that a foot in swing exceeds, as in `gait/swing.py`."""
+SWINGING = 0.9
+"""Share of the moments of all points below the speed that some swing must exceed."""
 EDGE = 0.08
 """s by which resting and loading of a plate may differ at the beginning and end of one contact."""
 LANDING, LEAVING = 0.05, 0.10
@@ -59,14 +65,22 @@ class FootPoints:
 def ground_velocity(points: Array, velocity: Array) -> Array:
     """(3,) m/s, how the ground moves under feet with points and velocities (nf, n, 3): the median of the lowest one's.
 
-    Zero on a floor, the belt's velocity on a treadmill; zero, too, where it is less than a resting foot's.
+    Zero on a floor, the belt's velocity on a treadmill. A belt slower than a resting foot is told by feet that go to
+    and fro and get no further than it does: over a floor they get on, at several times the speed of a foot that rolls.
     """
     whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
     if not whole.any():
         return np.zeros(3)
     lowest = points[whole, :, 1].argmin(axis=1)
     out: Array = np.median(velocity[whole, lowest], axis=0)
-    return out if np.linalg.norm(out) > RESTING else np.zeros(3)
+    speed = float(np.linalg.norm(out))
+    if speed > RESTING:
+        return out
+    back = out / speed if speed > SLOWEST_BELT else np.zeros(3)
+    onwards = -(velocity[whole] @ back)  # (nf, n) m/s, in the room
+    swings = float(np.quantile(onwards, SWINGING)) + speed > SLOWEST_SWING
+    stays = abs(float(onwards.mean())) < 0.5 * speed
+    return out if swings and stays else np.zeros(3)
 
 
 def near(marked: BoolArray, time: Array) -> BoolArray:

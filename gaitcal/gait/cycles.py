@@ -2,7 +2,8 @@
 
     percent(t) = 100 (t - t_strike) / (t_next strike - t_strike)
 
-Strikes and toe-offs come from `gait/events.py`, each with its source.
+Strikes and toe-offs come from `gait/events.py`, each with its source. A cycle inside which events show that a strike
+is missing is none.
 """
 
 from __future__ import annotations
@@ -59,13 +60,29 @@ class GaitCycle:
         return None if self.toe_off is None else float(self.percent(self.toe_off))
 
 
-def gait_cycles(events: FootEvents) -> tuple[GaitCycle, ...]:
-    """All complete cycles of one foot, in time order."""
+def is_stride(start: float, stop: float, own: FootEvents, other: FootEvents | None = None) -> bool:
+    """Whether a foot makes one stride from its strike at `start` (s) to the next one that is known, at `stop`.
+
+    Two offs of its own between them, or two strikes of the other foot, and a strike of its own is missing there.
+    """
+    long_enough = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
+    theirs = np.array([]) if other is None else other.strikes
+    return long_enough and len(between(own.toe_offs, start, stop)) < 2 and len(between(theirs, start, stop)) < 2
+
+
+def between(times: Array, start: float, stop: float) -> Array:
+    """Those of `times` (s) after `start` and before `stop`."""
+    out: Array = times[(times > start) & (times < stop)]
+    return out
+
+
+def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
+    """All complete cycles of one foot, in time order; `other`: of the other foot, which shows missing strikes, too."""
     cycles = []
     for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):
-        if CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]:
-            off = [t for t in events.toe_offs.tolist() if start < t < stop]
-            cycles.append(GaitCycle(start, stop, off[0] if off else None, events.sources[k : k + 2]))
+        if is_stride(start, stop, events, other):
+            off = between(events.toe_offs, start, stop)
+            cycles.append(GaitCycle(start, stop, float(off[0]) if len(off) else None, events.sources[k : k + 2]))
     return tuple(cycles)
 
 

@@ -24,7 +24,8 @@ mean joins both kinds of error; c, the same in all, does not become smaller by m
 
     se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
 
-Samples that are not valid are left out one by one, so that n may change along the stride.
+Samples that are not valid are left out one by one, so that n may change along the stride. Strides that turn
+(`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
+from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import TOLD, conventions_of, typed
 
 GROUP: Final = ("person", "session", "side", "variable")
@@ -137,8 +139,8 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with `valid` 0 are left
-        out.
+    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with `valid` 0 and
+        strides that turn are left out.
 
     Raises
     ------
@@ -156,10 +158,12 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     strides = typed(strides)
     require_once(strides)
     told = conventions_of(strides) if any(name in strides for name in TOLD) else {}
-    wide = strides.set_index(WHERE)[["value", "valid", "se_stride", "se"]].astype(float).unstack("percent")
+    wide = strides.set_index(WHERE)[["value", "valid", "se_stride", "se", "turn"]].astype(float).unstack("percent")
     percent = wide["value"].columns.to_numpy()
     rows_of = wide.groupby(level=list(GROUP), sort=False, dropna=False).indices
-    usable = np.where(wide["valid"].to_numpy() == 1, wide["value"].to_numpy(), np.nan)
+    counts = wide["valid"].to_numpy() == 1
+    counts &= ~(np.abs(wide["turn"].to_numpy()) > TURNING)
+    usable = np.where(counts, wide["value"].to_numpy(), np.nan)
     own, total = (wide[name].to_numpy() for name in ("se_stride", "se"))
     trials = wide.index.get_level_values("trial").to_numpy()
     parts = []

@@ -11,7 +11,7 @@ by a foot that rolls over its edge: that is no event of the foot.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from gaitcal.dynamics.ground_reactions import foot_points, has_feet
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import FootEvents, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events
+from gaitcal.gait.event_order import order_findings
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.swing import OFF, STRIKE, swing_events
 from gaitcal.model.subject_model import SubjectModel
@@ -85,7 +86,8 @@ def joined_events(
             shift = _median_difference([e.time for e in known], alone)
             alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
             events += known + _further(known, alone, EventSource.MOTION, moment, side)
-    return TrialEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
+    joined = TrialEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
+    return replace(joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES})))
 
 
 def times_of(events: Sequence[FootEvent], side: str, moment: FootMoment) -> list[float]:

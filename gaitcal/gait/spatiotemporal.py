@@ -17,6 +17,9 @@ of the stride.
 Vicon's programs measure between the toe markers, which are further apart as toes point outwards: in five walks of a
 hospital its step width is 55 to 80 mm larger than between heels (`tests/gait/test_spatiotemporal.py`).
 
+A stride that turns (`gait/progression.py`) is measured along its own line, too, and left out of means. Feet that swing
+and get no further than a decimetre have no lengths: they step on the spot, or on a belt that looks like a floor.
+
 A stride that the recording cuts counts for what it shows: the stance of a last strike, the step to a first one (along
 the other foot's stride, where that is whole). Nothing is told of a foot at a strike at which no marker shows it.
 """
@@ -32,12 +35,16 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, resample
+from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, between, is_stride, resample
+from gaitcal.gait.event_order import double_support
 from gaitcal.gait.events import SIDES, TrialEvents
 from gaitcal.gait.gait_event import EventSource
+from gaitcal.gait.progression import turn_between
 
 PER_STRIDE: Final = 120.0
 """Two steps, sixty seconds."""
+LEAST_STRIDE: Final = 0.1
+"""m: feet that swing and get no further step on the spot, or on a belt that nothing tells of."""
 MEASURES: Final = {
     "speed": "m/s",
     "cadence": "steps/min",
@@ -78,10 +85,20 @@ class Stride:
     """What told these strikes."""
     measures: Mapping[str, float]
     """Name of `MEASURES` -> value; what is not known is absent."""
+    line: float | None = None
+    """rad, direction of progression, to the left of the room's x axis; None where it is not known."""
+    turn: float | None = None
+    """deg to the left by which the pelvis turns from its begin to its end; None where it is not known."""
+    on_the_spot: bool = False
+    """The feet swing and get no further: without lengths and speed."""
 
 
 def strides_measured(
-    events: TrialEvents, time: Array, feet: FootPoints | None, unseen: Mapping[str, BoolArray] | None = None
+    events: TrialEvents,
+    time: Array,
+    feet: FootPoints | None,
+    unseen: Mapping[str, BoolArray] | None = None,
+    faced: Array | None = None,
 ) -> tuple[Stride, ...]:
     """Of every stride of both feet: right, then left, in order of time.
 
@@ -91,19 +108,24 @@ def strides_measured(
     time : (nf,) s.
     feet : heels on the laboratory's axes, and how the ground moves; None where the model has none: times alone.
     unseen : `foot_r`, `foot_l` -> (nf,) frames in which no marker shows the foot.
+    faced : (nf,) rad, where the pelvis points (`gait/progression.py`); None: whether a stride turns is not known.
     """
     of_feet = {side: events.of(side) for side in SIDES}
     heels = _heels(time, feet, unseen or {})
     out: list[Stride] = []
     for side, other in (("r", "l"), ("l", "r")):
         number = 0
-        for start, stop in _spans(of_feet[side]):
+        for start, stop in _spans(of_feet[side], of_feet[other]):
             whole = start is not None and stop is not None
             number += whole
             struck = None if stop is None else _step_before(of_feet[side], of_feet[other], start, stop)
             measures = _times(of_feet[side], of_feet[other], start, stop, struck)
-            if heels is not None and stop is not None:
-                measures |= _lengths(of_feet[other], heels, side, start, stop, struck)
+            period = _period(of_feet[other], start, stop, struck)
+            along = None
+            if heels is not None and stop is not None and period is not None:
+                along = heels.between(side if start is not None else other, *period)
+                measures |= _lengths(heels, side, start, stop, struck, along)
+            spot = along is not None and float(np.linalg.norm(along)) < LEAST_STRIDE
             known = [t for t in (start, stop) if t is not None]
             if measures:
                 out.append(
@@ -114,20 +136,22 @@ def strides_measured(
                         stop=stop,
                         sources=_sources(of_feet[side], known),
                         measures={name: measures[name] for name in MEASURES if name in measures},
+                        line=_direction(along),
+                        turn=None if faced is None or period is None else turn_between(time, faced, *period),
+                        on_the_spot=spot,
                     )
                 )
     return tuple(out)
 
 
-def _spans(foot: FootEvents) -> list[tuple[float | None, float | None]]:
+def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
     """From each strike to the next, from before the first and to after the last; apart where it is no stride."""
     strikes: list[float] = foot.strikes.tolist()
     if not strikes:
         return []
     out: list[tuple[float | None, float | None]] = [(None, strikes[0])]
     for start, stop in itertools.pairwise(strikes):
-        whole = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
-        out += [(start, stop)] if whole else [(start, None), (None, stop)]
+        out += [(start, stop)] if is_stride(start, stop, foot, other) else [(start, None), (None, stop)]
     return [*out, (strikes[-1], None)]
 
 
@@ -142,12 +166,12 @@ def _times(
 ) -> dict[str, float]:
     """What events alone tell; `struck`: when the other foot began the step that ends the stride."""
     out: dict[str, float] = {}
-    off = _between(own.toe_offs, start, stop)
+    off = _off(own, other, start, stop)
     if stop is not None and struck is not None:
         out["step_time"] = stop - struck
     if start is not None and off is not None:
         out["stance"] = off - start
-        out |= _supports(other, start, off)
+        out |= double_support(other, start, off)
     if stop is not None and off is not None:
         out["swing"] = stop - off
     if start is not None and stop is not None:
@@ -158,14 +182,22 @@ def _times(
     return out
 
 
-def _between(times: Array, start: float | None, stop: float | None) -> float | None:
-    """The off of a stride: the first one after its start; the last one before its stop, where the start is unknown."""
+def _off(own: FootEvents, other: FootEvents, start: float | None, stop: float | None) -> float | None:
+    """The off of a stride: the first one after its start; the last one before its stop, where the start is unknown.
+
+    None where a strike is missing beside it: two strikes of the other foot between.
+    """
     low = start if start is not None else float(stop or 0.0) - CYCLE_RANGE[1]
     high = stop if stop is not None else low + CYCLE_RANGE[1]
-    found = times[(times > low) & (times < high)]
-    if not len(found):
+    earlier, later = own.strikes[own.strikes < high], own.strikes[own.strikes > low]
+    cut_before, cut_after = start is None and len(earlier), stop is None and len(later)
+    low, high = max(low, float(earlier[-1])) if cut_before else low, min(high, float(later[0])) if cut_after else high
+    found = between(own.toe_offs, low, high)
+    if not len(found) or ((cut_before or cut_after) and len(found) < 2 and len(between(other.strikes, low, high)) > 1):
         return None
-    return float(found[0] if start is not None else found[-1])
+    off = float(found[0] if start is not None else found[-1])
+    phase = between(other.strikes, start, off) if start is not None else between(other.strikes, off, high)
+    return None if len(phase) > 1 else off
 
 
 def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: float) -> float | None:
@@ -179,31 +211,6 @@ def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: 
     return float(before[-1]) if len(before) else None
 
 
-def _supports(other: FootEvents, strike: float, off: float) -> dict[str, float]:
-    """Double and single support of a stance from `strike` to `off`; 0 where the other foot is in the air (running)."""
-    out: dict[str, float] = {}
-    changes = sorted([(t, True) for t in other.strikes.tolist()] + [(t, False) for t in other.toe_offs.tolist()])
-    before = [down for t, down in changes if t <= strike]
-    inside = [(t, down) for t, down in changes if strike < t < off]
-    after = [down for t, down in changes if t >= off]
-    # The foot is what its last event made it, else what its next one ends.
-    turns = [down for _, down in inside]
-    down_first = before[-1] if before else not [*turns, *after][0] if turns or after else None
-    down_last = not after[0] if after else [*before, *turns][-1] if turns or before else None
-    if down_first is not None:
-        left = [t for t, down in inside if not down]
-        out |= {"first_double_support": left[0] - strike} if down_first and left else {}
-        out |= {} if down_first else {"first_double_support": 0.0}
-    if down_last is not None:
-        struck = [t for t, down in inside if down]
-        out |= {"second_double_support": off - struck[-1]} if down_last and struck else {}
-        out |= {} if down_last else {"second_double_support": 0.0}
-    if len(out) == 2:
-        both = sum(out.values())
-        out |= {"double_support": both, "single_support": off - strike - both}
-    return out
-
-
 @dataclass(frozen=True)
 class _Heels:
     """Side -> (nf, 2) m, forward and to the right against the ground; NaN where no marker shows the foot."""
@@ -213,6 +220,10 @@ class _Heels:
 
     def at(self, side: str, when: float) -> Array:
         out: Array = resample(self.time, self.places[side], np.array([when]))[0]
+        return out
+
+    def between(self, side: str, start: float, stop: float) -> Array:
+        out: Array = self.at(side, stop) - self.at(side, start)
         return out
 
 
@@ -227,23 +238,40 @@ def _heels(time: Array, feet: FootPoints | None, unseen: Mapping[str, BoolArray]
     return _Heels(time, places)
 
 
+def _period(
+    other: FootEvents, start: float | None, stop: float | None, struck: float | None
+) -> tuple[float, float] | None:
+    """A whole stride (s): that of the foot, else that of the other one in which it steps; None where neither is."""
+    if start is not None and stop is not None:
+        return start, stop
+    if stop is None or struck is None:
+        return None
+    ahead = other.strikes[(other.strikes > stop) & (other.strikes <= struck + CYCLE_RANGE[1])]
+    return (struck, float(ahead[0])) if len(ahead) else None
+
+
+def _direction(along: Array | None) -> float | None:
+    """Rad, to the left of the room's x axis; None of a stride that is not seen, or gets no further."""
+    if along is None or not float(np.linalg.norm(along)) >= LEAST_STRIDE:
+        return None
+    return float(np.arctan2(-along[1], along[0]))
+
+
 def _lengths(
-    other: FootEvents, heels: _Heels, side: str, start: float | None, stop: float, struck: float | None
+    heels: _Heels, side: str, start: float | None, stop: float, struck: float | None, along: Array
 ) -> dict[str, float]:
-    """Lengths, width and speed of a stride that ends at `stop`, its step beginning where the other foot `struck`."""
+    """Lengths, width and speed of a stride `along` (2,) m that ends at `stop`, its step beginning where the other foot
+    `struck`; nothing where it gets no further.
+    """
     out: dict[str, float] = {}
-    opposite = next(s for s in SIDES if s != side)
-    placed = heels.at(side, stop)
-    along = None
+    length = float(np.linalg.norm(along))
+    if not length >= LEAST_STRIDE:
+        return out
     if start is not None:
-        along = placed - heels.at(side, start)
-        length = float(np.linalg.norm(along))
         out |= {"stride_length": length, "speed": length / (stop - start)}
-    elif struck is not None:
-        ahead = other.strikes[(other.strikes > stop) & (other.strikes <= struck + CYCLE_RANGE[1])]
-        along = heels.at(opposite, float(ahead[0])) - heels.at(opposite, struck) if len(ahead) else None
-    if along is not None and struck is not None and (size := float(np.linalg.norm(along))) > 0.0:
-        step, forward = placed - heels.at(opposite, struck), along / size
+    if struck is not None:
+        opposite = next(s for s in SIDES if s != side)
+        step, forward = heels.at(side, stop) - heels.at(opposite, struck), along / length
         right = np.array([-forward[1], forward[0]])
         out["step_length"] = float(step @ forward)
         out["step_width"] = float(step @ right) * (1.0 if side == "r" else -1.0)

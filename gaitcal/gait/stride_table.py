@@ -12,21 +12,23 @@ from gaitcal.gait.variables import unit_of
 
 CYCLE_COLUMNS: Final = (
     *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
+    "turn",
 )
 TOLD: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
 _NAMES: Final = ("person", "session")
-_ERRORS: Final = ("se", "se_stride")
+_LACKING: Final = ("se", "se_stride", "turn")
+"""Numbers that a version or a stride may lack."""
 _WHOLE: Final = ("stride", "percent", "valid")
-_NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_ERRORS))
+_NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
 """Columns that every version has written."""
 
 
 def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     """A table of strides, which may hold text, be read by pandas alone or be an earlier version's, made whole.
 
-    Numbers stand where numbers belong; a person or session that is not named is empty text, an error that the version
-    did not write is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
+    Numbers stand where numbers belong; a person or session that is not named is empty text, an error or a turn that the
+    version did not write is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             "cycles.csv, with commas between them",
             source=source,
         )
-    numbers = {name: _number(table, name, source) for name in ("value", *_ERRORS) if name in table}
+    numbers = {name: _number(table, name, source) for name in ("value", *_LACKING) if name in table}
     for name in _WHOLE:
         values = _number(table, name, source)
         if not np.isfinite(values).all():
@@ -54,7 +56,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             )
         numbers[name] = values.astype(int)
     names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
-    unknown = {name: np.nan for name in _ERRORS if name not in table}
+    unknown = {name: np.nan for name in _LACKING if name not in table}
     whole = table.assign(**names, **numbers, **unknown)
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 

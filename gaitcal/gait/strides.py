@@ -107,14 +107,15 @@ def layout(motion: Motion, reactions: GroundReactions | None, events: TrialEvent
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
     legs = reactions.valid_legs if reactions else np.ones((len(time), 2), dtype=bool)
     of_feet = {side: events.of(side) for side in SIDES}
-    cycles = {side: gait_cycles(found) for side, found in of_feet.items()}
+    cycles = strides_of(events)
     down = {side: stances(found, time) for side, found in of_feet.items()}
     return Layout(time, valid, legs, down, cycles if all(cycles.values()) else {})
 
 
 def strides_of(events: TrialEvents) -> dict[str, tuple[GaitCycle, ...]]:
     """Side -> all complete cycles of that foot, whether the other foot has any or not."""
-    return {side: gait_cycles(events.of(side)) for side in SIDES}
+    right, left = (events.of(side) for side in SIDES)
+    return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}
 
 
 def cycle_sentence(drawn: Layout) -> str:

@@ -3,19 +3,73 @@
     symmetry index = 100 (R - L) / ((R + L) / 2)   (%)
 
 of the means R and L of both legs (Robinson, Herzog & Nigg, J Manipulative Physiol Ther 1987): 0 where they are alike,
-positive where the right one is larger. Mean and standard deviations are those of `gait/ensemble.py`: each stride counts
-the same, also one of which the recording shows a part.
+positive where the right one is larger. There is none of the step width, which is one distance between both feet. Mean
+and standard deviations are those of `gait/ensemble.py`: each stride counts the same, also one of which the recording
+shows a part. Strides that turn are left out, and legs that are refused, with steps and supports beside them, to which
+both feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
+from gaitcal.findings import Finding, Severity
 from gaitcal.gait.ensemble import spread
-from gaitcal.gait.spatiotemporal import MEASURES, Stride
+from gaitcal.gait.events import SIDES
+from gaitcal.gait.progression import turns
+from gaitcal.gait.spatiotemporal import LEAST_STRIDE, MEASURES, Stride
+from gaitcal.gait.words import SIDE_WORDS, listed
+
+OF_BOTH_LEGS: Final = ("step_width",)
+"""One distance between both feet, told at the strikes of either."""
+OF_BOTH_FEET: Final = ("step", "first_double", "second_double", "double", "single")
+"""How measures begin that need the other foot's events or place, too."""
+
+
+def counts(name: str, side: str, refused: Sequence[str]) -> bool:
+    """Whether a measure of a leg may be used where the verdict refuses the legs `refused`."""
+    return side not in refused and not (refused and name.startswith(OF_BOTH_FEET))
+
+
+def counting(strides: Sequence[Stride], refused: Sequence[str] = ()) -> tuple[Stride, ...]:
+    """The strides of a trial that belong into means: straight ones, without what needs a leg that is refused."""
+    return tuple(
+        replace(s, measures={n: v for n, v in s.measures.items() if counts(n, s.side, refused)})
+        for s in strides
+        if not turns(s.turn)
+    )
+
+
+def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
+    """What to say of strides that turn, and of those that get no further."""
+    told = (
+        ([s for s in strides if s.number and turns(s.turn)], "strides turn", "left out of means of strides and steps"),
+        (
+            [s for s in strides if s.number and s.on_the_spot],
+            "feet swing and get no further",
+            f"less than {LEAST_STRIDE:g} m a stride, as on the spot or on a slow belt: no lengths, widths, speed",
+        ),
+    )
+    return tuple(
+        Finding(severity=Severity.INFO, topic="strides", where=trial, cause=cause, found=f"{_named(of)}: {so}", cure="")
+        for of, cause, so in told
+        if of
+    )
+
+
+def _named(strides: Sequence[Stride]) -> str:
+    """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
+    by_side = [
+        f"{SIDE_WORDS[side]} {listed([str(s.number) for s in strides if s.side == side])}"
+        for side in SIDES
+        if any(s.side == side for s in strides)
+    ]
+    most = max((abs(s.turn) for s in strides if turns(s.turn) and s.turn is not None), default=None)
+    return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,14 +101,16 @@ class MeasureMeans:
 
     @property
     def symmetry(self) -> float | None:
-        """%, of the means; None where a leg has none, or both are 0."""
+        """%, of the means; None where a leg has none, both are 0, or the measure is one of both legs."""
+        if self.name in OF_BOTH_LEGS:
+            return None
         if self.right is None or self.left is None or self.right.mean + self.left.mean == 0.0:
             return None
         return 200.0 * (self.right.mean - self.left.mean) / (self.right.mean + self.left.mean)
 
 
 def measure_means(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
-    """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial -> its strides."""
+    """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial -> those that count."""
     out = []
     for name, unit in MEASURES.items():
         right, left = (_average(strides, side, name) for side in ("r", "l"))

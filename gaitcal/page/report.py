@@ -21,6 +21,7 @@ from gaitcal.figures.chart import Chart, panel_figure
 from gaitcal.figures.style import Key
 from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.progression import TURNING
 from gaitcal.gait.words import coordinate_title, explained
 from gaitcal.page.answers import answers
 from gaitcal.page.error_sources import COLOURS, ErrorSources, error_sources
@@ -93,6 +94,7 @@ def report_html(
         answers=answers(calibration, charts.gait),
         charts=charts,
         steps=step_rows(calibration.trials),
+        turning=TURNING,
         band_sources=tuple(dict.fromkeys(band.source for band in (normal or {}).values() if band.source)),
         fits=trial_fits(calibration),
         joints=joint_groups(calibration),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaitcal.gait.symmetry import Average, measure_means
+from gaitcal.gait.symmetry import Average, counting, measure_means
 from gaitcal.person.result import TrialResult
 
 SHOWN = {
@@ -38,8 +38,10 @@ class StepRow:
 
 
 def step_rows(trials: Sequence[TrialResult]) -> tuple[StepRow, ...]:
-    """Of all walks together; empty where no stride shows anything."""
-    means = {found.name: found for found in measure_means({t.name: t.strides for t in trials})}
+    """Of all walks together, without strides that turn and legs that are refused; empty where none shows anything."""
+    means = {
+        found.name: found for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in trials})
+    }
     return tuple(
         StepRow(
             title=title,

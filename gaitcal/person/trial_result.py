@@ -26,7 +26,9 @@ from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.events import TrialEvents, trial_events
+from gaitcal.gait.progression import facing, pelvis_angles
 from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.gait.symmetry import stride_findings
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -79,6 +81,9 @@ def trial_result(
     variances = {} if moves is None else coordinate_variances(trial.body, moves)
     turned = AxisErrors(final, axes)
     events = _events(trial, model.with_parameters(final), body, reactions)
+    feet = _feet(model.with_parameters(final), body)
+    faced = None if trial.joint else facing(pelvis_angles(body))
+    strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
     loads = None
     if reactions is not None:
         moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
@@ -103,15 +108,18 @@ def trial_result(
         held_out=held_out,
         bandwidth=trial.bandwidth,
         events=events,
-        strides=strides_measured(events, body.time, _feet(model.with_parameters(final), body), unseen_frames(body)),
-        doubts=trial_findings(
-            trial.body,
-            final,
-            body,
-            stages[Stage.NOMINAL][1],
-            subject.weight,
-            None if loads is None else loads.final,
-            None if loads is None else loads.reactions,
+        strides=strides,
+        doubts=(
+            *trial_findings(
+                trial.body,
+                final,
+                body,
+                stages[Stage.NOMINAL][1],
+                subject.weight,
+                None if loads is None else loads.final,
+                None if loads is None else loads.reactions,
+            ),
+            *stride_findings(trial.name, strides),
         ),
     )
 

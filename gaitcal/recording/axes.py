@@ -239,6 +239,6 @@ def _off_x(way: Array) -> tuple[str, ...]:
     side = "right" if angle > 0 else "left"
     return (
         f"The walk goes {abs(angle):.0f} deg to the {side} of x: pelvis angles are relative to "
-        "the laboratory's x, so list and tilt mix and rotation holds this angle; other joint angles and torques do "
-        "not depend on it.",
+        "the laboratory's x, so list and tilt mix and rotation holds this angle (those of cycles.csv are along each "
+        "stride); other joint angles and torques do not depend on it.",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
+from gaitcal.gait.progression import PELVIS_ANGLES, TURNING, along_line, pelvis_angles, turns
+from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
@@ -32,16 +34,22 @@ CYCLE_HEADER = (
     "degrees; with _moment its internal moment in N m; with _power its power in W, of a joint (hip_power) or of one of",
     "several coordinates of a joint (hip_flexion_power), positive: generated; ground_reaction_vertical: upward force",
     "on that foot, N",
+    "angles of the pelvis: against a laboratory turned into the line of progression of each stride, from strike to",
+    "next strike (where that foot is not seen then: of the nearest stride, else the room's forward axis), so that they",
+    "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
     "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
     "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
-    "where markers show the segments that they are between; nothing of a leg that is refused, nor of the trunk with it",
+    "where markers show the segments that they are between; nothing of a refused leg, nor of the trunk with it,",
+    f"nor pelvis angles of a stride that turns by more than {TURNING:g} deg",
+    "turn: deg to the left by which the pelvis turns over the stride",
 )
 """Comment lines above the header."""
 CYCLES = "cycles.csv"
 SHOWN_BY = {"hip": ("thigh",), "knee": ("thigh", "shank"), "ankle": ("shank", "foot"), "subtalar": ("shank", "foot")}
 """First word of a coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
 DIGITS = 6
+TURN_DIGITS = 1
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,7 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
 
     Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
     `gaitcal/gait/variables.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
-    to stride).
+    to stride), turn (deg to the left over the stride). Pelvis angles are against each stride's line of progression.
     """
     return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
 
@@ -119,7 +127,11 @@ def cycle_table(
         if trial.joint is None:
             for side, cycles in strides_of(trial.events).items():
                 signals = list(_signals(model, trial, side, taken_off(relative_to)))
-                parts += [_rows(model.subject, trial, side, k, c, signals) for k, c in enumerate(cycles, start=1)]
+                measured = {s.number: s for s in trial.strides if s.side == side}
+                for number, cycle in enumerate(cycles, start=1):
+                    stride = measured.get(number)
+                    told = _against_line(trial, cycle, stride, signals)
+                    parts.append(_rows(model.subject, trial, side, number, cycle, told, stride))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(CYCLE_COLUMNS))
 
 
@@ -147,6 +159,32 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
     leg = SIDES.index(side)
     upward = loads.reactions.wrench[:, leg, 1]
     yield _Signal(GROUND_REACTION, upward, None, None, np.asarray(loads.reactions.valid_legs[:, leg]))
+
+
+def _against_line(
+    trial: TrialResult, cycle: GaitCycle, stride: Stride | None, signals: Sequence[_Signal]
+) -> list[_Signal]:
+    """The signals of one stride: angles of the pelvis against its line of progression."""
+    straight = stride is None or not turns(stride.turn)
+    inside = (trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop)
+    angles = pelvis_angles(trial.body)
+    turned = dict(
+        zip(PELVIS_ANGLES, np.degrees(along_line(angles, _line(trial, cycle, stride), inside)).T, strict=True)
+    )
+    return [replace(s, value=turned[s.name], valid=s.valid & straight) if s.name in turned else s for s in signals]
+
+
+def _line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
+    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none is known."""
+    if stride is not None and stride.line is not None:
+        return stride.line
+    middle = 0.5 * (cycle.start + cycle.stop)
+    known = [
+        (abs(0.5 * (s.start + s.stop) - middle), s.line)
+        for s in trial.strides
+        if s.line is not None and s.start is not None and s.stop is not None
+    ]
+    return min(known)[1] if known else 0.0
 
 
 def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
@@ -178,7 +216,13 @@ def _plain(name: str) -> str:
 
 
 def _rows(
-    subject: Subject, trial: TrialResult, side: str, stride: int, cycle: GaitCycle, signals: Sequence[_Signal]
+    subject: Subject,
+    trial: TrialResult,
+    side: str,
+    stride: int,
+    cycle: GaitCycle,
+    signals: Sequence[_Signal],
+    measured: Stride | None,
 ) -> pd.DataFrame:
     time, count = trial.body.time, len(signals)
 
@@ -201,6 +245,7 @@ def _rows(
             "se": _short(laid([unknown if s.error is None else s.error for s in signals])),
             "valid": np.isfinite(usable).astype(int),
             "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
+            "turn": np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS),
         }
     )
 

@@ -21,6 +21,7 @@ from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
+from gaitcal.gait.events import times_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.kinetic_tables import told_components, vector_column
@@ -91,16 +92,18 @@ def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
     trials = read_object(folder / SUMMARY).get("trials")
-    strides, vectors = {}, {}
+    strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
+    vectors = {}
     for name in dict.fromkeys(table["trial"]):
         about = trials.get(name) if isinstance(trials, dict) else None
         events = saved_events(about.get("events") if isinstance(about, dict) else None)
-        for side in SIDES:
-            strikes, offs = (
-                np.array([e.time for e in events if e.side == side and e.moment is moment])
-                for moment in (FootMoment.STRIKE, FootMoment.OFF)
+        right, left = (
+            FootEvents(
+                np.array(times_of(events, side, FootMoment.STRIKE)), np.array(times_of(events, side, FootMoment.OFF))
             )
-            strides[name, side] = gait_cycles(FootEvents(strikes, offs))
+            for side in SIDES
+        )
+        strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial
@@ -171,6 +174,8 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         first = of_trial.iloc[0]
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
+        with_turn = of_trial.drop_duplicates("stride") if "turn" in of_trial else of_trial.iloc[:0]
+        turn_of = {str(row["stride"]): {"turn": row["turn"]} for _, row in with_turn.iterrows()}
         for stride, cycle in enumerate(cycles, start=1):
             for name in names:
                 own = leg_of(name)
@@ -193,6 +198,7 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                             "se": error,
                             "valid": np.isfinite(valid).astype(int).astype(str),
                             **({"se_stride": differing} if "se_stride" in found.table else {}),
+                            **turn_of.get(str(stride), {}),
                         }
                     )
                 )

@@ -7,15 +7,17 @@ from typing import Final
 
 import pandas as pd
 
+from gaitcal.gait.progression import TURNING
 from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.gait.symmetry import Average, MeasureMeans, measure_means
+from gaitcal.gait.symmetry import Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.model.subject_model import Subject
 from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.results.json_types import Json
 
 SPATIOTEMPORAL: Final = "spatiotemporal.csv"
 SPATIOTEMPORAL_COLUMNS: Final = (
-    *("person", "session", "trial", "side", "stride", "start", "stop", "source", "variable", "unit", "value"),
+    *("person", "session", "trial", "side", "stride", "start", "stop", "source", "variable", "unit", "value", "valid"),
+    "turn",
 )
 SPATIOTEMPORAL_HEADER: Final = (
     "strides of each foot, numbered as in cycles.csv; without a number: the recording holds a part of it alone",
@@ -23,9 +25,13 @@ SPATIOTEMPORAL_HEADER: Final = (
     "lengths between heels at strikes on the ground, or on a treadmill's belt, along the line from the strike of that",
     "foot to its next one (Huxham et al. 2006), width across it; the step is the one that ends the stride",
     "speed: stride length / stride time; cadence: 120 / stride time; _percent: of the stride",
+    "valid: 0 of a leg that is refused, and of steps and supports beside one; turn: deg to the left by which the",
+    "pelvis turns over the stride, empty where not known; means in summary.json are of what is valid, without strides",
+    f"that turn by more than {TURNING:g} deg",
 )
 """Comment lines above the header."""
 DIGITS: Final = 6
+TURN_DIGITS: Final = 1
 
 
 def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.DataFrame:
@@ -43,28 +49,31 @@ def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.
             "variable": name,
             "unit": MEASURES[name],
             "value": value,
+            "valid": int(counts(name, stride.side, trial.refused_legs)),
+            "turn": stride.turn,
         }
         for trial in trials
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
     table = pd.DataFrame(rows, columns=list(SPATIOTEMPORAL_COLUMNS))
-    kinds = {"stride": "Int64", "start": float, "stop": float, "value": float}
-    return table.astype(kinds).round({"start": DIGITS, "stop": DIGITS, "value": DIGITS})
+    kinds = {"stride": "Int64", "start": float, "stop": float, "value": float, "valid": int, "turn": float}
+    return table.astype(kinds).round({"start": DIGITS, "stop": DIGITS, "value": DIGITS, "turn": TURN_DIGITS})
 
 
 def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
     """Speed, cadence, steps, stance, swing and support of every stride of a calibration's walks, in long form.
 
     Columns as in `spatiotemporal.csv`: person, session, trial, side, stride (none where the recording holds only a part
-    of it), start and stop (s), source, variable, unit, value. Definitions: `gaitcal/gait/spatiotemporal.py`.
+    of it), start and stop (s), source, variable, unit, value, valid (1: may be used),
+    turn (deg). Definitions: `gaitcal/gait/spatiotemporal.py`.
     """
     return spatiotemporal_table(calibration.model.subject, calibration.trials)
 
 
 def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, ...]:
-    """Means of both legs over strides and trials."""
-    return measure_means({trial.name: trial.strides for trial in trials})
+    """Means of both legs over strides and trials, without strides that turn and legs that are refused."""
+    return measure_means({t.name: counting(t.strides, t.refused_legs) for t in trials})
 
 
 def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:

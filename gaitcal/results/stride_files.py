@@ -11,7 +11,8 @@ import pandas as pd
 
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.gait.progression import TURNING
+from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
@@ -27,7 +28,7 @@ ENSEMBLE: Final = "ensemble.csv"
 STRIDE_FILES: Final = {CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
 """With their columns, those that are read back when further trials join them."""
 ENSEMBLE_HEADER: Final = (
-    "mean curves of cycles.csv over all strides of its trials, valid samples alone; units as there",
+    "mean curves of cycles.csv over all straight strides of its trials, valid samples alone; units as there",
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, sd_between trials",
     "(empty where no trial has two strides); sd_error: what of sd and sd_within is measurement error, at most",
     "se: standard error of the mean, with the errors that all strides share",
@@ -60,12 +61,25 @@ def write_stride_files(
     none = EarlierStrides(pd.DataFrame(), (), pd.DataFrame(), ())
     before = earlier or none
     cycles = write_cycles(folder / CYCLES, model, trials, relative_to, before.cycles, before.cycle_lines)
-    write_csv(ensemble(cycles).round(DIGITS), folder / ENSEMBLE, ENSEMBLE_HEADER)
+    numbers = typed(cycles)
+    write_csv(ensemble(numbers).round(DIGITS), folder / ENSEMBLE, (*_turning_lines(numbers), *ENSEMBLE_HEADER))
     table = spatiotemporal_table(model.subject, trials)
     if len(before.spatiotemporal):
         table = pd.concat([before.spatiotemporal, table.astype(object)], ignore_index=True)
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     write_csv(table, folder / SPATIOTEMPORAL, (*before.spatiotemporal_lines, *refused, *SPATIOTEMPORAL_HEADER))
+
+
+def _turning_lines(strides: pd.DataFrame) -> tuple[str, ...]:
+    """A comment line that names the strides that turn; none where all go straight."""
+    if "turn" not in strides:
+        return ()
+    turning = strides[strides["turn"].abs() > TURNING]
+    named = dict.fromkeys(turning[["trial", "side", "stride"]].itertuples(index=False, name=None))
+    if not named:
+        return ()
+    words = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
+    return (f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {words}",)
 
 
 def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str], subject: Subject) -> EarlierStrides:

@@ -360,3 +360,18 @@ def test_a_moving_belt_is_found_under_the_feet(belt: float) -> None:
     expected = -belt if belt > RESTING else 0.0
     np.testing.assert_allclose(ground_velocity(points, velocity), [expected, 0.0, 0.0])
     np.testing.assert_array_equal(ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3))
+
+
+@pytest.mark.parametrize("belt", [0.1, 0.25, 0.35])
+@pytest.mark.parametrize("on_belt", [False, True])
+def test_a_slow_belt_is_told_by_feet_that_get_no_further(belt: float, on_belt: bool) -> None:
+    """The same slow walk on a belt, and over a floor: 70 % stance, points of the sole that roll at 0.04 m/s."""
+    time = np.arange(0.0, 6.0, 0.01)
+    velocity, points = np.zeros((len(time), 4, 3)), np.zeros((len(time), 4, 3))
+    for point, phase in enumerate((0.0, 0.5, 0.05, 0.55)):  # heels, toes, of the right and the left foot
+        swing = (time / 1.5 + phase) % 1.0 > 0.7
+        velocity[:, point, 0] = np.where(swing, belt / 0.3, 0.04 * np.sin(9.0 * time)) - (belt if on_belt else 0.0)
+        points[:, point, 1] = np.where(swing, 0.08, 0.0)
+    found = ground_velocity(points, velocity)
+    np.testing.assert_allclose(found, [-belt if on_belt else 0.0, 0.0, 0.0], atol=0.03)
+    assert on_belt or not found.any()

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.gait.events import TrialEvents
+from gaitcal.gait.events import TrialEvents, joined_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import MEASURES, Stride, strides_measured
-from gaitcal.gait.symmetry import measure_means
+from gaitcal.gait.strides import strides_of
+from gaitcal.gait.symmetry import counting, measure_means, stride_findings
 from gaitcal.recording.metadata import FootMoment
 from tests.gait.recorded_walks import hand_count, recorded_strides, strides_of_markers, vendor_figures
 
@@ -128,9 +129,59 @@ def test_a_gap_between_strikes_that_is_no_stride_is_none() -> None:
 
 def test_running_has_no_double_support() -> None:
     time, feet, events = steps(6, length=1.2, stance=0.25, step=0.35)
-    stride = whole(strides_measured(events, time, feet))[0].measures
-    assert stride["double_support"] == 0.0 and stride["single_support"] == pytest.approx(0.25)
-    assert stride["speed"] == pytest.approx(1.2 / 0.35)
+    first, second = (s.measures for s in whole(strides_measured(events, time, feet)))
+    assert second["double_support"] == 0.0 and second["single_support"] == pytest.approx(0.25)
+    # Before the left foot's first strike nothing tells since when it is in the air.
+    assert not any("double" in name for name in first)
+    assert second["speed"] == pytest.approx(1.2 / 0.35)
+
+
+def without(events: TrialEvents, side: str, moment: FootMoment, *which: int) -> TrialEvents:
+    """Without some of the events of one foot and kind, or without all."""
+    of_kind = [e for e in events.events if e.side == side and e.moment is moment]
+    gone = [of_kind[k] for k in which] if which else of_kind
+    return TrialEvents(tuple(e for e in events.events if e not in gone))
+
+
+def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
+    time, feet, events = steps(10)
+    one, all_of_them = (without(events, "l", FootMoment.OFF, *which) for which in ((1,), ()))
+    for told in (one, all_of_them):
+        for stride in strides_measured(told, time, feet):
+            assert all(v > 0.05 for n, v in stride.measures.items() if n.endswith("support")), stride
+    assert len(whole(strides_measured(one, time, feet), "l")) == len(whole(strides_measured(events, time, feet), "l"))
+    known = [s for s in whole(strides_measured(one, time, feet)) if "double_support" in s.measures]
+    assert 0 < len(known) < len(whole(strides_measured(events, time, feet)))
+    # The right foot's first off lies before the recording.
+    cut = TrialEvents(tuple(e for e in without(events, "r", FootMoment.OFF, 0).events if e.time > 0.5))
+    left = whole(strides_measured(cut, time, feet), "l")[0].measures
+    assert "first_double_support" not in left and left["second_double_support"] == pytest.approx(0.11)
+
+
+@pytest.mark.parametrize("with_off", [False, True])
+def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> None:
+    """Alone it shows by two offs in a row, together with its off by two strikes of the other foot."""
+    time, feet, events = steps(10)
+    told = without(events, "l", FootMoment.STRIKE, 2)
+    told = without(told, "l", FootMoment.OFF, 2) if with_off else told
+    for side in "rl":
+        strides = strides_measured(told, time, feet)
+        assert [s.number for s in whole(strides, side)] == [1, 2, 3, 4][: 4 if side == "r" else 2]
+        for stride in strides:
+            assert stride.measures.get("stride_length", 1.2) == pytest.approx(1.2)
+            assert stride.measures.get("stance", STANCE_S) == pytest.approx(STANCE_S)
+            assert stride.measures.get("swing", 0.44) == pytest.approx(0.44)
+        cycles = strides_of(told)[side]
+        assert [(c.start, c.stop) for c in cycles] == [(s.start, s.stop) for s in whole(strides, side)]
+
+
+def test_events_that_do_not_take_turns_are_told() -> None:
+    *_, events = steps(8)
+    plain = joined_events(np.arange(0.0, 5.4, 0.01), events.events, [], [])
+    assert not plain.findings
+    told = without(events, "l", FootMoment.OFF, 1).events
+    (found,) = joined_events(np.arange(0.0, 5.4, 0.01), told, [], []).findings
+    assert "left strike 1.85 and 2.95 s without off between" in found.found
 
 
 def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
@@ -143,6 +194,39 @@ def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
     assert "step_length" not in first.measures
     assert "stride_length" in whole(found, "l")[0].measures
     assert "stride_length" not in whole(strides_measured(events, time, None))[0].measures
+
+
+def test_feet_that_swing_and_get_no_further_have_no_lengths_and_are_told() -> None:
+    time, feet, events = steps(6)
+    still = replace(feet, heel=feet.heel * [0.02, 1.0, 1.0])
+    strides = strides_measured(events, time, still)
+    assert not any({"speed", "stride_length", "step_length", "step_width"} & set(s.measures) for s in strides)
+    assert all(s.on_the_spot and s.measures["stance"] > 0 for s in whole(strides))
+    (found,) = stride_findings("walk", strides)
+    assert found.cause == "feet swing and get no further" and "right 1 and 2, left 1 and 2" in found.found
+    assert not stride_findings("walk", strides_measured(events, time, feet))
+
+
+def test_strides_that_turn_are_in_no_mean_and_are_named() -> None:
+    time, feet, events = steps(8)
+    faced = np.radians(np.interp(time, [2.4, 3.5], [0.0, 50.0])) + 0.1 * np.sin(2 * np.pi * time / 1.1)
+    strides = strides_measured(events, time, feet, None, faced)
+    assert [round(s.turn or 0.0) for s in whole(strides)] == [0, 0, 50]
+    kept = counting(strides)
+    assert [s.number for s in whole(kept)] == [1, 2] and [s.number for s in whole(kept, "l")] == [1]
+    (found,) = stride_findings("walk", strides)
+    assert "right 3, left 2 and 3 (by up to 50 deg)" in found.found
+    width = next(m for m in measure_means({"walk": counting(strides)}) if m.name == "step_width")
+    assert width.symmetry is None and width.right is not None and width.left is not None
+
+
+def test_what_needs_a_refused_leg_counts_for_nothing() -> None:
+    time, feet, events = steps(6)
+    strides = counting(strides_measured(events, time, feet), ("l",))
+    assert not any(s.measures for s in strides if s.side == "l")
+    left = {name for s in strides for name in s.measures}
+    assert {"stance", "cadence", "stride_length"} <= left and not any("step" in n or "support" in n for n in left)
+    assert not any(s.measures for s in counting(strides, ("r", "l")))
 
 
 def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:

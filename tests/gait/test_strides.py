@@ -33,8 +33,9 @@ def layout(by_cycle: bool = True) -> Layout:
     return Layout(TIME, valid, np.stack([valid] * 2, axis=1), DOWN, CYCLES if by_cycle else {})
 
 
-def test_stance_ends_at_the_first_toe_off_inside_the_cycle() -> None:
-    cycles = gait_cycles(FootEvents(np.array([0.0, 1.0, 2.0]), np.array([0.6, 0.8, 2.5])))
+def test_stance_ends_at_the_toe_off_inside_the_cycle_and_two_of_them_make_none() -> None:
+    cycles = gait_cycles(FootEvents(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.6, 2.2, 2.5])))
+    assert [c.start for c in cycles] == [0.0, 1.0], "between the offs of the third a strike is missing"
     assert cycles[0].stance == pytest.approx(60.0)
     assert cycles[1].toe_off is None and cycles[1].stance is None
 

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.progression import AXES, PELVIS_ANGLES
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION
@@ -170,6 +172,31 @@ def test_nothing_of_a_refused_leg_counts_nor_of_pelvis_and_trunk(whole: Calibrat
         counting = set(table.loc[table["valid"] == 1, "side"])
         assert counting == {"r", "l"} - set(legs)
         assert not table.loc[table["variable"].str.startswith(("pelvis", "lumbar")), "valid"].any()
+
+
+def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(whole: Calibration) -> None:
+    """The same motion in a room that is turned to the left by 60 deg has the same table; a turn is in no mean curve."""
+    trial = whole.trial("walk")
+    columns = [trial.body.coordinates.index(name) for name in PELVIS_ANGLES]
+    wave = np.sin(2 * np.pi * trial.body.time)
+    angles = np.radians(np.stack([-12.0 + 2 * wave, 5.0 * wave, 8.0 * wave], axis=1))
+    by = np.radians(60.0)
+    in_room = (Rotation.from_euler("y", by) * Rotation.from_euler(AXES, angles)).as_euler(AXES)
+    evaluation = trial.body.basis.evaluate(np.eye(len(trial.body.nodes)))
+    tables = []
+    for line, pelvis in ((0.0, angles), (by, in_room)):
+        nodes = trial.body.nodes.copy()
+        nodes[:, columns] = np.linalg.lstsq(evaluation, pelvis, rcond=None)[0]
+        body = replace(trial.body, nodes=nodes)
+        strides = tuple(replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides)
+        tables.append(cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
+    plain, turned = tables
+    for name in PELVIS_ANGLES:
+        np.testing.assert_allclose(one(plain, "r", name)["value"], one(turned, "r", name)["value"], atol=0.02)
+        assert one(turned, "r", name)["valid"].all() and not one(turned, "l", name)["valid"].any()
+    assert one(turned, "l", "hip_flexion")["valid"].any() and set(one(turned, "l", "hip_flexion")["turn"]) == {40.0}
+    mean = ensemble(turned)
+    assert set(mean[mean["n"] > 0]["side"]) == {"r"}
 
 
 def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration) -> None:

@@ -55,6 +55,28 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
     assert "Steps and phases" not in report_html(without) and "spatiotemporal" not in summary(without)
 
 
+def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
+    walk = whole.trial("walk")
+    right = replace(whole, trials=tuple(t.refused(("r",)) if t is walk else t for t in whole.trials))
+    table = spatiotemporal(right)
+    assert not table[table["side"] == "r"]["valid"].any() and table[table["side"] == "l"]["valid"].any()
+    assert not table[table["variable"].str.startswith(("step", "double"))]["valid"].any(), "both feet belong to these"
+    means = summary(right)["spatiotemporal"]
+    assert isinstance(means, dict) and "stance" in means and "step_time" not in means
+    assert all("r" not in entry for entry in means.values() if isinstance(entry, dict))
+    all_refused = replace(whole, trials=tuple(t.refused() for t in whole.trials))
+    assert "spatiotemporal" not in summary(all_refused) and "Steps and phases" not in report_html(all_refused)
+
+
+def test_turning_strides_are_named_above_the_mean_curves(whole: Calibration, tmp_path: Path) -> None:
+    walk = whole.trial("walk")
+    turning = replace(walk, strides=tuple(replace(s, turn=-70.0 if s.number == 1 else 2.0) for s in walk.strides))
+    write_stride_files(tmp_path, whole.model, [turning])
+    assert (tmp_path / ENSEMBLE).read_text(encoding="utf-8").splitlines()[0] == (
+        "# left out, strides that turn by more than 15 deg (trial, side, stride): walk r 1, walk l 1"
+    )
+
+
 def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: Path) -> None:
     """Mean curves are then over all of them; a trial that is run again stands once."""
     walk = whole.trial("walk")
