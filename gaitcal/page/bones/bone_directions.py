@@ -3,7 +3,7 @@
 A left bone, or one that is turned, has surfaces like a right one, and landmarks are found on it: elsewhere. What tells
 them apart is where the parts of a bone lie to each other:
 
-    femur     above, the head reaches further from the shaft, medially, than the trochanter, or the bone forward or back;
+    femur     above, it reaches furthest from the shaft medially, by its head;
               below, the condyles reach further behind the shaft than before it
     shank     the fibula is lateral of the tibia, and not before it
     pelvis    right of the middle; the PSIS behind the acetabulum, above it, and nearer to the middle than the ASIS

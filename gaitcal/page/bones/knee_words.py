@@ -58,7 +58,7 @@ def knee_words(knee: KneeAxis) -> list[str]:
 
 
 def _uncertainty(knee: KneeAxis) -> float:
-    """Error (m) across the axis of the bone at an epicondyle: by how much it misses its own, and the scatter of palpation."""
+    """Of the bone's place across the axis, m: how far its epicondyles miss their markers, and palpation's scatter."""
     return math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
 
 
