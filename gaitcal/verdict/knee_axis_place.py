@@ -28,6 +28,7 @@ from gaitcal.model.knee_and_ankle import NOMINAL_HEIGHT, SIDE_WORDS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.rigid import FEWEST_MARKERS
 
 TOPIC = "knee axis"
 CAUSE = "the fitted knee axis passes far from the epicondyles"
@@ -35,7 +36,7 @@ PALPATION_M = 0.008
 """m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture 21:226-237, 2005, give 6
 to 21 mm for landmarks of the leg, all directions together)."""
 ANATOMY_M = 0.005
-"""m a coordinate, by which flexion axes pass beside the epicondyles."""
+"""m a coordinate, by which flexion axes pass beside the epicondyles: assumed."""
 TURN, TILT = np.deg2rad(10.0), np.deg2rad(4.0)
 """rad: how far an axis without a medial marker may be turned about the thigh's length, and tilted in the frontal plane
 (women and men differ by about 3 degrees in the slope of their epicondyles against the line from hip to knee)."""
@@ -102,8 +103,8 @@ def knee_axis_findings(
         least = FAR_M * model.subject.height / NOMINAL_HEIGHT
         doubted = any(p.times > TIMES and p.distance > least for p in passes)
         found = f"{SIDE_WORDS[side]} knee: it passes {' and '.join(p.words for p in passes)}, "
-        found += f"{worst.times:.1f} times what fit, palpation and anatomy together allow for (one standard deviation);"
-        found += f" the fit alone says ± {1e3 * max(p.error for p in passes):.0f} mm"
+        found += f"{worst.times:.1f} standard deviations of fit, palpation ({1e3 * PALPATION_M:.0f} mm) and anatomy ({1e3 * ANATOMY_M:.0f} mm) together;"
+        found += f" the fit alone says ± {1e3 * max(p.error for p in passes):.0f} mm{_few_markers(model, side)}"
         yield Finding(
             severity=Severity.WARNING if doubted else Severity.INFO,
             topic=TOPIC,
@@ -179,6 +180,14 @@ def _landmark(model: SubjectModel, name: str, segment: str) -> Array | None:
     return found[1] if found is not None and found[0] == segment else None
 
 
+def _few_markers(model: SubjectModel, side: str) -> str:
+    """Segments beside the knee on which skin that moves cannot show by deforming."""
+    pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
+    count = {part: sum(s == f"{part}_{side}" and w > 0 for s, w in pairs) for part in ("thigh", "shank")}
+    few = [f"{n} on the {part}" for part, n in count.items() if n < FEWEST_MARKERS]
+    return f", which knows nothing of moving skin: too few markers to show it, {' and '.join(few)}" if few else ""
+
+
 def _cure(isolated: bool, *, fully: bool) -> str:
     skin = "skin that slides over thigh and shank in step with the motion does this, and no error bar shows it"
     marker = "so does a marker that is not on its epicondyle: look at the static trial"
@@ -186,6 +195,6 @@ def _cure(isolated: bool, *, fully: bool) -> str:
         trial = "compare with a slow knee trial of large range, non-weight-bearing"
     else:
         trial = 'gait alone does not tell the two apart: record an isolated knee trial (role "joint")'
-    nominal = "or keep the nominal axis (a calibration with jp = false)"
+    nominal = "or keep the nominal axis ([calibration] jp = false)"
     place = "" if fully else "; a marker on the medial epicondyle in the static trial would say more"
     return f"{skin}, and {marker}; {trial}, {nominal}{place}"

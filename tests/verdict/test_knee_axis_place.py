@@ -69,6 +69,17 @@ def test_an_axis_outside_the_bone_is_doubted_and_says_where() -> None:
     assert "record an isolated" not in told.cure
 
 
+def test_too_few_markers_to_show_moving_skin_are_told() -> None:
+    fitted = moved(MODEL, "r", (0.0, -0.04, 0.0, 0.0))
+    markers = MODEL.markers
+    thigh = [k for k, segment in enumerate(markers.segments) if segment == "thigh_r"]
+    weight = markers.weight.copy()
+    weight[thigh[2:]] = 0.0
+    few = replace(MODEL, markers=replace(markers, weight=weight))
+    found = [next(knee_axis_findings(model, fitted, errors())).found for model in (MODEL, few)]
+    assert "too few markers" not in found[0] and "2 on the thigh" in found[1]
+
+
 def test_a_wide_error_bar_excuses() -> None:
     fitted = moved(MODEL, "l", (0.0, -0.04, 0.0, 0.0))
     assert next(knee_axis_findings(MODEL, fitted, errors())).leg == "l"
