@@ -103,7 +103,8 @@ def knee_axis_findings(
         least = FAR_M * model.subject.height / NOMINAL_HEIGHT
         doubted = any(p.times > TIMES and p.distance > least for p in passes)
         found = f"{SIDE_WORDS[side]} knee: it passes {' and '.join(p.words for p in passes)}, "
-        found += f"{worst.times:.1f} standard deviations of fit, palpation ({1e3 * PALPATION_M:.0f} mm) and anatomy ({1e3 * ANATOMY_M:.0f} mm) together;"
+        found += f"{worst.times:.1f} standard deviations of fit, palpation ({1e3 * PALPATION_M:.0f} mm) and anatomy "
+        found += f"({1e3 * ANATOMY_M:.0f} mm) together;"
         found += f" the fit alone says ± {1e3 * max(p.error for p in passes):.0f} mm{_few_markers(model, side)}"
         yield Finding(
             severity=Severity.WARNING if doubted else Severity.INFO,
