@@ -141,7 +141,7 @@ def calibrate(
         *diagnosis.findings,
         *fitted.findings,
         *(joint.findings if joint else ()),
-        *calibration_findings(settings, results, parameters, phases),
+        *calibration_findings(settings, results, parameters, phases, nominal, joint),
         *unmeasured_mass(results, nominal.parameters),
     )
     walks = [t.name for t in trials if t.joint is None]

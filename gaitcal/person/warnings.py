@@ -4,23 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from gaitcal.calibration.joint_phases import Phase
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.verdict.knee_axis_place import knee_axis_findings
 
 WORSE_M, WORSE = 5e-4, 0.02
 """m, and share of the nominal error, by how much markers are met worse before it is told."""
 
 
 def calibration_findings(
-    settings: CalibrationSettings, results: Sequence[TrialResult], parameters: Parameters, phases: Sequence[Phase]
+    settings: CalibrationSettings,
+    results: Sequence[TrialResult],
+    parameters: Parameters,
+    phases: Sequence[Phase],
+    nominal: SubjectModel,
+    joint: JointCalibration | None,
 ) -> tuple[Finding, ...]:
     """What the figures of a calibration that ended with `parameters` put in doubt."""
-    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases))
+    isolated = {t.joint for t in results if t.joint is not None}
+    knees = () if joint is None else knee_axis_findings(nominal, parameters, joint.influence, isolated)
+    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases), *knees)
 
 
 def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters) -> Iterator[Finding]:

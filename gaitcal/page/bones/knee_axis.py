@@ -43,7 +43,12 @@ class AxisInCondyle:
     """m of the distance, from the fit; NaN where none is known."""
 
     inside: bool
-    """Whether the axis is within the bone where it passes the centre."""
+    """Whether the axis is within the bone where it passes the centre: the femur as a whole, not the condyle alone."""
+
+    @property
+    def within(self) -> bool:
+        """Whether the axis passes inside the condyle's circle."""
+        return self.distance <= self.radius
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from enum import Enum
 
 from gaitcal.page.bones.knee_axis import AxisInCondyle, AxisInKnee, KneeAxis
 from gaitcal.page.bones.person_landmarks import KneeEvidence
+from gaitcal.verdict.knee_axis_place import PALPATION_M
 
 _LOW_MISFIT = 0.005
 """m: below it, a bone's epicondyles lie where the markers say."""
@@ -22,10 +24,42 @@ _STANDS = {
 }
 
 
+class _Place(Enum):
+    """Where an axis passes a condyle."""
+
+    CONDYLE = "within the circle of the condyle"
+    BONE = "outside the circle, within the femur"
+    PAST = "outside the femur"
+
+
+_AT_BOTH = {
+    _Place.CONDYLE: "through both condyles",
+    _Place.BONE: "through the bone, outside both condyles' circles",
+    _Place.PAST: "past both condyles",
+}
+_AT_ONE = {
+    _Place.CONDYLE: "through the {} condyle",
+    _Place.BONE: "through the bone outside the {} condyle's circle",
+    _Place.PAST: "past the {} condyle",
+}
+
+
 def knee_words(knee: KneeAxis) -> list[str]:
     """One sentence for the fitted axis, or that there is none, and one for the nominal axis."""
-    fitted = "Not fitted: the axis is the nominal one." if knee.fitted is None else f"Fitted axis: {_of(knee.fitted)}"
-    return [fitted, f"Nominal axis: {_of(knee.nominal)}"]
+    nominal = (
+        f"Nominal axis: {_of(knee.nominal)} It lies there by construction, and proves nothing: the bone stands on "
+    )
+    nominal += "the epicondyles that define this axis."
+    if knee.fitted is None:
+        return ["Not fitted: the axis is the nominal one.", nominal]
+    error = "" if math.isnan(knee.fitted.medial.standard_error) else "± is of the fit alone; "
+    sure = f"{error}the bone's place is uncertain by about {1e3 * _uncertainty(knee):.0f} mm"
+    return [f"Fitted axis: {_of(knee.fitted)} {sure[0].upper()}{sure[1:]}.", nominal]
+
+
+def _uncertainty(knee: KneeAxis) -> float:
+    """Of the bone's place across the axis, m: how far its epicondyles miss their markers, and palpation's scatter."""
+    return math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
 
 
 def knee_brief(knee: KneeAxis) -> list[str]:
@@ -38,10 +72,16 @@ def knee_brief(knee: KneeAxis) -> list[str]:
 
 
 def _where(axis: AxisInKnee) -> str:
-    through = [name for name, end in (("medial", axis.medial), ("lateral", axis.lateral)) if end.inside]
-    if len(through) == 1:
-        return f"through the {through[0]} condyle only"
-    return "through both condyles" if through else "past both condyles"
+    places = {"medial": _place(axis.medial), "lateral": _place(axis.lateral)}
+    if places["medial"] == places["lateral"]:
+        return _AT_BOTH[places["medial"]]
+    return " and ".join(_AT_ONE[place].format(name) for name, place in places.items())
+
+
+def _place(end: AxisInCondyle) -> _Place:
+    if end.within:
+        return _Place.CONDYLE
+    return _Place.BONE if end.inside else _Place.PAST
 
 
 def _brief(axis: AxisInKnee) -> str:

@@ -24,6 +24,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
 from gaitcal.page.body_fit import FittedMesh
+from gaitcal.page.bones.bone_directions import check_directions
 from gaitcal.page.bones.bone_files import BoneMeshes
 from gaitcal.page.bones.bone_landmarks import (
     MEDIAL,
@@ -99,7 +100,8 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
     """
     found = Landmarked(bones)
     try:
-        _ = found.condyles, found.hip, found.shank
+        _ = found.condyles, found.shank
+        check_directions(bones.meshes["femur"], found.hip, bones.meshes["tibia"], bones.meshes["fibula"])
     except NoLandmark as error:
         raise InputError(
             f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",

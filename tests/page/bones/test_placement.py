@@ -125,6 +125,59 @@ def test_distances_to_an_axis_are_what_it_was_moved_by(bones: Landmarked, person
         assert "10 mm from the medial centre" in knee_brief(knee)[0]
 
 
+@pytest.mark.parametrize(
+    ("shift", "words"),
+    [
+        (np.array([0.0, -0.018, 0.0]), "through both condyles"),
+        (np.array([0.0, 0.022, 0.0]), "through the bone, outside both condyles' circles"),
+        (np.array([0.0, -0.06, 0.0]), "past both condyles"),
+    ],
+)
+def test_an_axis_outside_the_circle_is_not_through_the_condyle(
+    shift: np.ndarray, words: str, bones: Landmarked, person
+) -> None:
+    """The shaft is bone as well, above and between the condyles."""
+    (knee, _) = knee_axes(bones, person, marks_through(bones, person, shift))
+    assert knee.fitted is not None
+    ends = [replace(end, inside=end.within or shift[1] > 0) for end in (knee.fitted.medial, knee.fitted.lateral)]
+    knee = replace(knee, fitted=replace(knee.fitted, medial=ends[0], lateral=ends[1]))
+    assert words in knee_words(knee)[0] and words in knee_brief(knee)[0]
+
+
+def test_what_an_axis_proves_is_said(bones: Landmarked, person) -> None:
+    (knee, _) = knee_axes(bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03))
+    fitted, nominal = knee_words(replace(knee, misfit=0.020))
+    assert "± is of the fit alone; the bone's place is uncertain by about 23 mm" in fitted, "root of 20^2 + 2 * 8^2"
+    assert "by construction" in nominal and "by construction" not in fitted
+
+
+TURNS = {
+    "left": np.diag([1.0, 1.0, -1.0]),
+    "backwards": np.diag([-1.0, 1.0, -1.0]),
+    "quarter turn": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "quarter turn back": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+    "mirrored front to back": np.diag([-1.0, 1.0, 1.0]),
+}
+
+
+@pytest.mark.parametrize(
+    ("turn", "which"),
+    [
+        (turn, which)
+        for turn in TURNS
+        for which in (("femur",), ("pelvis",), ("fibula", "tibia"))
+        if not (turn == "mirrored front to back" and "tibia" in which)  # its made rods are alike from front and back
+    ],
+)
+def test_a_left_or_turned_bone_is_told(turn: str, which: tuple[str, ...], bones: Landmarked) -> None:
+    meshes = dict(bones.bones.meshes)
+    for bone in which:
+        triangles = meshes[bone].triangles[:, :: 1 if np.linalg.det(TURNS[turn]) > 0 else -1]
+        meshes[bone] = replace(meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles)
+    with pytest.raises(InputError, match="allowed: right bones with x forward"):
+        landmarked(replace(bones.bones, meshes=meshes))
+
+
 def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> None:
     """Across the axis, against 20 000 drawn centres and directions, which move the axis alike at the condyle."""
     sigma, tilt, rng = 0.0015, 0.07, np.random.default_rng(0)
