@@ -21,10 +21,11 @@ TRUTH: Final = TruthTable(
     parameters=PARAMETERS,
     folder=CURVES,
     markers="published",
-    hip_centre=HipCentre.BELL.value,
-    ankle_zero=AnkleZero.MARKERS.value,
+    hip_centre=HipCentre.HARRINGTON.value,
+    ankle_zero=AnkleZero.AUTO.value,
 )
-"""`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes."""
+"""`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes: those of a calibration
+that is told nothing."""
 
 
 def write_truth(folder: Path, model: SubjectModel, trials: Mapping[str, tuple[TrueMotion, Array | None]]) -> None:
@@ -38,10 +39,10 @@ def write_truth(folder: Path, model: SubjectModel, trials: Mapping[str, tuple[Tr
     trials : name -> the true motion, and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin
         that it was given; None without plates.
     """
-    frames = static_frames(model)
+    frames = static_frames(model, HipCentre(TRUTH.hip_centre))
     (folder / PARAMETERS).write_text(truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
-    teller = Teller(model, frames)
+    teller = Teller(model, frames, AnkleZero(TRUTH.ankle_zero))
     for name, (motion, wrench) in trials.items():
         told = teller.tell(motion, wrench)
         derivatives = () if wrench is None else (told.velocity, told.acceleration)
