@@ -172,10 +172,6 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(
-            force_filter_hz="none",
-            plate_error=EXACT_PLATES,
-            segment_axes="exact",
-        ),
+        calibration=CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"),
         truth=TRUTH,
     )
