@@ -7,8 +7,8 @@
 All of it is told in the segment frames and from the ankle zero that the calibration makes of the static trial, so that
 the numbers are those of a calibration without error. The study file says with which rules (`[truth]` markers,
 hip_centre, ankle_zero) and of which landmarks (`truth_landmarks.py`); a study that calibrates with others would be
-compared with numbers that mean something else, and is refused. Curves have their units in a comment line, which must be there
-as it is written.
+compared with numbers that mean something else, and is refused. Curves have their units in a comment line, which must
+be there as it is written.
 """
 
 from __future__ import annotations

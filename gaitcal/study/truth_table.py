@@ -21,7 +21,7 @@ class TruthTable(Table):
     )
     landmarks: Path = Field(
         strict=False,
-        description="CSV of the landmarks whose segment frames the truth is told in: name,x,y,z, m, of the static trial",
+        description="CSV of the static trial's landmarks, which make the truth's segment frames: name,x,y,z, m",
     )
     markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(

@@ -156,7 +156,8 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
     (tmp_path / "still.csv").write_text("", encoding="utf-8")
     text = '[subject]\nname = "n"\nmass_kg = 70.0\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n'
     text += '[[trial]]\nname = "still"\nrole = "static"\nfile = "still.csv"\n'
-    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nlandmarks = "truth/landmarks.csv"\nmarkers = "published"\nhip_centre = "bell"\n'
+    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nlandmarks = "truth/landmarks.csv"\n'
+    text += 'markers = "published"\nhip_centre = "bell"\n'
     path = tmp_path / "study.toml"
     path.write_text(text + 'ankle_zero = "markers"\n', encoding="utf-8")
     file = load_study_file(path)
