@@ -188,7 +188,7 @@ def test_other_frames_are_not_compared(known: Calibration) -> None:
 
 
 def test_another_static_trial_is_not_compared(known: Calibration, tmp_path: Path) -> None:
-    """Refused where the study is read, noted where it was changed afterwards; another format of the same is the same."""
+    """Refused where the study is read, noted where it was changed afterwards; the same in another format is not."""
     study = known.study
     file = Path(synthesize(tmp_path / "study", seed=4))
     write_markers_csv(file.parent / "static.csv", study.static.recording)
