@@ -17,6 +17,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
+from gaitcal.synthetic.likeness import is_nominal, looking_like_nominal, posture_like_nominal
 from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
 
 RATE = 200.0
@@ -72,7 +73,12 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     """A walk of a person with these parameters in which both feet have a whole stride: 415 frames at 200 Hz."""
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
-    return _walk(parameters, time, begin, WALK_NODES, nominal_curves(begin + time / GAIT_CYCLE))
+    curves = nominal_curves(begin + time / GAIT_CYCLE)
+    if not is_nominal(parameters):
+        basis = spline_basis(time, WALK_NODES)
+        nodes = looking_like_nominal(parameters, basis, curves.q)
+        curves = Meant(basis.evaluate(nodes), basis.evaluate(nodes, 2))
+    return _walk(parameters, time, begin, WALK_NODES, curves)
 
 
 def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
@@ -93,7 +99,7 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     cycle = 2 * np.pi * ISOLATED_HZ[kind] * time
 
     def put(name: str, degrees: Array) -> None:
-        q[:, COORDINATE_INDEX[f"{name}_{side}"]] = np.deg2rad(degrees)
+        q[:, COORDINATE_INDEX[f"{name}_{side}"]] += np.deg2rad(degrees)
 
     if kind == "hip":
         half = time[-1] / 2
@@ -116,20 +122,20 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     return moved if rate == RATE else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.nodes)
 
 
-def standing_pose() -> Array:
-    """(27,) upright, arms slightly away from the body."""
+def standing_pose(parameters: Parameters | None = None) -> Array:
+    """(27,) upright, arms slightly away from the body; of a person with other joint parameters, what looks so."""
     q = np.zeros(len(COORDINATES))
     q[COORDINATE_INDEX["pelvis_ty"]] = 0.95
     for side in ("r", "l"):
         q[COORDINATE_INDEX[f"arm_add_{side}"]] = np.deg2rad(-12.0)
         q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = np.deg2rad(10.0)
-    return q
+    return q if parameters is None else posture_like_nominal(parameters, q)
 
 
-def static_motion(frames: int = 100) -> TrueMotion:
+def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE
-    return _in_spline_space(time, np.tile(standing_pose(), (frames, 1)))
+    return _in_spline_space(time, np.tile(standing_pose() if standing is None else standing, (frames, 1)))
 
 
 def _window(time: Array, start: float, end: float) -> Array:

@@ -29,7 +29,7 @@ from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, isolated_motion, static_motion, two_strides
+from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.truth_files import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
@@ -81,7 +81,8 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     folder = Path(out)
     person, noise_waves = _generators(seed)
     model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
-    trials = {"static": static_motion(), **{joint: isolated_motion(joint) for joint in ISOLATED_JOINTS}}
+    pose = standing_pose(model.parameters)
+    trials = {"static": static_motion(standing=pose), **{j: isolated_motion(j, pose) for j in ISOLATED_JOINTS}}
     trials["gait"] = two_strides(model.parameters)
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []

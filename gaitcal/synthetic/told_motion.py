@@ -11,7 +11,7 @@ solved by Gauss-Newton over the corners of each segment; the linkages are one, s
 are counted from the static posture (`model/ankle_zero.py`): dorsiflexion as its landmarks have it, no inversion. The
 forces are those of the same bodies about the axes of the coordinates q', with products of inertia that segments have
 about axes that are not their principal ones (a calibration's bodies have none: what that makes is part of its error).
-Velocities and accelerations are those of the quintic spline through q'.
+Velocities and accelerations are those of the quintic spline through q', at three times as many instants.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from gaitcal.model.linkage import COORDINATE_INDEX, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.spline import to_bspline
 from gaitcal.synthetic.motion import TrueMotion, standing_pose
 from gaitcal.synthetic.truth import StaticFrames, segment_frames
 
@@ -40,6 +41,8 @@ REACH = 0.1
 """m from a segment's origin to its corners."""
 STEPS, TOLERANCE = 30, 1e-8
 """Gauss-Newton steps, and the step (m, rad) that ends them: its square, the next one, is rounding."""
+FINER = 3
+"""Instants a frame at which a motion is told, so that accelerations are right at its ends, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +65,7 @@ class Teller:
     """Tells motions of one person: its linkage in the static trial's frames, found once."""
 
     def __init__(self, model: SubjectModel, static: StaticFrames, zero_rule: AnkleZero = AnkleZero.MARKERS) -> None:
-        self._true, still = model.parameters, standing_pose()
+        self._true, still = model.parameters, standing_pose(model.parameters)
         own = segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
         self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
@@ -81,10 +84,13 @@ class Teller:
 
     def tell(self, motion: TrueMotion, wrench: Array | None = None) -> ToldMotion:
         """A motion of the true linkage, with its forces where wrenches (nf, 2, 6) on the feet are given."""
-        time, true = motion.basis.time, motion.q
-        q = self._coordinates(self.parameters, true, true + self._standing_off)
-        spline = make_interp_spline(time, q, k=DEGREE)
-        velocity, acceleration = spline(time, 1), spline(time, 2)
+        time = motion.basis.time
+        finer = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
+        true = to_bspline(motion.basis, motion.nodes)(finer)
+        spline = make_interp_spline(
+            finer, self._coordinates(self.parameters, true, true + self._standing_off), k=DEGREE
+        )
+        q, velocity, acceleration = (spline(time, k) for k in range(3))
         forces = None if wrench is None else self._dynamics().forces(q, velocity, acceleration, wrench)
         return ToldMotion(time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces)
 

@@ -54,7 +54,7 @@ def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL
 
 def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> StaticFrames:
     """The same, with the frames and the posture that they are from."""
-    true, pose = model.parameters, standing_pose()
+    true, pose = model.parameters, standing_pose(model.parameters)
     markers = synthetic_markers(true, model.markers, pose[None])
     still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)
     marker_set = load_marker_set("published")

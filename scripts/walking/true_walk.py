@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -21,6 +21,7 @@ from gaitcal.motion.motion import Motion
 from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import two_strides
+from gaitcal.synthetic.subject import true_gait
 
 LOADED_N = 20.0
 """Vertical force above which a foot counts as loaded: of less, rounding makes the centre of pressure."""
@@ -72,10 +73,14 @@ class Walk:
         return np.isfinite(self.centre[:, :, 0])
 
 
-def true_walk() -> Walk:
-    """The walk of the built-in person, with all that it asks of the ground."""
+def true_walk(seed: int | None = None) -> Walk:
+    """The walk of the built-in person, or of the perturbed one of a seed, with all that it asks of the ground."""
     model = published_model()
-    motion = two_strides(model.parameters)
+    if seed is None:
+        motion = two_strides(model.parameters)
+    else:
+        parameters, motion = true_gait(seed)
+        model = replace(model, parameters=parameters)
     wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)

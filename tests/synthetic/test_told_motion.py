@@ -39,7 +39,7 @@ def told() -> tuple[Teller, TrueMotion, np.ndarray, ToldMotion]:
 def test_markers_are_where_they_were(told: tuple[Teller, TrueMotion, np.ndarray, ToldMotion]) -> None:
     teller, motion, _, result = told
     model = person()
-    own, static = segment_frames(model.parameters, standing_pose()), static_frames(model).frames
+    own, static = segment_frames(model.parameters, standing_pose(model.parameters)), static_frames(model).frames
     there = np.array(
         [static[s].local(own[s].point(p)) for s, p in zip(model.markers.segments, model.markers.local, strict=True)]
     )
@@ -69,9 +69,11 @@ def test_ankles_are_counted_from_the_static_posture() -> None:
     """Standing, the feet have the dorsiflexion of their heel and toe markers, and no inversion."""
     model = person()
     teller = Teller(model, static_frames(model))
-    placed = synthetic_markers(model.parameters, model.markers, standing_pose()[None])[0]
+    placed = synthetic_markers(model.parameters, model.markers, standing_pose(model.parameters)[None])[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
-    pose = teller.tell(TrueMotion(spline_basis(np.arange(20) / 100.0, 6), np.tile(standing_pose(), (6, 1)))).q[0]
+    pose = teller.tell(
+        TrueMotion(spline_basis(np.arange(20) / 100.0, 6), np.tile(standing_pose(model.parameters), (6, 1)))
+    ).q[0]
     for side in "rl":
         sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
         shank = static_frames(model).frames[f"shank_{side}"].rotation[:, 1]
