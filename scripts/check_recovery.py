@@ -1,11 +1,11 @@
 """How near the truth does the main job come, through files, and do its error bars hold?
 
-    python scripts/check_recovery.py [--people 8] [--seed 0] [--settings default|gait-only|exact|synthesized]
+    python scripts/check_recovery.py [--people 8] [--seed 0] [--settings default|gait-only|exact]
 
 Synthetic people, wrong in every joint and inertial parameter by up to 10 mm, 10 deg and 10 %, with the published marker
 noise, are written as C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as any other study, with
 gaitcal's defaults, every one (`default`), and these with the gait trial alone (`gait-only`): what a user has.
-`exact` and `synthesized` know things of the truth that no user knows: see `Settings` in `truth/synthetic.py`.
+`exact` knows that these plates and axes are exact, which no user knows: see `Settings` in `truth/synthetic.py`.
 
 With `exact` this is the part `synthetic` of `check_truth.py`.
 

@@ -20,7 +20,7 @@ SEEDS = (3, 4, 5)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", ["synthesized", "exact", "gait-only"])
+@pytest.mark.parametrize("settings", ["exact", "gait-only"])
 def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
     """`exact`, not `default`: there, the bars are for plates and palpated axes that are wrong, which these are not."""
     check = script("check_recovery")

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from gaitcal.gait.words import coordinate_words, split_side
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import CurveTruth, FeatureTruth
-from gaitcal.person.truth_words import TruthSum, compared_trials, curve_rows, sums, truth_sentence
+from gaitcal.person.truth_words import (
+    CurveRow,
+    TruthSum,
+    compared_trials,
+    curve_rows,
+    not_compared_sentence,
+    settings_sentence,
+    sums,
+    truth_sentence,
+    turning_sentence,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +50,17 @@ class NearTruth:
     """What the section is filled with."""
 
     sentence: str
+    settings: str
+    """With which knowledge it was calibrated."""
+    turning: str
+    """Of segments whose turn about their own line no marker shows; may be empty."""
+    not_compared: str
+    """May be empty."""
     sums: tuple[TruthSum, ...]
     joints: tuple[SidedRow, ...]
     """Centres and axes, mm or deg."""
-    angles: tuple[tuple[str, tuple[SidedRow, ...]], ...]
-    """Trial and its rows, deg."""
+    angles: tuple[tuple[str, str, tuple[SidedRow, ...]], ...]
+    """Trial, of which frames, and its rows, deg."""
     moments: tuple[tuple[str, tuple[SidedRow, ...]], ...]
     """Trial and its rows, N·m."""
 
@@ -59,11 +75,21 @@ def near_truth(calibration: Calibration) -> NearTruth | None:
     moments = {name: _sided(_curves(row.moment for row in rows)) for name, rows in trials.items()}
     return NearTruth(
         sentence=truth_sentence(truth),
+        settings=settings_sentence(calibration),
+        turning=turning_sentence(calibration),
+        not_compared=not_compared_sentence(truth),
         sums=sums(calibration, truth),
         joints=_sided((f"{f.words}, {f.unit}", f.side, _of_feature(f)) for f in truth.features),
-        angles=tuple((name, rows) for name, rows in angles.items() if rows),
+        angles=tuple((name, _frames(trials[name]), rows) for name, rows in angles.items() if rows),
         moments=tuple((name, rows) for name, rows in moments.items() if rows),
     )
+
+
+def _frames(rows: Iterable[CurveRow]) -> str:
+    """`all 415 frames`, or those that the truth has."""
+    counts = {(int(row.angle.compared.sum()), len(row.angle.compared)) for row in rows if row.angle is not None}
+    some, every = min(counts)
+    return f"all {every} frames" if some == every else f"{some} of {every} frames, those of the true curves"
 
 
 def _sided(found: Iterable[tuple[str, str, Errors]]) -> tuple[SidedRow, ...]:

@@ -19,7 +19,7 @@ from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, SIDES, is_transla
 from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.person.tables import parameter_table
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
-from gaitcal.study.truth import Truth, other_rule
+from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
 _Gap: TypeAlias = Callable[[Array, Array], float]
 _FRONT, _TRANS, _SAG = 0, 1, 2
@@ -39,7 +39,8 @@ across it; a point along it means nothing by itself."""
 def with_truth(calibration: Calibration) -> Calibration:
     """The same with `truth`, where the study names one: computed once, for files, page and terminal alike.
 
-    Where settings were changed since the study was read so that frames are others, there is no `truth` but a note.
+    Where settings or static trial were changed since the study was read so that frames are others, there is no
+    `truth` but a note. Trials whose true curves have other times than their recording are noted, and not compared.
     """
     known, study = calibration.study.truth, calibration.study
     if known is None:
@@ -47,19 +48,31 @@ def with_truth(calibration: Calibration) -> Calibration:
     if (other := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
         note = f"the truth that the study names is not compared: truth.{other.rule}: {other.words}"
         return replace(calibration, notes=(*calibration.notes, note))
-    return replace(calibration, truth=_errors(calibration, known))
+    if (words := study.other_truth()) is not None:
+        note = f"the truth that the study names is not compared: truth.landmarks: {words}"
+        return replace(calibration, notes=(*calibration.notes, note))
+    truth = _errors(calibration, known)
+    notes = tuple(f"{name}: not held against the truth, as {why}" for name, why in truth.not_compared.items())
+    return replace(calibration, truth=truth, notes=(*calibration.notes, *notes))
 
 
 def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
     parameters = _parameters(parameter_table(calibration), known.parameters)
+    trials, why_not = {}, {}
+    for trial in calibration.trials:
+        curves = {"motion": known.motions.get(trial.name), "moments": known.moments.get(trial.name)}
+        there = {what: c for what, c in curves.items() if c is not None}
+        beside = {what: c for what, c in there.items() if not c.covers(trial.body.time).any()}
+        if not there and (known.motions or known.moments):
+            why_not[trial.name] = "no true curves of it are known"
+        elif beside:
+            times = (f"{what}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for what, c in beside.items())
+            recorded = f"{trial.body.time[0]:.2f} to {trial.body.time[-1]:.2f} s"
+            why_not[trial.name] = f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
+        if len(beside) < len(there):
+            trials[trial.name] = _trial(trial, *(None if what in beside else c for what, c in curves.items()))
     return TruthErrors(
-        parameters=parameters,
-        features=_features({p.name: p for p in parameters}),
-        trials={
-            trial.name: _trial(trial, known)
-            for trial in calibration.trials
-            if trial.name in known.motions or trial.name in known.moments
-        },
+        parameters=parameters, features=_features({p.name: p for p in parameters}), trials=trials, not_compared=why_not
     )
 
 
@@ -129,11 +142,11 @@ def _angle(directions: tuple[str, ...]) -> _Gap:
     return gap
 
 
-def _trial(trial: TrialResult, known: Truth) -> TrialTruth:
+def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> TrialTruth:
     coordinates, forces = {}, {}
     motion, time = trial.body, trial.body.time
-    if (curves := known.motions.get(trial.name)) is not None:
-        true = curves.at(time)
+    if motions is not None:
+        true = motions.at(time)
         for name in (n for n in FILE_COORDINATES if n in true and n in motion.coordinates):
             scale, column = 1.0 if is_translation(name) else 180.0 / np.pi, motion.coordinates.index(name)
             before = trial.nominal
@@ -150,8 +163,8 @@ def _trial(trial: TrialResult, known: Truth) -> TrialTruth:
                 error_bar=None if trial.coordinate_errors is None else scale * trial.coordinate_errors[:, column],
                 counts=np.ones(len(time), dtype=bool),
             )
-    if (curves := known.moments.get(trial.name)) is not None and (loads := trial.loads) is not None:
-        true = curves.at(time)
+    if moments is not None and (loads := trial.loads) is not None:
+        true = moments.at(time)
         for name in (n for n in (*FILE_COORDINATES, *REACTIONS) if n in true):
             forces[name] = CurveTruth(
                 name=name,

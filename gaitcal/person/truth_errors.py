@@ -139,10 +139,16 @@ class TruthErrors:
     """Joint centres and axes of the legs whose parameters are all in the truth, and any of them fitted."""
     trials: Mapping[str, TrialTruth]
     """Trials of which true curves are known, in the order of the result."""
+    not_compared: Mapping[str, str] = field(default_factory=dict)
+    """Trial -> why none, or not all, of its curves are held against true ones."""
 
     def of(self, trial: str) -> TrialTruth:
         """The curves of a trial; none where none are known."""
         return self.trials.get(trial, TrialTruth(np.zeros(0)))
+
+    def sought(self, kind: str) -> tuple[ParameterTruth, ...]:
+        """The same, and those that the trials do not determine, which stay near their nominal values."""
+        return tuple(p for p in self.parameters if p.status != "fixed" and p.kind.startswith(kind))
 
     def fitted(self, kind: str) -> tuple[ParameterTruth, ...]:
         """Fitted parameters whose kind begins so (`joint position`, `joint`, ...)."""

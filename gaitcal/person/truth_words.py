@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,14 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import moment_names
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
+
+LEGS, ARMS, TURNING = "legs", "back and arms", "arms, in segments of two markers"
+"""Which joint parameters are told together."""
+LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
+UNDETERMINED = "unidentifiable"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +29,8 @@ class TruthSum:
     unit: str
     count: int
     """Parameters, or curves."""
+    undetermined: int = 0
+    """Of these parameters: such as the trials do not show, which stay near nominal; they have no part in `bars`."""
     nominal: float
     fitted: float
     within: int
@@ -40,9 +49,14 @@ class TruthSum:
         return round(self.fitted, 2) > round(self.nominal, 2)
 
     @property
+    def over(self) -> str:
+        """`58, 2 of them undetermined`."""
+        return f"{self.count}, {self.undetermined} of them undetermined" if self.undetermined else str(self.count)
+
+    @property
     def sentence(self) -> str:
         """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm; ...`."""
-        text = f"{self.words} against the truth (RMS over {self.count}): nominal {self.nominal:.2f} {self.unit}, "
+        text = f"{self.words} against the truth (RMS over {self.over}): nominal {self.nominal:.2f} {self.unit}, "
         text += f"calibrated {self.fitted:.2f} {self.unit}"
         return text if self.share is None else f"{text}; within 1.96 standard errors: {100 * self.share:.0f} %"
 
@@ -57,12 +71,14 @@ class CurveRow:
 
 
 def sums(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
-    """Fitted joint parameters, all masses, and of each walk the angles and moments of both legs."""
-    groups = (
-        ("joint positions", truth.fitted("joint position")),
-        ("joint orientations", truth.fitted("joint orientation")),
-        ("segment masses", tuple(p for p in truth.parameters if p.kind == "mass")),
-    )
+    """Joint parameters that were sought, of legs and of the others; masses; angles and moments of legs in each walk."""
+    turning = two_marker_segments(calibration)
+    groups = [
+        (f"{kind}s, {part}", tuple(p for p in truth.sought(kind) if _part(p.name, turning) == part))
+        for part in (LEGS, ARMS, TURNING)
+        for kind in ("joint position", "joint orientation")
+    ]
+    groups.append(("segment masses", tuple(p for p in truth.parameters if p.kind == "mass")))
     out = [_of_parameters(words, group) for words, group in groups if group]
     for trial in calibration.trials:
         rows = curve_rows(calibration, truth, trial.name) if trial.joint is None else ()
@@ -89,6 +105,52 @@ def compared_trials(calibration: Calibration, truth: TruthErrors) -> tuple[str, 
     return tuple(t.name for t in calibration.trials if t.joint is None and t.name in truth.trials)
 
 
+def two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
+    """Segments outside of the legs that two markers or fewer track: how these turn about their line, none shows."""
+    markers = calibration.model.markers
+    counted = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)
+    known = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in LEG_JOINTS)
+    return tuple(s for s in known if 0 < counted[s] <= 2)
+
+
+def turning_sentence(calibration: Calibration) -> str:
+    """What is to be known of the parameters in such segments; empty where there are none."""
+    segments = [s.replace("_", " ") for s in two_marker_segments(calibration)]
+    if not segments:
+        return ""
+    return (
+        f"Two markers track {', '.join(segments)}: how such a segment is turned about the line through them no motion "
+        "shows, and an axis that is turned with it meets the markers as well. There the nominal value decides, which "
+        "the landmarks of the static trial may place tens of degrees off."
+    )
+
+
+def _part(name: str, turning: Sequence[str]) -> str:
+    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+    if parameter.joint.split("_")[0] in LEG_JOINTS:
+        return LEGS
+    return TURNING if parameter.segment in turning else ARMS
+
+
+def settings_sentence(calibration: Calibration) -> str:
+    """With which knowledge it was calibrated: settings that are not the default ones."""
+    own = calibration.study.settings.model_dump(exclude_defaults=True, mode="json")
+    if not own:
+        return "It was calibrated with the default settings, every one."
+    told = "; ".join(f"{name}: {_shown(value)}" for name, value in own.items())
+    return f"It was calibrated with the default settings, but for what its study file says: {told}."
+
+
+def _shown(value: object) -> str:
+    return ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+
+
+def not_compared_sentence(truth: TruthErrors) -> str:
+    """Trials whose curves are not, or not all, held against true ones; empty where all are."""
+    trials = [f"{name}: {why}" for name, why in truth.not_compared.items()]
+    return f"Not compared: {'; '.join(trials)}." if trials else ""
+
+
 def truth_sentence(truth: TruthErrors) -> str:
     """What the error bars are held to."""
     unknown = "" if truth.trials else " No true curves are known."
@@ -99,11 +161,12 @@ def truth_sentence(truth: TruthErrors) -> str:
 
 
 def _of_parameters(words: str, group: Sequence[ParameterTruth]) -> TruthSum:
-    z = [p.z for p in group if p.z is not None]
+    z = [p.z for p in group if p.z is not None and p.status != UNDETERMINED]
     return TruthSum(
         words=words,
         unit=group[0].unit,
         count=len(group),
+        undetermined=sum(p.status == UNDETERMINED for p in group),
         nominal=_rms(np.array([p.nominal_error for p in group])),
         fitted=_rms(np.array([p.error for p in group])),
         within=sum(abs(value) <= INTERVAL for value in z),

@@ -75,6 +75,8 @@ def truth_summary(truth: TruthErrors) -> dict[str, Json]:
             for p in truth.parameters
             if p.status == "fitted"
         },
+        "undetermined": [p.name for p in truth.parameters if p.status == "unidentifiable"],
+        "not_compared": dict(truth.not_compared),
         "joints": {
             joint: {f.part: _feature(f) for f in truth.features if f.joint == joint}
             for joint in dict.fromkeys(f.joint for f in truth.features)

@@ -21,6 +21,7 @@ from gaitcal.study.study_file import StudyFile, load_study_file
 from gaitcal.study.study_trial import Role, StudyTrial, read_trial
 from gaitcal.study.subject import subject_of
 from gaitcal.study.truth import Truth, read_truth, truth_files
+from gaitcal.study.truth_landmarks import other_landmarks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +78,7 @@ class Study:
         _check_weights(file, marker_set, path)
         marker_set, trials = _worn(marker_set, trials)
         _check_renamed(file, trials, path)
-        return cls(
+        study = cls(
             subject=subject_of(
                 file.subject, [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
             ),
@@ -91,6 +92,15 @@ class Study:
             rename=dict(file.markers.rename),
             truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
         )
+        if (other := study.other_truth()) is not None:
+            raise InputError(f"{other}; allowed: the same, or no [truth]", source=path, field="truth.landmarks")
+        return study
+
+    def other_truth(self) -> str | None:
+        """Why its truth is told in the frames of another static trial than its first; None: it is not, or none is."""
+        if self.truth is None or not any(trial.role is Role.STATIC for trial in self.trials):
+            return None
+        return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
 
     @property
     def static(self) -> StudyTrial:

@@ -6,8 +6,9 @@
 
 All of it is told in the segment frames and from the ankle zero that the calibration makes of the static trial, so that
 the numbers are those of a calibration without error. The study file says with which rules (`[truth]` markers,
-hip_centre, ankle_zero); a study that calibrates with others would be compared with numbers that mean something else,
-and is refused. Curves have their units in a comment line, which must be there as it is written.
+hip_centre, ankle_zero) and of which landmarks (`truth_landmarks.py`); a study that calibrates with others would be
+compared with numbers that mean something else, and is refused. Curves have their units in a comment line, which must
+be there as it is written.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.validation import shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.truth_landmarks import read_landmarks
 from gaitcal.study.truth_table import TruthTable
 
 MOTION, MOMENTS = "_motion.csv", "_moments.csv"
@@ -54,9 +56,14 @@ class TrueCurves:
     values: Mapping[str, Array]
     """Name -> (nf,): m and rad of coordinates, N and N·m of generalised forces."""
 
+    def covers(self, time: Array) -> BoolArray:
+        """(n,) which instants lie between its ends."""
+        out: BoolArray = (time >= self.time[0] - SLACK) & (time <= self.time[-1] + SLACK)
+        return out
+
     def at(self, time: Array) -> dict[str, Array]:
         """Name -> values at `time` (n,); between rows of the file linear, NaN beyond its ends."""
-        inside = (time >= self.time[0] - SLACK) & (time <= self.time[-1] + SLACK)
+        inside = self.covers(time)
         return {n: np.where(inside, np.interp(time, self.time, v), np.nan) for n, v in self.values.items()}
 
 
@@ -66,6 +73,8 @@ class Truth:
 
     told: TruthTable
     """By which rules."""
+    landmarks: Mapping[str, Array]
+    """Landmark of the static trial whose frames it is told in -> (3,) m."""
     parameters: Mapping[str, float]
     """Parameter -> m, rad, kg, kg m^2, as far as the file has it."""
     motions: Mapping[str, TrueCurves]
@@ -103,7 +112,7 @@ def truth_files(table: TruthTable | None, trials: Sequence[str]) -> tuple[Path, 
     if table is None:
         return ()
     curves = (table.folder / (name + end) for name in trials for end in (MOTION, MOMENTS)) if table.folder else ()
-    return (table.parameters, *(file for file in curves if file.is_file()))
+    return (table.parameters, table.landmarks, *(file for file in curves if file.is_file()))
 
 
 def read_truth(
@@ -128,7 +137,13 @@ def read_truth(
         raise InputError(
             f"found no such file in '{table.folder.name}'; allowed: {wanted}", source=source, field="truth.folder"
         )
-    return Truth(told=table, parameters=_parameters(table.parameters), motions=motions, moments=moments)
+    return Truth(
+        told=table,
+        landmarks=read_landmarks(table.landmarks),
+        parameters=_parameters(table.parameters),
+        motions=motions,
+        moments=moments,
+    )
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,10 @@ class TruthTable(Table):
     folder: Path | None = Field(
         default=None, strict=False, description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves"
     )
+    landmarks: Path = Field(
+        strict=False,
+        description="CSV of the static trial's landmarks, which make the truth's segment frames: name,x,y,z, m",
+    )
     markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
         description="the nominal hip centre whose segment frames the truth is told in; that of the calibration"
@@ -29,5 +33,8 @@ class TruthTable(Table):
 
     def found(self, at: Callable[[Path], Path], source: Path) -> TruthTable:
         """The same with paths that `at` makes absolute, and a file there."""
-        files = {"parameters": require_file(at(self.parameters), source=source, field="truth.parameters")}
+        files = {
+            field: require_file(at(getattr(self, field)), source=source, field=f"truth.{field}")
+            for field in ("parameters", "landmarks")
+        }
         return self.model_copy(update=files | ({"folder": at(self.folder)} if self.folder else {}))

@@ -17,7 +17,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
-from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import is_physical, symmetric_set
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
@@ -30,7 +29,7 @@ from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import WALK_NODES, TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.truth_files import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
@@ -41,8 +40,6 @@ PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
-PUBLISHED_HIPS = HipCentre.BELL
-"""The regression that the published subject's hip centres are from."""
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, gain_percent=0.0, clock_ms=0.0)
 """Synthetic ground reactions are those that the motion asks for."""
 
@@ -176,13 +173,6 @@ def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(
-            nodes=WALK_NODES,
-            force_filter_hz="none",
-            plate_error=EXACT_PLATES,
-            segment_axes="exact",
-            hip_centre=PUBLISHED_HIPS.value,
-            ankle_zero="markers",
-        ),
+        calibration=CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"),
         truth=TRUTH,
     )

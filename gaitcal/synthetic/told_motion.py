@@ -64,13 +64,13 @@ class ToldMotion:
 class Teller:
     """Tells motions of one person: its linkage in the static trial's frames, found once."""
 
-    def __init__(self, model: SubjectModel, static: StaticFrames) -> None:
+    def __init__(self, model: SubjectModel, static: StaticFrames, zero_rule: AnkleZero = AnkleZero.MARKERS) -> None:
         self._true, still = model.parameters, standing_pose(model.parameters)
         own = segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
         self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
         self._inertia = _turned_inertia(self._true.inertial, self._offset)
-        posture = standing_ankles(static.posture, static.legs, {}, AnkleZero.MARKERS).dorsiflexion
+        posture = standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
         told, pose = static.parameters, self._coordinates(static.parameters, still[None])[0]
         zero = told.zero_angles.copy()
         for side in SIDES:

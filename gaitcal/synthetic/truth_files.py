@@ -11,25 +11,29 @@ from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.truth import MOMENTS, MOTION, moments_text, motion_text
+from gaitcal.study.truth_landmarks import landmarks_text
 from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import TrueMotion
 from gaitcal.synthetic.told_motion import Teller
 from gaitcal.synthetic.truth import static_frames, truth_table
 
 PARAMETERS, CURVES = Path("truth.csv"), Path("truth")
+LANDMARKS = CURVES / "static_landmarks.csv"
 TRUTH: Final = TruthTable(
     parameters=PARAMETERS,
     folder=CURVES,
+    landmarks=LANDMARKS,
     markers="published",
-    hip_centre=HipCentre.BELL.value,
-    ankle_zero=AnkleZero.MARKERS.value,
+    hip_centre=HipCentre.HARRINGTON.value,
+    ankle_zero=AnkleZero.AUTO.value,
 )
-"""`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes."""
+"""`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes: those of a
+calibration that is told nothing."""
 
 
 def write_truth(folder: Path, model: SubjectModel, trials: Mapping[str, tuple[TrueMotion, Array | None]]) -> None:
-    """Write `truth.csv`, and `truth/TRIAL_motion.csv` and `TRIAL_moments.csv` of each trial;
-    velocities and accelerations, on which forces depend, where there are forces.
+    """Write `truth.csv`, `truth/static_landmarks.csv`, and `truth/TRIAL_motion.csv` and `TRIAL_moments.csv` of each
+    trial; velocities and accelerations, on which forces depend, where there are forces.
 
     Parameters
     ----------
@@ -38,10 +42,11 @@ def write_truth(folder: Path, model: SubjectModel, trials: Mapping[str, tuple[Tr
     trials : name -> the true motion, and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin
         that it was given; None without plates.
     """
-    frames = static_frames(model)
+    frames = static_frames(model, HipCentre(TRUTH.hip_centre))
     (folder / PARAMETERS).write_text(truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
-    teller = Teller(model, frames)
+    (folder / LANDMARKS).write_text(landmarks_text(frames.posture.landmarks), encoding="utf-8")
+    teller = Teller(model, frames, AnkleZero(TRUTH.ankle_zero))
     for name, (motion, wrench) in trials.items():
         told = teller.tell(motion, wrench)
         derivatives = () if wrench is None else (told.velocity, told.acceleration)

@@ -45,10 +45,6 @@ LEG = ("hip", "knee", "ankle", "subtalar")
 class Settings(Enum):
     """What a person is calibrated with."""
 
-    SYNTHESIZED = "synthesized"
-    """The settings that `synthesize` writes: the published protocol, in the spline space that the truth was made in,
-    with hips by the regression that the true ones are drawn around, and error bars that know plates and axes as exact.
-    No user has these."""
     DEFAULT = "default"
     """gaitcal's own, every one: what a user has who declares nothing."""
     GAIT_ONLY = "gait-only"
@@ -90,7 +86,7 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
         study = Study.load(file)
         if settings is Settings.EXACT:
             study = with_settings(study, {"segment_axes": "exact"} | dict(changes or {}))
-        elif settings is not Settings.SYNTHESIZED:
+        else:
             study = replace(study, settings=type(study.settings).model_validate(dict(changes or {})))
         if settings is Settings.GAIT_ONLY:
             study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))

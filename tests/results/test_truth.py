@@ -13,6 +13,7 @@ import pytest
 from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.errors import InputError
 from gaitcal.figures.calibration import charts_of
 from gaitcal.figures.chart import Panel, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
@@ -23,16 +24,19 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_comparison import with_truth
 from gaitcal.person.truth_errors import TruthErrors
-from gaitcal.person.truth_words import sums
+from gaitcal.person.truth_words import settings_sentence, sums, two_marker_segments
+from gaitcal.recording import write_markers_csv
 from gaitcal.results.calibration import json_text
 from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
+from gaitcal.study.truth import TrueCurves
+from gaitcal.synthetic.motion import WALK_NODES
 from gaitcal.synthetic.subject import synthesize
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the README, 0.01 deg, are RMS."""
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the README, 0.02 deg, are RMS."""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
@@ -73,7 +77,9 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
 @pytest.mark.slow
 def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(tmp_path: Path) -> None:
     """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
-    truth = errors(calibrate(Study.load(synthesize(tmp_path / "study", seed=3, perturb=True))))
+    study = Study.load(synthesize(tmp_path / "study", seed=3, perturb=True))
+    exact = study.settings.model_copy(update={"nodes": WALK_NODES})  # the spline space of the truth
+    truth = errors(calibrate(replace(study, settings=exact)))
     assert len(truth.features) == 12
     for feature in truth.features:
         assert feature.fitted < SAME_PLACE < 1.0 < feature.nominal, (feature.joint, feature.part)
@@ -81,7 +87,7 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(tmp_path: Pat
     for name, curve in truth.of("gait").coordinates.items():
         if leg_of(name):
             assert curve.rms is not None and curve.nominal_rms is not None
-            assert curve.rms < 0.01 < 0.2 < curve.nominal_rms, name  # as the README says
+            assert curve.rms < 0.02 < 0.2 < curve.nominal_rms, name  # as the README says
     for name, curve in truth.of("gait").forces.items():
         if leg_of(name):
             assert curve.rms is not None
@@ -178,10 +184,76 @@ def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path
 
 def test_other_frames_are_not_compared(known: Calibration) -> None:
     """Settings that were changed after the study was read."""
-    settings = known.study.settings.model_copy(update={"hip_centre": "harrington"})
+    settings = known.study.settings.model_copy(update={"hip_centre": "bell"})
     changed = with_truth(replace(known, study=replace(known.study, settings=settings), truth=None))
     assert changed.truth is None
-    assert "truth.hip_centre: found 'bell', and the study uses 'harrington'" in changed.notes[-1]
+    assert "truth.hip_centre: found 'harrington', and the study uses 'bell'" in changed.notes[-1]
+
+
+def test_another_static_trial_is_not_compared(known: Calibration, tmp_path: Path) -> None:
+    """Refused where the study is read, noted where it was changed afterwards; the same in another format is not."""
+    study = known.study
+    file = Path(synthesize(tmp_path / "study", seed=4))
+    write_markers_csv(file.parent / "static.csv", study.static.recording)
+    as_csv = file.read_text(encoding="utf-8").replace("static.c3d", "static.csv")
+    file.write_text(as_csv, encoding="utf-8")
+    assert Study.load(file).truth is not None
+    markers = study.static.recording.markers.copy()
+    markers[:, study.static.recording.labels.index("R.Heel")] += [0.0, 0.0, 0.005]
+    other = replace(study.static.recording, markers=markers)
+    write_markers_csv(file.parent / "static.csv", other)
+    with pytest.raises(InputError, match=r"truth\.landmarks: .*by up to 5\.0 mm \(heel_r most\).*allowed: the same"):
+        Study.load(file)
+    trials = tuple(replace(t, recording=other) if t is study.static else t for t in study.trials)
+    changed = with_truth(replace(known, study=replace(study, trials=trials), truth=None))
+    assert changed.truth is None
+    assert "is not compared: truth.landmarks" in changed.notes[-1]
+
+
+def test_true_curves_of_other_times(known: Calibration) -> None:
+    """None of the frames: no curve, and the page says why. Some of them: the page says how many."""
+    truth = known.study.truth
+    assert truth is not None
+
+    def compared(**changes: TrueCurves) -> Calibration:
+        motions = {"gait": changes.get("motion", truth.motions["gait"])}
+        moments = {"gait": changes.get("moments", truth.moments["gait"])}
+        own = replace(truth, motions=motions, moments=moments)
+        return with_truth(replace(known, study=replace(known.study, truth=own), truth=None))
+
+    def later(curves: TrueCurves, seconds: float) -> TrueCurves:
+        return replace(curves, time=curves.time + seconds)
+
+    shifted = compared(motion=later(truth.motions["gait"], 10.0), moments=later(truth.moments["gait"], 10.0))
+    assert not errors(shifted).trials
+    assert "gait: not held against the truth" in shifted.notes[-1]
+    assert "Not compared: gait: its true curves (motion, 10.00 to" in report_html(shifted)
+    half = compared(motion=later(truth.motions["gait"], 0.5), moments=later(truth.moments["gait"], 10.0))
+    assert not errors(half).of("gait").forces
+    page = report_html(half)
+    assert re.search(r"RMS error over 3\d\d of 415 frames, those of the true curves", page)
+    assert "RMS error over all 415 frames" in report_html(known)
+    unknown = replace(truth, motions={}, moments=truth.moments | {"run": truth.moments["gait"]})
+    del unknown.moments["gait"]  # type: ignore[attr-defined]
+    none = with_truth(replace(known, study=replace(known.study, truth=unknown), truth=None))
+    assert errors(none).not_compared == {"gait": "no true curves of it are known"}
+
+
+def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibration) -> None:
+    truth = errors(known)
+    joints = {s.words: s for s in sums(known, truth) if s.words.startswith("joint")}
+    assert len(joints) == 6
+    sought = [p for p in truth.parameters if p.kind.startswith("joint") and p.status != "fixed"]
+    assert sum(s.count for s in joints.values()) == len(sought)
+    unknown = [p for p in sought if p.status == "unidentifiable"]
+    assert unknown and sum(s.undetermined for s in joints.values()) == len(unknown)
+    legs = [p for p in sought if p.kind == "joint position" and re.match("hip|knee|talocrural|subtalar", p.name)]
+    assert joints["joint positions, legs"].count == len(legs)
+    assert joints["joint positions, legs"].fitted == pytest.approx(np.sqrt(np.mean([p.error**2 for p in legs])))
+    assert two_marker_segments(known) == ("upper_arm_r", "forearm_hand_r", "upper_arm_l", "forearm_hand_l")
+    page = report_html(known)
+    assert "Two markers track upper arm r" in page
+    assert "but for what its study file says: force_filter_hz: none" in page and "nodes" not in settings_sentence(known)
 
 
 def test_intervals_and_directions() -> None:

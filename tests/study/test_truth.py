@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, REACTIONS
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import load_study_file
 from gaitcal.study.truth import Truth, moments_text, motion_text, read_truth, truth_files
+from gaitcal.study.truth_landmarks import landmarks_text, other_landmarks
 from gaitcal.study.truth_table import TruthTable
+from gaitcal.synthetic.motion import static_motion
+from tests.synthetic_studies import made_recording
 
 SETTINGS = CalibrationSettings(hip_centre="bell", ankle_zero="markers")
 TIME = np.linspace(0.0, 1.0, 11)
+LANDMARKS = {"asis_r": np.array([0.1, 0.9, 0.13]), "heel_l": np.array([-0.05, 0.03, -0.1])}
 DIGITS = 1e-8  # relative: nine are written
 
 
@@ -30,12 +38,19 @@ def written(folder: Path, **changes: str) -> TruthTable:
         "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\nknee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
         "motion": motion_text(TIME, q, q, q),
         "moments": moments_text(TIME, forces, 1200.0),
+        "landmarks": landmarks_text(LANDMARKS),
     } | changes
     (folder / "truth.csv").write_text(texts["parameters"], encoding="utf-8")
     (curves / "walk_motion.csv").write_text(texts["motion"], encoding="utf-8")
     (curves / "walk_moments.csv").write_text(texts["moments"], encoding="utf-8")
+    (curves / "landmarks.csv").write_text(texts["landmarks"], encoding="utf-8")
     return TruthTable(
-        parameters=folder / "truth.csv", folder=curves, markers="published", hip_centre="bell", ankle_zero="markers"
+        parameters=folder / "truth.csv",
+        folder=curves,
+        landmarks=curves / "landmarks.csv",
+        markers="published",
+        hip_centre="bell",
+        ankle_zero="markers",
     )
 
 
@@ -56,8 +71,10 @@ def test_round_trip(tmp_path: Path) -> None:
         expected = rng.normal(0, scale, (11, len(names)))
         for k, name in enumerate(names):
             np.testing.assert_allclose(curves["walk"].values[name], expected[:, k], rtol=DIGITS)
+    for name, place in LANDMARKS.items():
+        np.testing.assert_allclose(truth.landmarks[name], place, rtol=DIGITS)
     files = truth_files(table, ["still", "walk"])
-    assert [f.name for f in files] == ["truth.csv", "walk_motion.csv", "walk_moments.csv"]
+    assert [f.name for f in files] == ["truth.csv", "landmarks.csv", "walk_motion.csv", "walk_moments.csv"]
 
 
 def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
@@ -94,6 +111,8 @@ Q = np.zeros((11, 27))
         ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
         ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
         ("moments", motion_text(TIME, Q), "allowed: '# true generalised forces"),
+        ("landmarks", "name,x,y,z\n", "a landmark a row"),
+        ("landmarks", "name,x,y,z\nasis_r,0.1,high,0.2\n", "allowed: m"),
     ],
 )
 def test_refused_in_one_line(tmp_path: Path, file: str, text: str, told: str) -> None:
@@ -137,7 +156,8 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
     (tmp_path / "still.csv").write_text("", encoding="utf-8")
     text = '[subject]\nname = "n"\nmass_kg = 70.0\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n'
     text += '[[trial]]\nname = "still"\nrole = "static"\nfile = "still.csv"\n'
-    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nmarkers = "published"\nhip_centre = "bell"\n'
+    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nlandmarks = "truth/landmarks.csv"\n'
+    text += 'markers = "published"\nhip_centre = "bell"\n'
     path = tmp_path / "study.toml"
     path.write_text(text + 'ankle_zero = "markers"\n', encoding="utf-8")
     file = load_study_file(path)
@@ -153,3 +173,23 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
     path.write_text(text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n', encoding="utf-8")
     with pytest.raises(InputError, match=r"truth\.parameters: no such file.*did you mean 'truth.csv'"):
         load_study_file(path)
+
+
+def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
+    """The same posture elsewhere in the room is the same; another posture, a moved landmark, or another set is not."""
+    marker_set, static = load_marker_set("published"), made_recording(static_motion(), static=True)
+    told = static_posture(static, marker_set, slice(0, 10)).landmarks
+    assert other_landmarks(told, static, marker_set) is None
+    quarter = static.markers[:, :, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.3, 0.02, -2.0]
+    assert other_landmarks(told, replace(static, markers=quarter), marker_set) is None
+    tilted = static.markers @ axis_rotation(0, np.deg2rad(3.0)).T
+    moved = static.markers.copy()
+    moved[:, static.labels.index(marker_set.landmarks["heel_r"][0])] += [0.0, 0.0, 0.001]
+    for markers in (tilted, moved):
+        words = other_landmarks(told, replace(static, markers=markers), marker_set)
+        assert words is not None and "another static trial" in words
+    assert "heel_r most" in str(other_landmarks(told, replace(static, markers=moved), marker_set))
+    same_name = replace(marker_set, landmarks=marker_set.landmarks | {"toe_r": marker_set.landmarks["heel_r"]})
+    assert "toe_r most" in str(other_landmarks(told, static, same_name))
+    fewer = {name: place for name, place in told.items() if name != "toe_l"}
+    assert "toe_l, the truth does not have it" in str(other_landmarks(fewer, static, marker_set))

@@ -1,0 +1,73 @@
+"""Whether a study's static trial is the one in whose segment frames its truth is told.
+
+Segment frames are made of the landmarks of the static trial: another static trial, or another marker set of the same
+name, makes others, and the true numbers then mean something else. The truth therefore names its landmarks (`[truth]`
+landmarks, a CSV file): their distances from each other, and their heights above their mean, must be those that the
+study finds. Neither changes where the laboratory is turned about the vertical, the floor lies higher, or the recording
+is converted to another format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError
+from gaitcal.model.landmarks import static_posture
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.recording import Recording, still_window
+
+COLUMNS = ["name", "x", "y", "z"]
+SAME = 1e-4
+"""m: files keep a thousandth of this; a tenth of a millimetre turns a segment by less than 0.1 degrees."""
+
+
+def landmarks_text(landmarks: Mapping[str, Array]) -> str:
+    """The content of the landmarks file: name -> (3,) m, laboratory, y up."""
+    rows = [[name, *map(float, place)] for name, place in landmarks.items()]
+    text: str = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n", float_format="%.9g")
+    return f"# landmarks of the static trial in m, laboratory, y up\n{text}"
+
+
+def read_landmarks(path: Path) -> dict[str, Array]:
+    """Landmark -> (3,) m. InputError, one line, where the file is not as `landmarks_text` writes it."""
+    try:
+        rows = pd.read_csv(path, comment="#")
+    except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
+        raise InputError(f"cannot be read as CSV: {error}", source=path) from None
+    if list(rows.columns) != COLUMNS or not len(rows):
+        raise InputError(f"found columns {list(rows.columns)}; allowed: name,x,y,z and a landmark a row", source=path)
+    places = rows[COLUMNS[1:]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    if not np.isfinite(places).all():
+        raise InputError("found a place that is no finite number; allowed: m", source=path, field="x,y,z")
+    return dict(zip(map(str, rows["name"]), places, strict=True))
+
+
+def other_landmarks(told: Mapping[str, Array], static: Recording, marker_set: MarkerSet) -> str | None:
+    """Why the landmarks of a static trial, as worn by `marker_set`, are not those of the truth; None: they are."""
+    found = static_posture(static, marker_set, still_window(static, marker_set.labels).frames).landmarks
+    unlike = sorted(set(told) ^ set(found))
+    if unlike:
+        there = "the static trial does not show it" if unlike[0] in told else "the truth does not have it"
+        return f"found other landmarks than those of the static trial: {unlike[0]}, {there}"
+    names = sorted(told)
+    one, other = (np.array([places[name] for name in names]) for places in (told, found))
+    gap = np.abs(_shape(one) - _shape(other))
+    if gap.max() <= SAME:
+        return None
+    worst = names[int(np.argmax(gap.mean(axis=1)))]
+    return (
+        f"found landmarks that the static trial has elsewhere, by up to {1e3 * gap.max():.1f} mm ({worst} most): the "
+        "truth was told in the segment frames of another static trial or marker set"
+    )
+
+
+def _shape(places: Array) -> Array:
+    """(n, n) m: distances from each other, and on the diagonal heights above their mean."""
+    out: Array = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    out[np.diag_indices(len(places))] = places[:, 1] - places[:, 1].mean()
+    return out
