@@ -230,7 +230,7 @@ def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: 
     table = result / "dynamics/cycles.csv"
     assert read_csv(table)[1] == read_csv(result / "cycles.csv")[1], "the same comment lines"
     row = {"side": "r", "stride": 1, "percent": 0, "variable": "knee_angle", "value": 0.1, "se": np.nan, "valid": 1}
-    row |= {"se_stride": np.nan}
+    row |= {"se_stride": np.nan, "turn": np.nan}
     monkeypatch.setattr(
         cycles_module,
         "cycle_table",
@@ -241,8 +241,8 @@ def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: 
     run("dynamics", result, folder / "study/walk.csv")
     first = table.read_text(encoding="utf-8")
     run("dynamics", result, second_trial(folder))
-    assert table.read_text(encoding="utf-8") == f"{first}p,,walk2,r,1,0,knee_angle,0.1,,1,\n"
-    table.write_text(f"{first}p,,walk,r,9,0,knee_angle,0.1,,1,\n", encoding="utf-8")
+    assert table.read_text(encoding="utf-8") == f"{first}p,,walk2,r,1,0,knee_angle,0.1,,1,,\n"
+    table.write_text(f"{first}p,,walk,r,9,0,knee_angle,0.1,,1,,\n", encoding="utf-8")
     told = "walk: cycles.csv is damaged, or was edited: its rows of this trial are left out"
     assert told in run("dynamics", result, second_trial(folder)).stdout
     assert set(read_csv(table)[0]["trial"]) == {"walk2"}
