@@ -53,7 +53,7 @@ file = "knee_r.csv"  # 1200 frames at 200 Hz
 name = "walk"  # after the file
 role = "gait"  # sure: the feet go to and fro in turn (correlation -0.86), over 1.3 m
 file = "walk.csv"  # 208 frames at 200 Hz
-forces = "grf.csv"  # sure: covers the time, and under load acts 5 cm from the feet
+forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the feet
 
 # Not used:
 #   photo.png: a file ending in '.png' holds no recording
