@@ -17,7 +17,7 @@ some 4 % about the 63 to 74 % and 92 to 97 % that 200 draws give."""
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     check = script("check_coverage")
     found = check.draws(DRAWS, 0.010, 1, 1)
-    assert [values.shape[0] for values in found.values()] == [DRAWS] * 4
+    assert [values.shape[0] for values in found.values()] == [DRAWS] * 6
     for name, values in found.items():
         for level, (width, _) in check.LEVELS.items():
             low, high = RANGES[level]
