@@ -17,6 +17,7 @@ from gaitcal.page.sections.blocks import (
     fold,
     heading,
     intervals,
+    named,
     number,
     number_rounded,
     table,
@@ -88,7 +89,7 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
         f"{number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
     )
     return [
-        heading(f"Do motion and ground forces agree? Trial {walk.trial.name}"),
+        heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
         text(RESIDUALS),
         curves(
             ["residual_force", "residual_moment"],
@@ -109,7 +110,7 @@ def _changes(walk: GaitNumbers) -> list[Block]:
     if not walk.numbers:
         return []
     out = [
-        heading(f"What calibration changed, trial {walk.trial.name}"),
+        heading(f"What calibration changed, trial {named(walk.trial.name)}"),
         text(
             "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
             "Where it is small against the effect you study, calibration did not matter for it.",
