@@ -19,22 +19,29 @@ FIRST: Final = "knee_adduction"
 MOST: Final = 6
 """Parameters that the ranked list names."""
 QUARTERS: Final = {"low": "p10", "q1": "p25", "median": "p50", "q3": "p75", "high": "p90"}
+FRAMES: Final = {ReactionFrame.LAB: "", ReactionFrame.FOOT: ", ground reactions carried with the foot"}
+MEASURES: Final = (
+    (
+        "rms",
+        "Size of the moment errors",
+        "RMS error of each moment, and marker distance, by cause and level; as figure 3 of the published study.",
+    ),
+    (
+        "mean",
+        "Direction of the moment errors",
+        "Mean error with its sign: errors that cancel over the trial stay near zero; as figure 4 of the published study.",
+    ),
+)
 READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines from 10 to 90 %."
 
 
 def box_blocks(study: MonteCarloStudy, side: str) -> list[Block]:
     """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
     leg = f"{SIDE_WORDS[side]} leg"
-    folds = [
-        ("Size of the moment errors", "RMS error of each moment, and marker distance, by cause and level", "rms"),
-        ("Direction of the moment errors", "Mean error with its sign: errors that cancel over the trial stay near zero", "mean"),
-    ]  # fmt: skip
     out = []
-    for frame, words in ((ReactionFrame.LAB, ""), (ReactionFrame.FOOT, ", ground reactions carried with the foot")):
-        for title, told, measure in folds:
-            number_of_figure = "3" if measure == "rms" else "4"
-            caption = text(f"{told}; as figure {number_of_figure} of the published study. {READ}", "soft")
-            shown = [caption, *_boxes(study.statistics, frame, measure, side)]
+    for frame, words in FRAMES.items():
+        for measure, title, told in MEASURES:
+            shown = [text(f"{told} {READ}", "soft"), *_boxes(study.statistics, frame, measure, side)]
             out.append(fold(f"{title}, {leg}{words}: boxplots", shown))
     return out
 
