@@ -29,7 +29,7 @@ MEASURES: Final = (
     (
         "mean",
         "Direction of the moment errors",
-        "Mean error with its sign: errors that cancel over the trial stay near zero; as figure 4 of the published study.",
+        "Mean error with its sign, near zero where errors cancel over the trial; as figure 4 of the published study.",
     ),
 )
 READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines from 10 to 90 %."
