@@ -102,7 +102,7 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
         return []
     out = [text(meaning)]
     if first := found.pop(FIRST, None):
-        out += [heading(f"Expected error of your {TORQUE_WORDS[FIRST]} moment", 4), *first]
+        out += [heading(f"Expected error of your {TORQUE_WORDS[FIRST]} moment, RMS over the trial", 4), *first]
     out.append(fold("Expected error of the other moments", _titled(found)))
     carried = text(
         "Ground reactions fixed in the laboratory, as above, stay where force plates measure them; carried with the "
