@@ -63,7 +63,7 @@ class MomentUnit(Enum):
         self.key, self.words, self.power = key, words, power
 
 
-_SENSES: dict[str, tuple[str, str]] = {
+SENSES: dict[str, tuple[str, str]] = {
     "hip_flexion": ("flexion", "extension"),
     "hip_adduction": ("adduction", "abduction"),
     "hip_rotation": ("internal rotation", "external rotation"),
@@ -76,7 +76,7 @@ _SENSES: dict[str, tuple[str, str]] = {
     "subtalar_angle": ("inversion", "eversion"),
 }
 """Coordinate or component of a leg -> what a positive and a negative value of it means."""
-_TRUNK: dict[str, tuple[str, str]] = {
+TRUNK_SENSES: dict[str, tuple[str, str]] = {
     "lumbar_extension": ("extension", "flexion"),
     "lumbar_bending": ("bending to the right", "bending to the left"),
     "lumbar_rotation": ("rotation to the left", "rotation to the right"),
@@ -85,7 +85,7 @@ _TRUNK: dict[str, tuple[str, str]] = {
     "pelvis_rotation": ("rotation to the left", "rotation to the right"),
 }
 """The same of what belongs to no leg: moments as they are in all conventions."""
-_PELVIS: dict[tuple[str, str], tuple[float, str]] = {
+PELVIS_SENSES: dict[tuple[str, str], tuple[float, str]] = {
     ("pelvis_tilt", "r"): (-1.0, "anterior tilt"),
     ("pelvis_tilt", "l"): (-1.0, "anterior tilt"),
     ("pelvis_list", "r"): (-1.0, "this side up"),
@@ -132,14 +132,14 @@ class Convention:
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""
         base = split_side(name)[0]
-        senses = {**_SENSES, **_TRUNK}[base]
+        senses = {**SENSES, **TRUNK_SENSES}[base]
         sign = self._sign(name) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
         return f"{self.acting.key}, {senses[0] if sign > 0 else senses[1]}"
 
     def positive_angle(self, name: str, side: str) -> str:
         """What a positive angle means: `dorsiflexion`; of the pelvis in a stride of one side (`r`, `l`)."""
         sense = self._of_pelvis(name, side)[1]
-        return sense or {**_SENSES, **_TRUNK}[split_side(name)[0]][0]
+        return sense or {**SENSES, **TRUNK_SENSES}[split_side(name)[0]][0]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -170,8 +170,8 @@ class Convention:
         }
 
     def _sign(self, name: str) -> float:
-        clinical = self.signs is Signs.CLINICAL and split_side(name)[0] in _SENSES
+        clinical = self.signs is Signs.CLINICAL and split_side(name)[0] in SENSES
         return (-1.0 if clinical else 1.0) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
 
     def _of_pelvis(self, name: str, side: str) -> tuple[float, str]:
-        return _PELVIS.get((name, side), (1.0, "")) if self.signs is Signs.CLINICAL else (1.0, "")
+        return PELVIS_SENSES.get((name, side), (1.0, "")) if self.signs is Signs.CLINICAL else (1.0, "")

@@ -7,12 +7,10 @@ on two metres, however far the person walks), a gap as -32768; the pelvis itself
 
 from __future__ import annotations
 
-import base64
 import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.model.knee_and_ankle import SIDE_WORDS
@@ -21,14 +19,13 @@ from gaitcal.page.body_meshes import BodyMeshes, Mesh
 from gaitcal.page.bones import EXTRA, KneeAxis, Landmarked, fitted_bones, knee_axes
 from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
 from gaitcal.page.joint_marks import JointMark
+from gaitcal.page.packing import FULL, base64_of, floats, lengths
 from gaitcal.page.scene import Scene, TrialScene
 
 MOST_BYTES = 12_000_000
 """Packed playback data of all trials together: 16 MB as base64, of the 25 MB that a page may have."""
-GAP = -32768
 FAR = 20.0
 """m from the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
-_FULL = 32767
 
 
 def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None) -> str:
@@ -48,7 +45,7 @@ def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None
         "markers": {
             "labels": scene.labels,
             "segments": [scene.segments.index(s) for s in scene.marker_segments],
-            "places": _floats(scene.marker_places),
+            "places": floats(scene.marker_places),
         },
         "joints": [_joint(scene, joint) for joint in scene.joints],
         "meshes": {name: _mesh(shapes.meshes[name]) for name in used},
@@ -121,17 +118,17 @@ def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
         "recorded": trial.recorded,
         "stride": trial.stride * thin,
         "start": float(trial.time[0]),
-        "time": _floats(trial.time[kept] - trial.time[0]),
-        "pelvis": _floats(pelvis),
-        "origins": _lengths(trial.origins[kept] - pelvis),
-        "turns": _base64(np.rint(trial.turns[kept] * _FULL).astype("<i2")),
+        "time": floats(trial.time[kept] - trial.time[0]),
+        "pelvis": floats(pelvis),
+        "origins": lengths(trial.origins[kept] - pelvis),
+        "turns": base64_of(np.rint(trial.turns[kept] * FULL).astype("<i2")),
         "tracked": [bool(t) for t in trial.tracked],
-        "measured": _lengths(measured),
-        "forces": _floats(trial.forces[kept]),
-        "centres": _floats(trial.pressure_centres[kept]),
+        "measured": lengths(measured),
+        "forces": floats(trial.forces[kept]),
+        "centres": floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "validLegs": _base64(trial.valid_legs[kept].astype("<u1")),
-        "plates": _floats(trial.plates),
+        "validLegs": base64_of(trial.valid_legs[kept].astype("<u1")),
+        "plates": floats(trial.plates),
     }
 
 
@@ -158,28 +155,9 @@ def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
 
 
 def _mesh(mesh: Mesh) -> dict[str, Any]:
-    return {"vertices": _lengths(mesh.vertices), "triangles": _base64(mesh.triangles.astype("<u2"))}
+    return {"vertices": lengths(mesh.vertices), "triangles": base64_of(mesh.triangles.astype("<u2"))}
 
 
 def _numbers(values: Array) -> list[float] | None:
     """None where they do not exist."""
     return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None
-
-
-def _floats(values: NDArray[Any]) -> str:
-    return _base64(values.astype("<f4"))
-
-
-def _lengths(values: NDArray[Any]) -> dict[str, Any]:
-    """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as `GAP`."""
-    known = np.isfinite(values)
-    low = float(values[known].min()) if known.any() else 0.0
-    high = float(values[known].max()) if known.any() else 0.0
-    step = max(high - low, 1e-9) / (2 * _FULL)
-    packed = np.full(values.shape, GAP, dtype="<i2")
-    packed[known] = np.rint((values[known].astype(float) - low) / step) - _FULL
-    return {"low": low, "step": step, "data": _base64(packed)}
-
-
-def _base64(values: NDArray[Any]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")

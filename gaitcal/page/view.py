@@ -1,20 +1,23 @@
-"""`view.html`: the whole view in one file that opens offline.
+"""`result.html`: body, curves and tables of one or two results in one file that opens offline.
 
-MeshCat's own JavaScript viewer, our player, and the scene as data stand inline. A Content-Security-Policy in the file
-lets exactly these two scripts run, known by their SHA-256, and forbids every request: whatever a marker or a subject
-is called, it is text.
+MeshCat's own JavaScript viewer, uPlot, our scripts, and the results as data stand inline. A Content-Security-Policy in
+the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
+subject is called, it is text.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_text
@@ -27,9 +30,16 @@ if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
 
 SCRIPTS = (
-    "1_unpack.js", "2_body.js", "2_bones.js", "3_markers.js", "4_joints.js", "5_layers.js", "6_camera.js",
-    "7_player.js",
+    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "layers.js", "camera.js", "stage.js",
+    "state.js", "clock.js", "timeline.js", "switches.js",
+    "sheet.js", "convention.js", "strides.js", "panel.js", "curves.js",
+    "blocks.js", "steps.js", "verdict.js", "sections.js", "print.js",
+    "page.js",
 )  # fmt: skip
+"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
+STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
+PLOTS = "uPlot"
+"""The library that draws curves, in `libraries/`."""
 
 
 def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:
@@ -51,26 +61,52 @@ def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes 
 
 
 def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
-    """The page of a scene; `bones` as in `write_view`."""
+    """The page of a scene alone, without curves and tables; `bones` as in `write_view`."""
+    return page_html([Shown(scene)], bones)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One result as the page takes it."""
+
+    scene: Scene
+    sheet: Mapping[str, Any] | None = None
+    """Curves and tables (`gaitcal.page.sheet`); None: the body alone."""
+    name: str = ""
+    """What it is called beside another one."""
+
+
+def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
+    """The page of one result, or of two side by side; `bones` as in `write_view`."""
     bones = bones or installed_bones()
-    folder = files("gaitcal.page") / "scripts"
+    folder = files("gaitcal.page")
 
     def part(name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
 
+    def result(shown: Shown) -> str:
+        scene = scene_json(shown.scene, body_meshes(), None if bones is None else landmarked(bones))
+        sheet, name = (
+            json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+            for content in (shown.sheet, shown.name)
+        )
+        return f'{{"name":{name},"scene":{scene},"sheet":{sheet}}}'
+
     viewer, licences = _meshcat()
-    meshcat = _inline(viewer)
-    page = _inline("\n".join(part(name) for name in SCRIPTS))
+    meshcat, plots = _inline(viewer), _inline(part(f"libraries/{PLOTS}.iife.min.js"))
+    page = _inline("\n".join(part(f"scripts/{name}") for name in SCRIPTS))
+    licences += f"\n\nuPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}"
     content = {
-        "POLICY": policy(meshcat, page),
-        "STYLE": part("page.css"),
-        "SCENE": scene_json(scene, body_meshes(), None if bones is None else landmarked(bones)),
+        "POLICY": policy(meshcat, plots, page),
+        "STYLE": "\n".join([part(f"libraries/{PLOTS}.min.css"), *(part(f"styles/{name}") for name in STYLES)]),
+        "RESULTS": f"[{','.join(map(result, results))}]",
         "LICENCES": _with_bones(licences, bones).replace("<", "‹"),
         "MESHCAT": meshcat,
+        "PLOTS": plots,
         "PAGE": page,
     }
     # One pass over the template: what a name holds is never looked at again.
-    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], part("page.html"))
+    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], part("templates/page.html"))
 
 
 def policy(*scripts: str) -> str:

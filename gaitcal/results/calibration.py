@@ -20,6 +20,7 @@ from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page import save_scene, scene_of, write_report, write_view
+from gaitcal.page.sheet import SHEET, calibration_sheet, write_sheet
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import (
     COORDINATE_HEADER,
@@ -87,6 +88,7 @@ def write_results(
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)
         save_scene(scene, out / "scene.npz")
+        write_sheet(calibration_sheet(calibration, normal, content), out / SHEET)
         write_view(scene, out / "view.html")
         write_report(calibration, out / "report.html", manifest=content, normal=normal)
         write_figures(calibration, out / "figures", normal)

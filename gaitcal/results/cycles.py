@@ -23,6 +23,7 @@ from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.person.angle_validity import angle_counts
 from gaitcal.person.kinetic_tables import told_powers
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import relative_header, taken_off
@@ -46,8 +47,6 @@ CYCLE_HEADER = (
 )
 """Comment lines above the header."""
 CYCLES = "cycles.csv"
-SHOWN_BY = {"hip": ("thigh",), "knee": ("thigh", "shank"), "ankle": ("shank", "foot"), "subtalar": ("shank", "foot")}
-"""First word of a coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
 DIGITS = 6
 TURN_DIGITS = 1
 
@@ -144,7 +143,7 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
         if name in wanted and name not in frozen and not is_translation(name):
             errors = (trial.coordinate_errors, trial.own_coordinate_errors)
             error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
-            usable = _angle_counts(trial, name, unseen)
+            usable = angle_counts(trial, name, unseen)
             yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, own, usable)
     if loads is None:
         return
@@ -198,16 +197,6 @@ def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[
             own = None if errors is None or errors.own is None else power_of(errors.own, name)
             valid = loads.reactions.valid_for(name)
             yield _Signal(f"{_plain(name)}{Kind.POWER.ending}", power_of(loads.kinetics, name), error, own, valid)
-
-
-def _angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
-    """(nf,) where an angle may be used: not refused, and between segments that some marker shows."""
-    side = leg_of(name)
-    refused = side in trial.refused_legs if side else bool(trial.refused_legs)
-    out = np.full(len(trial.body.time), not refused)
-    for part in SHOWN_BY[name.partition("_")[0]] if side else ():
-        out &= ~unseen.get(f"{part}_{side}", np.zeros(len(out), dtype=bool))
-    return out
 
 
 def _plain(name: str) -> str:

@@ -227,14 +227,3 @@ Gaitcal.ordinal = (n) => {
   const ending = last > 10 && last < 14 ? "th" : { 1: "st", 2: "nd", 3: "rd" }[n % 10] ?? "th";
   return n === 2 ? "second" : n === 3 ? "third" : `${n}${ending}`;
 };
-
-(() => {
-  const failure = document.getElementById("failure");
-  try {
-    window.gaitcal = new Gaitcal.Player(JSON.parse(document.getElementById("scene").textContent));
-  } catch (error) {
-    failure.hidden = false;
-    failure.textContent = `This page could not be drawn (${error.message}). It needs a browser with WebGL.`;
-    throw error;
-  }
-})();

@@ -1,0 +1,2 @@
+"use strict";
+// One clock for the body, the curves and the timeline.

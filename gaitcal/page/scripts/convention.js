@@ -1,0 +1,2 @@
+"use strict";
+// Signs and units that the reader chooses.

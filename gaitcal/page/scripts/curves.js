@@ -1,0 +1,2 @@
+"use strict";
+// All plots of a preset.

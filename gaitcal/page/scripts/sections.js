@@ -1,0 +1,2 @@
+"use strict";
+// The tables of each preset.

@@ -1,0 +1,2 @@
+"use strict";
+// The sheet of a result, back as numbers.

@@ -1,0 +1,2 @@
+"use strict";
+// The table of steps and phases.

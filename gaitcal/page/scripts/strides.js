@@ -1,0 +1,2 @@
+"use strict";
+// Curves over the gait cycle, and means over strides.

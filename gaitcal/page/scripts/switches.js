@@ -1,0 +1,2 @@
+"use strict";
+// The controls of what is shown and in which convention.

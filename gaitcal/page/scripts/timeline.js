@@ -1,0 +1,2 @@
+"use strict";
+// Strikes, toe-offs, stance and validity of each leg along time.

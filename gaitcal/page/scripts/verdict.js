@@ -1,0 +1,2 @@
+"use strict";
+// How far the result can be believed.

@@ -1,0 +1,35 @@
+"""`page.json` of a result folder: the sheet, from which its page is made again at any time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from gaitcal.errors import InputError
+from gaitcal.page.sheet.sheet import FORMAT
+
+SHEET: Final = "page.json"
+
+
+def write_sheet(sheet: Mapping[str, Any], path: Path) -> None:
+    """Write a sheet; the page reads the same text."""
+    path.write_text(json.dumps(sheet, separators=(",", ":"), ensure_ascii=False, allow_nan=False), encoding="utf-8")
+
+
+def read_sheet(path: Path) -> dict[str, Any]:
+    """Read back what `write_sheet` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is not there, or is no sheet of this version.
+    """
+    try:
+        sheet = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None
+    if not isinstance(sheet, dict) or sheet.get("format") != FORMAT:
+        raise InputError("is no page of this version; calibrate again", source=path)
+    return sheet
