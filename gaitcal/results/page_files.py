@@ -61,31 +61,31 @@ def read_page(folder: Path) -> Shown:
 
 
 def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
-    """A result with the further trials that `gaitcal dynamics` added, and a line for each that is left out or stale.
+    """A result with the further trials that `gaitcal dynamics` added, and a line for each that is stale, or for all that are left out.
 
     Raises
     ------
     InputError
-        As of `read_page`; of the further trials' folder only a line is said.
+        As of `read_page`; what is wrong with the further trials is such a line.
     """
     shown = read_page(folder)
     if shown.sheet is None or not (folder / DYNAMICS).is_dir():
         return shown, ()
     try:
         further = read_page(folder / DYNAMICS)
-    except InputError as error:
-        return shown, (f"further trials are left out: {error}",)
+    except InputError:
+        return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
     if further.sheet is None:
-        return shown, (f"{folder / DYNAMICS}: of an earlier version, without a page; run its trials again to see them",)
+        return shown, (f"{folder / DYNAMICS}: its page is of an earlier version; run its trials again to see them",)
     stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / MODEL))
-    sheet = doubted(further.sheet, [(name, OTHER_MODEL, AGAIN) for name in stale])
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}
     names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
     scene = with_trials(shown.scene, further.scene, names)
     if scene is None:
         return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
-    sheet = renamed(only(sheet, [t.name for t in further.scene.trials]), names)
+    about = only(further.sheet, [t.name for t in further.scene.trials])
+    sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
     return Shown(scene, followed_by(shown.sheet, sheet), shown.name), lines
 
 

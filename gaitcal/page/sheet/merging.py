@@ -29,8 +29,10 @@ def only(sheet: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """A sheet of further trials with some of them alone, and the reasons about these."""
     trials = [trial for trial in sheet["trials"] if trial["name"] in names]
     about = [reason for reason in sheet["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
-    judgement = _of_all(trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None).value
-    return {**sheet, "trials": trials, "verdict": {**sheet["verdict"], "judgement": judgement, "reasons": about}}
+    judgement = _of_all(trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None)
+    if about and judgement is Judgement.TRUSTWORTHY:
+        judgement = Judgement.DOUBTFUL
+    return {**sheet, "trials": trials, "verdict": {**sheet["verdict"], "judgement": judgement.value, "reasons": about}}
 
 
 def doubted(sheet: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
