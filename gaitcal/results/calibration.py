@@ -86,7 +86,7 @@ def write_results(
         write_truth(calibration.truth, out)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
-        write_page(out, scene_of(calibration), calibration_sheet(calibration, normal))
+        write_page(out, scene_of(calibration), calibration_sheet(calibration, normal, content))
         write_former_pages(out)
     return folder
 

@@ -61,7 +61,7 @@ def read_page(folder: Path) -> Shown:
 
 
 def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
-    """A result with the further trials that `gaitcal dynamics` added, and a line for each that is stale, or for all that are left out.
+    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are stale or left out.
 
     Raises
     ------

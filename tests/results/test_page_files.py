@@ -1,4 +1,4 @@
-"""`result.html` of a result and of its further trials: all trials, none lost or mixed up, whatever befalls the files."""
+"""`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
 
 from __future__ import annotations
 
@@ -257,9 +257,8 @@ def test_a_result_of_an_earlier_version_shows_its_body_alone(folder: Path) -> No
     other = Path(shutil.copytree(folder / "result", folder / "other"))
     of_an_earlier_version(other)
     told = run("view", other, "--html", folder / "own.html").stdout.splitlines()
-    assert (
-        told[0] == f"{other}: of an earlier version, without page.json: the body alone; calibrate again for its curves"
-    )
+    alone = "of an earlier version, without page.json: the body alone; calibrate again for its curves"
+    assert told[0] == f"{other}: {alone}"
     assert len(told) == 2 and results(folder / "own.html")[0]["sheet"] is None
     for pair in ((folder / "result", other), (other, folder / "result")):
         with pytest.raises(InputError, match=r"other: found no page\.json: .*calibrate again to compare it"):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from gaitcal.page.sections.blocks import visible
+from gaitcal.page.sections.lines import TONES
 from gaitcal.verdict.verdict import Judgement, TrialVerdict, Verdict
 
 
@@ -12,17 +14,33 @@ def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]
     """A sheet of further trials, after those of an earlier one that it does not hold itself."""
     names = {trial["name"] for trial in new["trials"]}
     kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
-    return {**new, "trials": [*kept["trials"], *new["trials"]], "verdict": _joined(kept, new)}
+    verdict = _joined(kept, new)
+    return {**new, "trials": [*kept["trials"], *new["trials"]], "verdict": verdict, "lines": [verdict_line(verdict)]}
 
 
 def followed_by(sheet: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
     """The sheet of a calibration with further trials after its own; none of them may have the name of its own."""
+    verdict, lines = _joined(sheet, further), list(sheet["lines"])
+    if verdict["sentence"] != sheet["verdict"]["sentence"]:
+        lines[:1] = [verdict_line(verdict)]
     return {
         **sheet,
+        "lines": lines,
         "trials": [*sheet["trials"], *further["trials"]],
-        "verdict": _joined(sheet, further),
+        "verdict": verdict,
         "bands": sheet["bands"] or further["bands"],
     }
+
+
+def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
+    """The line at the top of the page that tells the verdict, and its worst reason."""
+    judgement = Judgement(verdict["judgement"])
+    words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
+    if verdict["reasons"]:
+        worst, *rest = verdict["reasons"]
+        where = f" ({', '.join(visible(name) for name in worst['trials'])})" if worst["trials"] else ""
+        words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
+    return {"tone": TONES[judgement], "text": visible(words)}
 
 
 def only(sheet: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
