@@ -33,7 +33,7 @@ SUBJECTS = [
     "'; DROP TABLE gait; --",
     "{{ 7 * 7 }} {% raw %} ${x} </title></style>",
     "[bold red]markup[/]",
-    "<!--<script> \u202e\u2066abc\u2069 \u2028 --> \\u003c & ]]>",
+    "<!--<script> \u05d0\u05d1 --> \\u003c & ]]>",
 ]
 MARKERS = {
     "R.Bicep": "<script>alert(2)</script>",
