@@ -31,7 +31,7 @@ Gaitcal.number = (value, digits = 1, sign = false) => {
   return (value < 0 ? "−" : sign ? "+" : "") + text;
 };
 
-Gaitcal.SIDES = { r: "right", l: "left" };
+Gaitcal.SIDE_WORDS = { r: "right", l: "left" };
 
 Gaitcal.TONES = { good: ["✓", "good"], look: ["!", "look at this"], poor: ["✕", "poor"] };
 

@@ -76,7 +76,7 @@ Gaitcal.keyOf = (mark, words) =>
 
 // The right side round and solid, the left side square and dashed, what has no side a rhomb.
 Gaitcal.dot = (side, x, y) => {
-  const kind = `dot ${Gaitcal.SIDES[side] ?? "middle"}`;
+  const kind = `dot ${Gaitcal.SIDE_WORDS[side] ?? "middle"}`;
   if (side === "r") return Gaitcal.svg("circle", { class: kind, cx: x, cy: y, r: 4 });
   const middle = Gaitcal.svg("svg", { x, y, overflow: "visible" });
   const shape = side === "l" ? { x: -3.6, y: -3.6, width: 7.2, height: 7.2 } : { x: -3.4, y: -3.4, width: 6.8, height: 6.8, transform: "rotate(45)" };
@@ -89,8 +89,8 @@ Gaitcal.sideKeys = (rows) => {
   return sides
     .filter((side) => side || sides.length > 1)
     .map((side) => {
-      const line = Gaitcal.svg("line", { class: `whisker ${Gaitcal.SIDES[side] ?? "middle"}`, x1: 1, x2: 25, y1: 7, y2: 7 });
-      return Gaitcal.keyOf([line, Gaitcal.dot(side, 13, 7)], Gaitcal.SIDES[side] ?? "neither side");
+      const line = Gaitcal.svg("line", { class: `whisker ${Gaitcal.SIDE_WORDS[side] ?? "middle"}`, x1: 1, x2: 25, y1: 7, y2: 7 });
+      return Gaitcal.keyOf([line, Gaitcal.dot(side, 13, 7)], Gaitcal.SIDE_WORDS[side] ?? "neither side");
     });
 };
 
@@ -104,7 +104,7 @@ Gaitcal.byLabel = (rows) => {
   return [...out];
 };
 
-Gaitcal.titled = (row) => [Gaitcal.SIDES[row.side], Gaitcal.visible(row.label)].filter(Boolean).join(" ");
+Gaitcal.titled = (row) => [Gaitcal.SIDE_WORDS[row.side], Gaitcal.visible(row.label)].filter(Boolean).join(" ");
 
 // Fitted minus nominal, with ±1 standard error, the truth and the bounds where they are known.
 Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
@@ -117,7 +117,7 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
   });
   const axis = new Gaitcal.Axis(ends, { unit, zero: true });
   const marks = (row, y) => {
-    const [change, side] = [row.fitted - from(row), Gaitcal.SIDES[row.side] ?? "middle"];
+    const [change, side] = [row.fitted - from(row), Gaitcal.SIDE_WORDS[row.side] ?? "middle"];
     const out = [];
     for (const bound of row.bounds ?? []) {
       const at = bound - from(row);
@@ -187,7 +187,7 @@ Gaitcal.BLOCKS.boxes = ({ unit, title, groups }, blocks) => {
   const all = groups.flatMap((group) => group.boxes);
   const axis = new Gaitcal.Axis(all.flatMap((box) => [box.low, box.high]), { unit });
   const lane = (box) => {
-    const side = Gaitcal.SIDES[box.side] ?? "middle";
+    const side = Gaitcal.SIDE_WORDS[box.side] ?? "middle";
     const line = (x1, x2, y1, y2, kind) => Gaitcal.svg("line", { class: kind, x1: axis.at(x1), x2: axis.at(x2), y1, y2 });
     const width = `${(100 * (axis.share(box.q3) - axis.share(box.q1))).toFixed(3)}%`;
     return axis.lane(

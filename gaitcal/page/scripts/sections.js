@@ -1,38 +1,36 @@
 "use strict";
 // Below the curves, what a preset tells: of the person first, then of the chosen trial.
 
-Gaitcal.PRESETS = {
-  clinician: "Walking",
+Gaitcal.TITLES = {
+  clinician: "About these curves",
   fit: "How well the model follows the markers",
   joints: "Joints and segments",
   trust: "Can it be believed?",
   provenance: "Where it comes from",
 };
 
-// Everything of one preset; `trials` (of the sheet) that it goes on with; `steps`: an element, or null.
-Gaitcal.presetParts = (page, sheet, preset, trials, { steps = null, cursors = [], level = 2 } = {}) => {
-  const title = Gaitcal.PRESETS[preset] ?? "";
+// What one preset tells: of the person, then of `trials` of the sheet. `scope`: as of `Gaitcal.Blocks`.
+Gaitcal.presetParts = (scope, sheet, preset, trials) => {
   const out = document.createDocumentFragment();
-  out.append(Gaitcal.make(`h${level}`, {}, title));
-  if (preset === "clinician" && steps) out.append(steps);
+  const [title, own] = [Gaitcal.TITLES[preset] ?? "", sheet.sections?.[preset] ?? []];
+  if (own.length || preset === "trust") out.append(Gaitcal.make("h2", {}, title));
   if (preset === "trust") out.append(Gaitcal.reasons(sheet));
-  out.append(new Gaitcal.Blocks({ page, trial: null, cursors }, level, title).all(sheet.sections?.[preset]));
+  out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own));
   for (const trial of trials) {
     const blocks = trial.sections?.[preset];
     if (!blocks?.length) continue;
     const name = Gaitcal.visible(trial.name);
-    const heading = Gaitcal.make(`h${level}`, {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
-    out.append(heading, new Gaitcal.Blocks({ page, trial, cursors }, level, `Trial ${name}`).all(blocks));
+    out.append(
+      Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role)),
+      new Gaitcal.Blocks({ ...scope, trial }, 2, `Trial ${name}`).all(blocks),
+    );
   }
   return out;
 };
 
 Gaitcal.Sections = class {
-  constructor(page) {
-    this.page = page;
-    this.host = document.getElementById("sections");
-    this.steps = new Gaitcal.Steps(page);
-    this.cursors = [];
+  constructor(host, page) {
+    Object.assign(this, { host, page, cursors: [] });
     page.state.on(["preset", "trial", "result"], () => this.draw());
     page.state.on(["seconds", "playing"], () => this.follow());
     this.draw();
@@ -40,18 +38,14 @@ Gaitcal.Sections = class {
 
   // What a reader has unfolded stays so in another trial.
   draw() {
-    const { results, state } = this.page;
-    const { sheet } = results[state.result];
-    this.host.hidden = !sheet;
-    if (!sheet) return;
-    const summaries = () => [...this.host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
+    const { page, host, cursors } = this;
+    const { sheet } = page.result;
+    const summaries = () => [...host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
     const open = new Set(summaries().filter(([fold]) => fold.open).map(([, title]) => title));
-    this.cursors.length = 0;
-    const trial = sheet.trials[state.trial];
-    const { steps, cursors } = this;
-    this.host.replaceChildren(
-      Gaitcal.presetParts(this.page, sheet, state.preset, trial ? [trial] : [], { steps: steps.element, cursors }),
-    );
+    cursors.length = 0;
+    const parts = sheet ? Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, page.sheet ? [page.sheet] : []) : "";
+    host.replaceChildren(parts);
+    host.hidden = !host.hasChildNodes();
     for (const [fold, title] of summaries()) fold.open = open.has(title);
     this.follow();
   }

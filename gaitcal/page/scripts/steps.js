@@ -64,39 +64,38 @@ Gaitcal.STEPS =
   "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that ends " +
   "with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
 
+// Of a result of the page, with what is switched on.
+Gaitcal.stepsOf = ({ results, state }, result) =>
+  Gaitcal.stepRows(
+    results[result].sheet,
+    (trial, side, number) => !state.off.has(`${result}/${trial}`) && !state.off.has(`${result}/${trial}/${side}/${number}`),
+  );
+
+// With its heading: of the chosen result, and of the second one beside it.
+Gaitcal.stepsParts = (page) => {
+  const { results, state } = page;
+  const shown = results
+    .map((result, index) => ({ result, index }))
+    .filter(({ result, index }) => result.sheet && (index === state.result || state.second))
+    .map(({ result, index }) => ({ result, rows: Gaitcal.stepsOf(page, index) }))
+    .filter(({ rows }) => rows.length);
+  if (!shown.length) return [];
+  const tables = shown.flatMap(({ result, rows }) => [
+    ...(results.length > 1 ? [Gaitcal.make("h3", {}, Gaitcal.named(result.name))] : []),
+    Gaitcal.stepsTable(rows),
+  ]);
+  return [Gaitcal.make("h2", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEPS)];
+};
+
 Gaitcal.Steps = class {
-  // Its `element` follows what is switched on.
-  constructor(page) {
-    this.page = page;
-    this.element = Gaitcal.make("div", { class: "steps" });
-    page.state.on(["off", "result", "second"], () => this.draw());
+  constructor(host, page) {
+    Object.assign(this, { host, page });
+    page.state.on(["off", "result", "second", "preset"], () => this.draw());
     this.draw();
   }
 
-  isOn(result) {
-    const { off } = this.page.state;
-    return (trial, side, number) => !off.has(`${result}/${trial}`) && !off.has(`${result}/${trial}/${side}/${number}`);
-  }
-
-  // [result, its rows] of those shown that have strides.
-  shown() {
-    const { results, state } = this.page;
-    return results
-      .map((result, index) => [result, index])
-      .filter(([result, index]) => result.sheet && (index === state.result || state.second))
-      .map(([result, index]) => [result, Gaitcal.stepRows(result.sheet, this.isOn(index))])
-      .filter(([, rows]) => rows.length);
-  }
-
-  draw(into = this.element) {
-    const shown = this.shown();
-    const tables = shown.flatMap(([result, rows]) => [
-      ...(shown.length > 1 ? [Gaitcal.make("h4", {}, Gaitcal.named(result.name))] : []),
-      Gaitcal.stepsTable(rows),
-    ]);
-    into.replaceChildren(
-      ...(shown.length ? [Gaitcal.make("h3", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEPS)] : []),
-    );
-    return into;
+  draw() {
+    this.host.replaceChildren(...Gaitcal.stepsParts(this.page));
+    this.host.hidden = this.page.state.preset !== "clinician" || !this.host.hasChildNodes();
   }
 };

@@ -36,16 +36,15 @@ Gaitcal.verdictLines = (sheet) => {
 };
 
 Gaitcal.Verdict = class {
-  constructor(page) {
-    this.page = page;
-    this.host = document.getElementById("verdict");
+  constructor(host, page) {
+    Object.assign(this, { host, page });
     page.state.on(["result", "second"], () => this.draw());
     this.draw();
   }
 
   draw() {
     const { results, state } = this.page;
-    const { sheet } = results[state.result];
+    const { sheet } = this.page.result;
     this.host.hidden = !sheet;
     if (!sheet) return;
     const button = (result) => {
@@ -66,7 +65,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
   out.append(Gaitcal.make("p", { class: "whole" }, Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)));
   const severities = { error: "error", warning: "warning", info: "to know" };
   const reason = ({ severity, cause, evidence, action, trials: where, leg }) => {
-    const places = [...where.map(Gaitcal.named), ...(Gaitcal.SIDES[leg] ? [`${Gaitcal.SIDES[leg]} leg`] : [])];
+    const places = [...where.map(Gaitcal.named), ...(Gaitcal.SIDE_WORDS[leg] ? [`${Gaitcal.SIDE_WORDS[leg]} leg`] : [])];
     const listed = places.flatMap((place, k) => (k ? [", ", place] : [place]));
     return Gaitcal.make(
       "li",
