@@ -23,7 +23,7 @@ Gaitcal.named = (text) => {
 };
 
 // The same digits as the tables that come as text: a true minus, thin spaces, a dash where there is no value.
-Gaitcal.number = (value, digits = 1, sign = false) => {
+Gaitcal.numeral = (value, digits = 1, sign = false) => {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const [whole, part] = Math.abs(value).toFixed(digits).split(".");
   const text = whole.replace(/\B(?=(\d{3})+$)/g, "\u202f") + (part ? `.${part}` : "");

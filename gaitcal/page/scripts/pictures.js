@@ -6,7 +6,7 @@ Gaitcal.svg = (name, attributes = {}, ...children) =>
   Gaitcal.dress(document.createElementNS("http://www.w3.org/2000/svg", name), attributes, children);
 
 // Round numbers within [low, high], about as many as asked for.
-Gaitcal.ticks = (low, high, count = 5) => {
+Gaitcal.roundTicks = (low, high, count = 5) => {
   const raw = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   const step = power * ([1, 2, 5].find((factor) => factor * power >= raw) ?? 10);
@@ -26,7 +26,7 @@ Gaitcal.Axis = class {
     this.unit = Gaitcal.visible(unit);
     this.low = zero && low === 0 ? 0 : low - pad;
     this.high = high + pad;
-    this.ticks = Gaitcal.ticks(this.low, this.high);
+    this.ticks = Gaitcal.roundTicks(this.low, this.high);
   }
 
   share(value) {
@@ -52,7 +52,7 @@ Gaitcal.Axis = class {
   foot(title = this.unit) {
     const anchor = (share) => (share < 0.06 ? "start" : share > 0.94 ? "end" : "middle");
     const numbers = this.ticks.map(({ at, digits }) =>
-      Gaitcal.svg("text", { x: this.at(at), y: 13, "text-anchor": anchor(this.share(at)) }, Gaitcal.number(at, digits)),
+      Gaitcal.svg("text", { x: this.at(at), y: 13, "text-anchor": anchor(this.share(at)) }, Gaitcal.numeral(at, digits)),
     );
     const words = Gaitcal.svg("text", { x: "50%", y: 28, "text-anchor": "middle" }, title);
     return Gaitcal.svg("svg", { class: "lane", height: 32 }, ...numbers, words);
@@ -135,7 +135,7 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
   const digits = Math.max(1, ...axis.ticks.map((tick) => tick.digits + 1));
   const [errors, truths] = [known.some((row) => row.se != null), known.some((row) => row.truth != null)];
   const told = (row) =>
-    [row.nominal, row.fitted, ...(errors ? [row.se] : []), ...(truths ? [row.truth] : [])].map((v) => Gaitcal.number(v, digits));
+    [row.nominal, row.fitted, ...(errors ? [row.se] : []), ...(truths ? [row.truth] : [])].map((v) => Gaitcal.numeral(v, digits));
   const key = Gaitcal.sideKeys(known);
   if (truths) key.push(Gaitcal.keyOf([Gaitcal.svg("circle", { class: "truth", cx: 13, cy: 7, r: 5.5 })], "truth"));
   if (known.some((row) => row.bounds)) key.push(Gaitcal.keyOf([Gaitcal.svg("line", { class: "bound", x1: 13, x2: 13, y1: 0, y2: 14 })], "bound"));
@@ -178,7 +178,7 @@ Gaitcal.BLOCKS.bars = ({ unit, rows }, blocks) => {
   });
   return Gaitcal.picture(blocks.subject, lanes, axis.foot(), key, {
     head: [blocks.subject || "What", `Total, ${axis.unit}`, ...names.map((name) => `${Gaitcal.visible(name)}, %`)],
-    rows: rows.map((row) => [Gaitcal.titled(row), Gaitcal.number(row.total, digits), ...shares(row).map((share) => Gaitcal.number(100 * share, 0))]),
+    rows: rows.map((row) => [Gaitcal.titled(row), Gaitcal.numeral(row.total, digits), ...shares(row).map((share) => Gaitcal.numeral(100 * share, 0))]),
   });
 };
 
@@ -210,7 +210,7 @@ Gaitcal.BLOCKS.boxes = ({ unit, title, groups }, blocks) => {
     rows: groups.flatMap((group) =>
       group.boxes.map((box) => [
         [Gaitcal.visible(group.label), Gaitcal.titled(box)].filter(Boolean).join(": "),
-        ...[box.low, box.q1, box.median, box.q3, box.high].map((v) => Gaitcal.number(v, digits)),
+        ...[box.low, box.q1, box.median, box.q3, box.high].map((v) => Gaitcal.numeral(v, digits)),
       ]),
     ),
   });

@@ -41,7 +41,7 @@ Gaitcal.stepRows = (sheet, isOn) => {
 };
 
 Gaitcal.stepsTable = (rows) => {
-  const number = (value, digits) => Gaitcal.number(value, digits);
+  const number = (value, digits) => Gaitcal.numeral(value, digits);
   const told = (average, digits) =>
     average ? number(average.mean, digits) + (average.sd === null ? "" : ` ± ${number(average.sd, digits)}`) : "–";
   const table = {
@@ -52,7 +52,7 @@ Gaitcal.stepsTable = (rows) => {
       String(right?.n ?? 0),
       told(left, digits),
       String(left?.n ?? 0),
-      Gaitcal.number(symmetry, 1, true),
+      Gaitcal.numeral(symmetry, 1, true),
     ]),
   };
   return Gaitcal.scroller(Gaitcal.table(table, "Steps and phases"), "Steps and phases");

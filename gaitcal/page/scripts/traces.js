@@ -61,11 +61,11 @@ Gaitcal.Trace = class {
     if (!counted.length) return `${this.title}: no valid frame.`;
     const peak = counted.reduce((a, b) => Math.max(a, b), 0);
     const rms = Math.sqrt(counted.reduce((sum, v) => sum + v * v, 0) / counted.length);
-    const told = `RMS ${Gaitcal.number(rms)} ${this.unit}, peak ${Gaitcal.number(peak)} ${this.unit}`;
+    const told = `RMS ${Gaitcal.numeral(rms)} ${this.unit}, peak ${Gaitcal.numeral(peak)} ${this.unit}`;
     if (this.limit === null) return `${told}.`;
     const above = counted.filter((value) => value > this.limit).length / counted.length;
-    const share = above ? `above it in ${Gaitcal.number(100 * above, above < 0.1 ? 1 : 0)} % of the valid frames` : "never above it";
-    return `${told}; common limit ${Gaitcal.number(this.limit)} ${this.unit}, ${share}.`;
+    const share = above ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of the valid frames` : "never above it";
+    return `${told}; common limit ${Gaitcal.numeral(this.limit)} ${this.unit}, ${share}.`;
   }
 
   at(seconds) {
@@ -83,21 +83,21 @@ Gaitcal.Trace = class {
     if (this.nominal) curves.append(path("nominal", this.nominal));
     curves.append(path("unsure", this.value), path("counted", this.value, (i) => this.valid[i]));
     const level = (value) => `${(100 * (1 - value / top)).toFixed(2)}%`;
-    const rows = Gaitcal.ticks(0, top, 4).map(({ at, digits }) => ({ y: level(at), words: Gaitcal.number(at, digits), at }));
+    const rows = Gaitcal.roundTicks(0, top, 4).map(({ at, digits }) => ({ y: level(at), words: Gaitcal.numeral(at, digits), at }));
     const plot = Gaitcal.svg("svg", { class: "trace", height: 130, role: "img", "aria-label": `${this.title} over time. ${this.words()}` });
     plot.append(...rows.map(({ y, at }) => Gaitcal.svg("line", { class: at ? "grid" : "zero", x1: 0, x2: "100%", y1: y, y2: y })), curves);
     if (this.limit !== null) {
       const y = level(this.limit);
       plot.append(Gaitcal.svg("line", { class: "limit", x1: 0, x2: "100%", y1: y, y2: y }));
-      plot.append(Gaitcal.svg("text", { class: "limit", x: "99.5%", y, dy: -3, "text-anchor": "end" }, `limit ${Gaitcal.number(this.limit)} ${this.unit}`));
+      plot.append(Gaitcal.svg("text", { class: "limit", x: "99.5%", y, dy: -3, "text-anchor": "end" }, `limit ${Gaitcal.numeral(this.limit)} ${this.unit}`));
     }
     const left = Gaitcal.svg("svg", { class: "levels", height: 130, "aria-hidden": "true" });
     left.append(...rows.map(({ y, words }) => Gaitcal.svg("text", { x: "100%", dx: -5, y, dy: 4, "text-anchor": "end" }, words)));
     const foot = Gaitcal.svg("svg", { class: "levels", height: 18, "aria-hidden": "true" });
-    for (const { at, digits } of Gaitcal.ticks(0, this.duration, 6)) {
+    for (const { at, digits } of Gaitcal.roundTicks(0, this.duration, 6)) {
       const x = `${((100 * at) / this.duration).toFixed(2)}%`;
       const end = at > 0.95 * this.duration;
-      foot.append(Gaitcal.svg("text", { x, y: 12, "text-anchor": at === 0 ? "start" : end ? "end" : "middle" }, `${Gaitcal.number(at, digits)} s`));
+      foot.append(Gaitcal.svg("text", { x, y: 12, "text-anchor": at === 0 ? "start" : end ? "end" : "middle" }, `${Gaitcal.numeral(at, digits)} s`));
     }
     const line = Gaitcal.make("div", { class: "cursor" });
     const place = Gaitcal.make("div", { class: "plot" }, plot, line);
@@ -108,7 +108,7 @@ Gaitcal.Trace = class {
     });
     cursors.push((seconds, still) => {
       line.style.transform = `translateX(${(100 * Math.min(1, seconds / this.duration)).toFixed(3)}%)`;
-      if (still) now.textContent = ` At ${seconds.toFixed(2)} s: ${Gaitcal.number(this.at(seconds))} ${this.unit}.`;
+      if (still) now.textContent = ` At ${seconds.toFixed(2)} s: ${Gaitcal.numeral(this.at(seconds))} ${this.unit}.`;
     });
     return Gaitcal.make(
       "figure",

@@ -1,6 +1,8 @@
 "use strict";
 // How far the result can be believed: the strip on top of the page, and the reasons.
 
+Gaitcal.capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
 // Each judgement has a shape of its own, and its word beside it.
 Gaitcal.JUDGEMENTS = {
   trustworthy: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
@@ -16,7 +18,8 @@ Gaitcal.judgement = (word) => {
     Gaitcal.svg("path", { class: "shape", d: shape }),
     Gaitcal.svg("path", { class: "sign", d: mark }),
   );
-  return Gaitcal.make("span", { class: `judgement ${Gaitcal.JUDGEMENTS[word] ? word : ""}` }, icon, Gaitcal.make("strong", {}, Gaitcal.visible(word)));
+  const kind = `judgement ${Gaitcal.JUDGEMENTS[word] ? word : ""}`;
+  return Gaitcal.make("span", { class: kind }, icon, Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(word))));
 };
 
 // The three lines; where there are none, the sentence of the verdict.
@@ -72,7 +75,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       { class: severity },
       Gaitcal.tag(severities[severity] ?? severity, { error: "poor", warning: "look" }[severity]),
       " ",
-      Gaitcal.make("strong", { class: "cause" }, Gaitcal.visible(cause)),
+      Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(cause))),
       places.length ? Gaitcal.make("span", { class: "soft" }, " ", ...listed) : null,
       evidence ? Gaitcal.make("p", {}, Gaitcal.visible(evidence)) : null,
       action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
