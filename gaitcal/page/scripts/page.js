@@ -19,6 +19,8 @@ Gaitcal.Page = class {
     if (!this.bare) this.parts();
     this.state.on(["result", "trial"], () => this.titled());
     this.titled();
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.play(!still && !this.address.said.still);
   }
 
   // What a page of results has beside the body: each part is made with its place in the page and the page.
