@@ -7,8 +7,6 @@ figures draw it as outlines.
 from __future__ import annotations
 
 import datetime
-import platform
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from gaitcal.dynamics.torque_sources import Source
 from gaitcal.figures.calibration import charts_of
 from gaitcal.figures.chart import Chart, panel_figure
 from gaitcal.figures.style import Key
@@ -23,18 +22,29 @@ from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.words import coordinate_title, explained
-from gaitcal.page.answers import answers
-from gaitcal.page.error_sources import COLOURS, ErrorSources, error_sources
+from gaitcal.page.sections.answers import answers
+from gaitcal.page.sections.blocks import number, visible
+from gaitcal.page.sections.error_sources import ErrorSources, error_sources
+from gaitcal.page.sections.provenance import default_manifest, flat
+from gaitcal.page.sections.sections import walks_of
+from gaitcal.page.sections.trial_rows import phase_words, trial_facts, trial_fits
+from gaitcal.page.sections.truth_rows import near_truth
 from gaitcal.page.steps import step_rows
 from gaitcal.page.svg import SvgPage
-from gaitcal.page.trials import phase_words, trial_facts, trial_fits
-from gaitcal.page.truth import near_truth
 from gaitcal.person.parameter_words import blind_spots, counts_sentence, fixed_joints, inertial_groups, joint_groups
 from gaitcal.person.result import Calibration, TrialResult
 
-MISSING = "–"
 LONGEST_NAME = 40
-LIBRARIES = ("pin", "numpy", "scipy")
+COLOURS = {
+    Source.MOTION: "#0072b2",
+    Source.JOINT_MARKERS: "#56b4e9",
+    Source.JOINT_NOMINAL: "#cc79a7",
+    Source.SKIN: "#e69f00",
+    Source.BANDWIDTH: "#f0e442",
+    Source.INERTIA: "#009e73",
+    Source.PLATES: "#d55e00",
+    Source.FRAMES: "#999999",
+}
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,7 @@ def report_html(
         version=made.get("gaitcal") or package_version("gaitcal"),
         date=datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
         facts=trial_facts(calibration),
-        answers=answers(calibration, charts.gait),
+        answers=answers(calibration, walks_of(calibration)),
         charts=charts,
         steps=step_rows(calibration.trials),
         turning=TURNING,
@@ -102,7 +112,7 @@ def report_html(
         blind=blind_spots(calibration),
         fixed=fixed_joints(calibration),
         counts=counts_sentence(calibration),
-        manifest=flat(made),
+        manifest=list(flat(made)),
         error_sources=sources,
         source_colours=COLOURS,
         show=show,
@@ -111,42 +121,6 @@ def report_html(
         phase_words=phase_words,
         coordinate_title=coordinate_title,
     )
-
-
-def default_manifest(calibration: Calibration) -> dict[str, object]:
-    """Versions, settings and hashes as far as the calibration knows them."""
-    study = calibration.study
-    return {
-        "gaitcal": package_version("gaitcal"),
-        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in LIBRARIES},
-        "marker_set": study.marker_set.name,
-        "settings": study.settings.model_dump(mode="json"),
-        "inputs_sha256": dict(study.inputs),
-    }
-
-
-def flat(manifest: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested tables as rows of dotted names and values."""
-    rows: list[tuple[str, str]] = []
-    for key, value in manifest.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            rows += flat(value, f"{name}.")
-        elif isinstance(value, list | tuple):
-            rows.append((name, ", ".join(str(v) for v in value) or MISSING))
-        else:
-            rows.append((name, MISSING if value is None else str(value)))
-    return rows
-
-
-def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
-    """`-1234.5` -> `−1 234.5`, with thin spaces; a dash where there is no value."""
-    if value is None or value != value:
-        return MISSING
-    text = f"{value:{'+' if sign else ''},.{digits}f}"
-    if float(text.replace(",", "")) == 0.0:
-        text = text.lstrip("+-")
-    return text.replace(",", "\u202f").replace("-", "−")
 
 
 def data(text: object) -> Markup:
@@ -160,11 +134,6 @@ def name(text: object) -> Markup:
     if len(whole) <= LONGEST_NAME:
         return Markup("<bdi>{}</bdi>").format(whole)
     return Markup('<bdi title="{}">{}…</bdi>').format(whole, whole[: LONGEST_NAME - 1])
-
-
-def visible(text: object) -> str:
-    """The text with `?` for characters that control the terminal, the layout or the writing direction."""
-    return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text))
 
 
 def swatch(key: Key) -> Markup:

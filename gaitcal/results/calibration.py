@@ -88,7 +88,7 @@ def write_results(
         _save_splines(calibration.trials, out / "splines.npz")
         scene = scene_of(calibration)
         save_scene(scene, out / "scene.npz")
-        write_sheet(calibration_sheet(calibration, normal), out / SHEET)
+        write_sheet(calibration_sheet(calibration, normal, content), out / SHEET)
         write_view(scene, out / "view.html")
         write_report(calibration, out / "report.html", manifest=content, normal=normal)
         write_figures(calibration, out / "figures", normal)

@@ -14,7 +14,7 @@ import pytest
 from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.page import report_html, write_report
-from gaitcal.page.trials import trial_fits
+from gaitcal.page.sections.trial_rows import trial_fits
 from gaitcal.person.result import Calibration
 from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
 

@@ -18,7 +18,9 @@ from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.variables import coordinate_of, kind_of
+from gaitcal.gait.words import explained
 from gaitcal.model.subject_model import Subject
+from gaitcal.page.sections import result_lines, result_sections
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.page.steps import SHOWN
@@ -28,14 +30,18 @@ from gaitcal.verdict.verdict import Verdict
 FORMAT: Final = 1
 
 
-def calibration_sheet(calibration: Calibration, normal: Bands | None = None) -> dict[str, Any]:
+def calibration_sheet(
+    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+) -> dict[str, Any]:
     """The sheet of a calibration.
 
-    `normal`: bands of healthy people, to be drawn behind angles, moments and powers.
+    `normal`: bands of healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings
+    and hashes of the inputs.
     """
     truth = calibration.truth
     return {
         **person_sheet(calibration.model.subject, calibration.verdict, normal),
+        "lines": [line.as_data() for line in result_lines(calibration)],
         "trials": [
             trial_sheet(
                 calibration.model,
@@ -46,7 +52,7 @@ def calibration_sheet(calibration: Calibration, normal: Bands | None = None) -> 
             )
             for trial in calibration.trials
         ],
-        "sections": {},
+        "sections": result_sections(calibration, normal, manifest),
     }
 
 
@@ -84,9 +90,9 @@ def verdict_sheet(verdict: Verdict) -> dict[str, Any]:
         "reasons": [
             {
                 "severity": reason.severity.value,
-                "cause": reason.cause,
-                "evidence": reason.evidence,
-                "action": reason.action,
+                "cause": explained(reason.cause),
+                "evidence": explained(reason.evidence),
+                "action": explained(reason.action),
                 "trials": list(reason.trials),
                 "leg": reason.leg,
             }
