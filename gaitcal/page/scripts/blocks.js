@@ -122,7 +122,7 @@ Gaitcal.table = ({ head = [], rows, caption = null, total = [] }, label = "") =>
   return Gaitcal.make(
     "table",
     { "aria-label": caption || !label ? null : label },
-    caption ? Gaitcal.make("caption", {}, Gaitcal.visible(caption)) : null,
+    caption ? Gaitcal.make("caption", {}, Gaitcal.make("span", {}, Gaitcal.visible(caption))) : null,
     top.length ? Gaitcal.make("thead", {}, Gaitcal.make("tr", {}, ...top)) : null,
     Gaitcal.make("tbody", {}, ...body),
   );

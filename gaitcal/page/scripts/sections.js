@@ -3,7 +3,7 @@
 
 Gaitcal.TITLES = {
   clinician: "About these curves",
-  fit: "How well the model follows the markers",
+  fit: "The fit of the model",
   joints: "Joints and segments",
   trust: "Can it be believed?",
   provenance: "Where it comes from",
@@ -20,10 +20,10 @@ Gaitcal.presetParts = (scope, sheet, preset, trials) => {
     const blocks = trial.sections?.[preset];
     if (!blocks?.length) continue;
     const name = Gaitcal.visible(trial.name);
-    out.append(
-      Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role)),
-      new Gaitcal.Blocks({ ...scope, trial }, 2, `Trial ${name}`).all(blocks),
-    );
+    const told = blocks[0].kind === "heading" && Gaitcal.visible(blocks[0].text).includes(name);
+    const heading = Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
+    const parts = new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks);
+    out.append(Gaitcal.make("div", { class: "of-trial" }, told ? null : heading, parts));
   }
   return out;
 };

@@ -60,11 +60,10 @@ Gaitcal.Trace = class {
     const counted = this.counted();
     if (!counted.length) return `${this.title}: no valid frame.`;
     const peak = counted.reduce((a, b) => Math.max(a, b), 0);
-    const rms = Math.sqrt(counted.reduce((sum, v) => sum + v * v, 0) / counted.length);
-    const told = `RMS ${Gaitcal.numeral(rms)} ${this.unit}, peak ${Gaitcal.numeral(peak)} ${this.unit}`;
+    const told = `Peak ${Gaitcal.numeral(peak)} ${this.unit} in the valid frames`;
     if (this.limit === null) return `${told}.`;
     const above = counted.filter((value) => value > this.limit).length / counted.length;
-    const share = above ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of the valid frames` : "never above it";
+    const share = above ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of them` : "never above it";
     return `${told}; common limit ${Gaitcal.numeral(this.limit)} ${this.unit}, ${share}.`;
   }
 
