@@ -1,7 +1,7 @@
 "use strict";
 // A trial's own curves over its time, with limits and the clock's cursor: pelvis residuals, marker errors.
 
-Gaitcal.TRACES = {
+Gaitcal.TRIAL_CURVES = {
   residual_force: "Force at the pelvis that nothing explains",
   residual_moment: "Moment at the pelvis that nothing explains",
   marker_error: "Marker error, RMS over the markers",
@@ -10,10 +10,10 @@ Gaitcal.TRACES = {
 Gaitcal.UNITS = { "N m": "N·m" };
 
 // At most so many points are drawn; of more, the lowest and the highest of each stretch.
-Gaitcal.MOST_POINTS = 2000;
+Gaitcal.TRIAL_POINTS = 2000;
 
 Gaitcal.thinned = (values) => {
-  const every = Math.ceil(values.length / (Gaitcal.MOST_POINTS / 2));
+  const every = Math.ceil(values.length / (Gaitcal.TRIAL_POINTS / 2));
   if (every < 3) return [...values.keys()];
   const out = [];
   for (let from = 0; from < values.length; from += every) {
@@ -39,14 +39,14 @@ Gaitcal.path = (time, values, top, counts = () => true) => {
   return out;
 };
 
-Gaitcal.Trace = class {
+Gaitcal.TrialCurve = class {
   constructor(trial, curve, limit) {
     this.time = Gaitcal.floats(trial.time);
     this.value = new Gaitcal.Lengths(curve.value).all();
     this.nominal = curve.nominal ? new Gaitcal.Lengths(curve.nominal).all() : null;
     this.valid = new Uint8Array(Gaitcal.bytes(trial.masks[curve.valid]));
     this.unit = Gaitcal.UNITS[curve.unit] ?? Gaitcal.visible(curve.unit);
-    this.title = Gaitcal.TRACES[curve.kind] ?? Gaitcal.visible(curve.kind);
+    this.title = Gaitcal.TRIAL_CURVES[curve.kind] ?? Gaitcal.visible(curve.kind);
     this.limit = Number.isFinite(limit) ? limit : null;
     this.duration = this.time[this.time.length - 1] || 1;
   }
@@ -123,7 +123,7 @@ Gaitcal.BLOCKS.curves = ({ kinds, limits }, blocks) => {
   const curves = kinds.flatMap((kind) => (trial?.curves ?? []).filter((curve) => curve.kind === kind));
   if (!curves.length) return null;
   const seek = (seconds) => page.state.set({ seconds, playing: false });
-  const figures = curves.map((curve) => new Gaitcal.Trace(trial, curve, limits?.[curve.kind]).figure(cursors, seek));
+  const figures = curves.map((curve) => new Gaitcal.TrialCurve(trial, curve, limits?.[curve.kind]).figure(cursors, seek));
   const line = (kind) => [Gaitcal.svg("line", { class: kind, x1: 1, x2: 25, y1: 7, y2: 7 })];
   const key = [Gaitcal.keyOf(line("counted"), "calibrated model"), Gaitcal.keyOf(line("unsure"), "the same, in frames that do not count")];
   if (curves.some((curve) => curve.nominal)) key.push(Gaitcal.keyOf(line("nominal"), "nominal model"));
