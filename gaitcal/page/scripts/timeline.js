@@ -119,7 +119,7 @@ Gaitcal.Timeline = class {
   pose() {
     const { seconds } = this.state;
     const { trial } = this.page;
-    const words = `${(trial.start + seconds).toFixed(2)} s`;
+    const words = `${seconds.toFixed(2)} s`;
     this.time.value = String(seconds);
     this.time.setAttribute("aria-valuetext", words);
     this.clock.textContent = words;
