@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
 
 SCRIPTS = (
-    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "layers.js", "camera.js", "stage.js",
-    "state.js", "clock.js", "timeline.js", "switches.js",
+    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
+    "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
     "sheet.js", "convention.js", "strides.js", "panel.js", "curves.js",
     "blocks.js", "steps.js", "verdict.js", "sections.js", "print.js",
     "page.js",

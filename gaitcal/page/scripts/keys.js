@@ -1,0 +1,7 @@
+"use strict";
+// The keyboard.
+Gaitcal.Keys = class {
+  constructor(page) {
+    this.page = page;
+  }
+};
