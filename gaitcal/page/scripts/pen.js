@@ -65,7 +65,7 @@ Gaitcal.Pen = class {
     let drawing = false;
     for (let i = 1; i < values.length; i++) {
       const counts = Boolean(line.valid[i - 1] && line.valid[i]);
-      if (counts !== valid || values[i - 1] !== values[i - 1] || values[i] !== values[i]) drawing = false;
+      if (counts !== valid || Number.isNaN(values[i - 1]) || Number.isNaN(values[i])) drawing = false;
       else {
         if (!drawing) pen.moveTo(this.x(line.x[i - 1]), this.y(values[i - 1]));
         pen.lineTo(this.x(line.x[i]), this.y(values[i]));
@@ -153,7 +153,7 @@ Gaitcal.Pen = class {
     pen.fillStyle = this.colours.paper;
     const step = Math.max(1, Math.round(line.x.length / 10));
     for (let i = step >> 1; i < line.x.length; i += step) {
-      if (!line.valid[i] || line.value[i] !== line.value[i]) continue;
+      if (!line.valid[i] || Number.isNaN(line.value[i])) continue;
       pen.beginPath();
       pen.arc(this.x(line.x[i]), this.y(line.value[i]), 2.4 * scale, 0, 2 * Math.PI);
       pen.fill();

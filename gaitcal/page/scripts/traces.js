@@ -60,7 +60,7 @@ Gaitcal.Traces = class {
   add(result, laid, told) {
     const { state } = this.strides;
     const factor = this.conventions[result].factor(this.base, this.kind, this.percent ? told.side : "");
-    const scaled = (values, by) => values && values.map((value) => by * value);
+    const scaled = (values, by) => values?.map((value) => by * value) ?? null;
     this.lines.push({
       ...told, result, x: laid.x, valid: laid.valid,
       value: scaled(laid.value, factor),
@@ -111,7 +111,9 @@ Gaitcal.Traces = class {
             see(Math.min(top, line.value[i] + part[i]));
           }
     }
-    for (const { mean, sd } of this.bands) for (let i = 0; i < mean.length; i++) if (mean[i] === mean[i]) see(mean[i] - sd[i]), see(mean[i] + sd[i]);
+    for (const { mean, sd } of this.bands) {
+      for (const [i, value] of mean.entries()) for (const sign of [-1, 1]) see(value + sign * sd[i]);
+    }
     if (low > high) return [-1, 1];
     if (this.kind !== "angle") see(0);
     const pad = Math.max(0.05 * (high - low), 1e-6);
