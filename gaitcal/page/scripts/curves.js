@@ -48,7 +48,9 @@ Gaitcal.Curves = class {
     for (const joint of this.strides.sheet.joints) this.group(joint);
     const ground = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null }));
     this.place("ground", "Ground reactions", ground.filter((subject) => this.has(subject)), "flow");
-    this.host.append(this.legend.root, this.chooser(), this.sentence, this.grid, this.legend.notes, this.peaks.root);
+    this.top = element("div", "curve-top");
+    this.top.append(this.legend.root, this.sentence);
+    this.host.append(this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
     for (const panel of this.panels) this.watch.observe(panel.root);
     this.enlarge(false);
     this.refresh();

@@ -98,12 +98,13 @@ Gaitcal.SheetTrial = class {
 
   // Stretches of time in which a foot is on the ground, as gaitcal/gait/cycles.py has them.
   stances(side) {
-    const changes = this.events.filter((event) => event.side === side).sort((a, b) => a.time - b.time);
+    const own = this.events.filter((event) => event.side === side).sort((a, b) => a.time - b.time);
+    const changes = own.map(({ kind, time }) => ({ down: kind.endsWith("strike"), time }));
     if (!changes.length) return [];
     const out = [];
-    let begin = changes[0].kind === "strike" ? null : 0;
-    for (const { kind, time } of changes) {
-      if (kind === "strike") begin ??= time;
+    let begin = changes[0].down ? null : 0;
+    for (const { down, time } of changes) {
+      if (down) begin ??= time;
       else if (begin !== null) {
         out.push([begin, time]);
         begin = null;
