@@ -216,7 +216,7 @@ def test_hostile_names_are_text(visit: Visit, tmp_path: Path) -> None:
     assert page.run("document.querySelector('#trial option').textContent").startswith(HOSTILE[1])
     assert page.run("gaitcal.markers.labels[5].length") == 20_000
     assert page.run("document.images.length") == 0
-    assert page.run("document.scripts.length") == 4
+    assert page.run("document.scripts.length") == 5
     assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert page.console == []
 

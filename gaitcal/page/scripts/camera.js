@@ -10,6 +10,7 @@ Gaitcal.Camera = class {
     this.viewer = viewer;
     this.pane = pane;
     this.height = height;
+    this.tall = height; // of what is seen of the person
     this.last = new THREE.Vector3();
     viewer.set_camera(new THREE.PerspectiveCamera(Gaitcal.WIDE, 1, 0.05, 80));
     viewer.controls.maxDistance = 25;
@@ -28,8 +29,8 @@ Gaitcal.Camera = class {
   look(person, direction, flying) {
     const THREE = MeshCat.THREE;
     const up = Math.tan((Math.PI / 180) * (Gaitcal.WIDE / 2));
-    const room = Math.max(0.66 * this.height, (0.36 * this.height) / this.viewer.camera.aspect);
-    const target = new THREE.Vector3(person.x, 0.5 * this.height, person.z);
+    const room = Math.max(0.66 * this.tall, (0.36 * this.height) / this.viewer.camera.aspect);
+    const target = new THREE.Vector3(person.x, 0.5 * this.tall, person.z);
     const from = new THREE.Vector3(...direction).normalize().multiplyScalar((1.02 * room) / up);
     this.last.copy(person);
     this.go({ target, position: target.clone().add(from), angle: Gaitcal.WIDE }, flying);

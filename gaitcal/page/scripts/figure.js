@@ -45,6 +45,12 @@ Gaitcal.Figure = class {
     return this.body.groups[0].position;
   }
 
+  // m: what is seen of the person, whose trunk may carry no marker; the pelvis ends at 0.62 of the body's height.
+  get tall() {
+    const trunk = this.scene.segments.indexOf("head_trunk");
+    return (trunk < 0 || this.trial.tracked[trunk] ? 1 : 0.66) * this.scene.height;
+  }
+
   // Why a layer is empty in this trial; null: it is not.
   lack(layer) {
     const { trial } = this;

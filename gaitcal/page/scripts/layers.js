@@ -133,7 +133,13 @@ Gaitcal.Legend = class {
     const hidden = untracked.length ? [`Hidden, no marker in this trial: ${untracked.join(", ").replaceAll("_", " ")}.`] : [];
     const plain = scene.capsules.length ? ["Plain shapes stand for body meshes that were not installed."] : [];
     get("missing").textContent = [...hidden, ...plain].join(" ");
-    get("scale").textContent = `Floor lines every 0.5 m.${trial.hasForces ? " Arrows: 1 m is 1000 N." : ""}`;
+    const events = this.page.sheet?.events.length;
+    get("scale").textContent = [
+      "Floor lines every 0.5 m.",
+      trial.hasForces ? "Arrows: 1 m is 1000 N." : "",
+      events ? "On the timeline: a bar is stance, a tick a foot strike, a ring a toe-off." : "",
+      trial.hasForces ? "Line below a leg's row: its torques are valid." : "",
+    ].join(" ");
   }
 
   write() {

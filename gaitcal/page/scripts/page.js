@@ -19,6 +19,8 @@ Gaitcal.Page = class {
     if (!this.bare) this.parts();
     this.state.on(["result", "trial"], () => this.titled());
     this.titled();
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.play(!still && !this.address.said.still);
   }
 
   // What a page of results has beside the body: each part is made with its place in the page and the page.
@@ -61,6 +63,7 @@ Gaitcal.Page = class {
       `${trial.name} \u00b7 ${frames}${Number.isFinite(rate) ? ` at ${Math.round(rate)} Hz` : ""}`,
       `${result.scene.mass.toFixed(1)} kg, ${result.scene.height.toFixed(2)} m`,
     ];
+    if (trial.start > 0.005) lines.push(`begins at ${trial.start.toFixed(2)} s of the recording`);
     if (trial.stride > 1) {
       lines.push(`every ${Gaitcal.ordinal(trial.stride)} frame is in this page; poses between are interpolated`);
     }

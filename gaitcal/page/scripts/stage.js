@@ -80,6 +80,7 @@ Gaitcal.Stage = class {
     this.figure = this.figures[state.result];
     this.figure.open(page.trial);
     this.camera.height = page.result.scene.height;
+    this.camera.tall = this.figure.tall;
     this.legend.open(this.figure);
     this.refresh();
     this.look(...this.front());
