@@ -58,14 +58,14 @@ Gaitcal.Print = class {
     const source = viewer.renderer.domElement;
     const [width, height] = [source.width, source.height];
     if (!width || !height) return null;
-    const white = [1, 1, 1];
-    for (const end of ["top_color", "bottom_color"]) viewer.set_property(["Background"], end, white);
-    viewer.scene.fog.color.setRGB(...white);
+    document.documentElement.classList.add("on-paper");
+    this.page.stage.painted();
     viewer.renderer.render(viewer.scene, viewer.camera);
     const [wide, high] = [Math.min(width, height), Math.min(height, 1.25 * width)];
     const copy = Gaitcal.make("canvas", { class: "leaf-body", role: "img", "aria-label": "The body, as the page showed it" });
     Object.assign(copy, { width: wide, height: high });
     copy.getContext("2d").drawImage(source, (width - wide) / 2, (height - high) / 2, wide, high, 0, 0, wide, high);
+    document.documentElement.classList.remove("on-paper");
     this.page.stage.painted();
     return copy;
   }
