@@ -1,7 +1,7 @@
 "use strict";
 // Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
 Gaitcal.KINDS = { angle: "angle", moment: "moment", power: "power", force: "force" };
-Gaitcal.SIDES = { r: "right", l: "left" };
+Gaitcal.LEGS = { r: "right", l: "left" };
 Gaitcal.GROUND = {
   ground_reaction_vertical: ["Ground reaction, vertical", "up"],
   ground_reaction_forward: ["Ground reaction, forward", "forward"],
