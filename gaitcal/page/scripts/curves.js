@@ -158,6 +158,7 @@ Gaitcal.Curves = class {
   }
 
   seen(entries) {
+    if (this.strides.sheet) this.now = this.moment();
     for (const { target, isIntersecting } of entries) {
       const panel = this.panels.find(({ root }) => root === target);
       if (!panel) continue;
@@ -285,7 +286,8 @@ Gaitcal.Curves = class {
     for (const [name, title, kinds] of [["kinematics", "Kinematics", ["angle"]], ["kinetics", "Kinetics", ["moment", "power", "force"]]]) {
       const section = Gaitcal.curvePart("section", `curve-paper ${name}`);
       const cells = Gaitcal.curvePart("div", "curve-cells");
-      const shown = this.panels.filter(({ subject }) => kinds.includes(subject.kind) && !subject.detail && subject.joint !== "arm");
+      const paper = this.panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
+      const shown = kinds.flatMap((kind) => paper.filter(({ subject }) => subject.kind === kind));
       cells.append(...shown.map(({ root }) => root));
       section.append(Gaitcal.curvePart("h2", "", title), cells);
       papers.append(section);

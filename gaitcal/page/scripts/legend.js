@@ -27,7 +27,8 @@ Gaitcal.CurveLegend = class {
       ["truth", "truth", state.truth && has("truth")],
       ["norm", "healthy people, mean \u00b1 SD", state.norm && percent && strides.sheet.bands.length > 0],
       ["invalid", "not valid", true],
-      ["off", percent ? "toe-off" : "foot on the ground", true],
+      ["off", "toe-off", percent],
+      ["stance", "foot on the ground", !percent],
       ["second", second ? name(1 - state.result) : "", Boolean(second)],
     ];
     this.root.replaceChildren(
