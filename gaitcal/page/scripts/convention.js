@@ -1,7 +1,7 @@
 "use strict";
 // Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
 Gaitcal.KINDS = { angle: "angle", moment: "moment", power: "power", force: "force" };
-Gaitcal.SIDES = { r: "right", l: "left" };
+Gaitcal.LEGS = { r: "right", l: "left" };
 Gaitcal.GROUND = {
   ground_reaction_vertical: ["Ground reaction, vertical", "up"],
   ground_reaction_forward: ["Ground reaction, forward", "forward"],
@@ -48,7 +48,7 @@ Gaitcal.Convention = class {
     const row = this.sheet.rows.get(base);
     if (!row) return "";
     if (kind === "angle") return this.ofPelvis(base, side)?.words ?? row.angle[0];
-    return row.moment[this.sign(base) > 0 ? 0 : 1];
+    return row.moment[this.flipped(base) ? 1 : 0];
   }
 
   title(base, kind) {
@@ -65,9 +65,12 @@ Gaitcal.Convention = class {
     return [this.unit(kind), `+ ${this.positive(base, kind, side)}`, ...whose].join(", ");
   }
 
+  flipped(base) {
+    return this.clinical && Boolean(this.sheet.rows.get(base)?.flips);
+  }
+
   sign(base) {
-    const flipped = this.clinical && this.sheet.rows.get(base)?.flips;
-    return (flipped ? -1 : 1) * (this.external ? -1 : 1);
+    return (this.flipped(base) ? -1 : 1) * (this.external ? -1 : 1);
   }
 
   // Sign and sense of a clinical pelvis angle. Over time, where no stride says the side, only what is the same of both.

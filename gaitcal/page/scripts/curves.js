@@ -15,6 +15,7 @@ Gaitcal.Curves = class {
     this.density = 1;
     this.lead = "r";
     this.pointed = null;
+    this.readAt = 0;
     this.panels = [];
     this.colours = Gaitcal.curveColours();
     this.legend = new Gaitcal.CurveLegend(this);
@@ -34,7 +35,7 @@ Gaitcal.Curves = class {
 
   // The frame of the grid: what of the result has curves.
   build() {
-    const { element } = Gaitcal;
+    const element = Gaitcal.curvePart;
     for (const panel of this.panels) panel.plot?.destroy();
     this.watch.disconnect();
     this.panels = [];
@@ -77,7 +78,7 @@ Gaitcal.Curves = class {
 
   place(joint, title, subjects, layout) {
     if (!subjects.length) return;
-    const { element } = Gaitcal;
+    const element = Gaitcal.curvePart;
     const folded = joint === "arm";
     const root = element(folded ? "details" : "section", `curve-group ${layout}`);
     root.dataset.joint = joint;
@@ -104,14 +105,14 @@ Gaitcal.Curves = class {
 
   // Where there is room for one column only, what kind of curve it holds.
   chooser() {
-    const field = Gaitcal.element("fieldset", "curve-kinds");
-    field.append(Gaitcal.element("legend", "", "Curves"));
+    const field = Gaitcal.curvePart("fieldset", "curve-kinds");
+    field.append(Gaitcal.curvePart("legend", "", "Curves"));
     for (const [kind, text] of [["angle", "angles"], ["moment", "moments"], ["power", "powers"], ["all", "all"]]) {
-      const label = Gaitcal.element("label");
-      const input = Gaitcal.element("input");
+      const label = Gaitcal.curvePart("label");
+      const input = Gaitcal.curvePart("input");
       Object.assign(input, { type: "radio", name: "curve-kind", value: kind, checked: kind === (this.kind ?? "angle") });
       input.addEventListener("change", () => this.choose(kind));
-      label.append(input, Gaitcal.element("span", "", text));
+      label.append(input, Gaitcal.curvePart("span", "", text));
       field.append(label);
     }
     this.choose(this.kind ?? "angle");
@@ -157,6 +158,7 @@ Gaitcal.Curves = class {
   }
 
   seen(entries) {
+    if (this.strides.sheet) this.now = this.moment();
     for (const { target, isIntersecting } of entries) {
       const panel = this.panels.find(({ root }) => root === target);
       if (!panel) continue;
@@ -203,13 +205,15 @@ Gaitcal.Curves = class {
       this.pointed.read(this.now);
       this.sentence.textContent = this.pointed.sentence(this.now);
     }
-    this.reading ??= setTimeout(() => {
-      this.reading = null;
-      this.readings();
-    }, Gaitcal.READ_EVERY);
+    const since = performance.now() - this.readAt;
+    if (since >= Gaitcal.READ_EVERY) this.readings();
+    else this.reading ??= setTimeout(() => this.readings(), Gaitcal.READ_EVERY - since);
   }
 
   readings() {
+    clearTimeout(this.reading);
+    this.reading = null;
+    this.readAt = performance.now();
     for (const panel of this.panels) if (panel.visible && !panel.dirty) panel.read(this.now);
     this.sentence.textContent = this.pointed?.sentence(this.now) ?? "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
   }
@@ -278,13 +282,14 @@ Gaitcal.Curves = class {
 
   // Kinematics on one page, kinetics on the other.
   onPaper() {
-    const papers = Gaitcal.element("div", "curve-papers");
+    const papers = Gaitcal.curvePart("div", "curve-papers");
     for (const [name, title, kinds] of [["kinematics", "Kinematics", ["angle"]], ["kinetics", "Kinetics", ["moment", "power", "force"]]]) {
-      const section = Gaitcal.element("section", `curve-paper ${name}`);
-      const cells = Gaitcal.element("div", "curve-cells");
-      const shown = this.panels.filter(({ subject }) => kinds.includes(subject.kind) && !subject.detail && subject.joint !== "arm");
+      const section = Gaitcal.curvePart("section", `curve-paper ${name}`);
+      const cells = Gaitcal.curvePart("div", "curve-cells");
+      const paper = this.panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
+      const shown = kinds.flatMap((kind) => paper.filter(({ subject }) => subject.kind === kind));
       cells.append(...shown.map(({ root }) => root));
-      section.append(Gaitcal.element("h2", "", title), cells);
+      section.append(Gaitcal.curvePart("h2", "", title), cells);
       papers.append(section);
     }
     this.grid.before(papers);

@@ -3,9 +3,9 @@
 Gaitcal.CurveLegend = class {
   constructor(curves) {
     this.curves = curves;
-    this.root = Gaitcal.element("ul", "curve-legend");
+    this.root = Gaitcal.curvePart("ul", "curve-legend");
     this.root.setAttribute("aria-label", "Legend of the curves");
-    this.notes = Gaitcal.element("div", "curve-notes");
+    this.notes = Gaitcal.curvePart("div", "curve-notes");
   }
 
   write() {
@@ -27,17 +27,18 @@ Gaitcal.CurveLegend = class {
       ["truth", "truth", state.truth && has("truth")],
       ["norm", "healthy people, mean \u00b1 SD", state.norm && percent && strides.sheet.bands.length > 0],
       ["invalid", "not valid", true],
-      ["off", percent ? "toe-off" : "foot on the ground", true],
+      ["off", "toe-off", percent],
+      ["stance", "foot on the ground", !percent],
       ["second", second ? name(1 - state.result) : "", Boolean(second)],
     ];
     this.root.replaceChildren(
       ...items.filter(([, , shown]) => shown).map(([key, text]) => {
-        const item = Gaitcal.element("li");
-        item.append(Gaitcal.key(key), Gaitcal.element("span", "", text));
+        const item = Gaitcal.curvePart("li");
+        item.append(Gaitcal.key(key), Gaitcal.curvePart("span", "", text));
         return item;
       }),
     );
-    this.notes.replaceChildren(...this.sentences(percent, counts).map((text) => Gaitcal.element("p", "", text)));
+    this.notes.replaceChildren(...this.sentences(percent, counts).map((text) => Gaitcal.curvePart("p", "", text)));
   }
 
   sentences(percent, counts) {
@@ -52,7 +53,7 @@ Gaitcal.CurveLegend = class {
       );
       const turning = ["r", "l"].reduce((sum, side) => sum + strides.on(state.result, side).turning.length, 0);
       if (turning) out.push(`${many(turning, "stride")} turn${turning === 1 ? "s" : ""} and take${turning === 1 ? "s" : ""} no part in means.`);
-      for (const side of ["r", "l"]) if (!strides.near(side, state.seconds)) out.push(`The ${Gaitcal.SIDES[side]} leg makes no complete stride in ${strides.trial.name}.`);
+      for (const side of ["r", "l"]) if (!strides.near(side, state.seconds)) out.push(`The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`);
       const sources = new Set(strides.sheet.bands.map(({ source }) => source));
       if (state.norm) for (const source of sources) out.push(`Healthy people: ${source}.`);
     } else {

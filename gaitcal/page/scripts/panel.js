@@ -1,7 +1,7 @@
 "use strict";
 // One panel: a title, axes, its curves, and a cursor that follows the clock and moves it.
 
-Gaitcal.element = (name, classes = "", text = null) => {
+Gaitcal.curvePart = (name, classes = "", text = null) => {
   const made = document.createElement(name);
   if (classes) made.className = classes;
   if (text !== null) made.textContent = text;
@@ -26,7 +26,7 @@ Gaitcal.Panel = class {
   }
 
   build() {
-    const { element } = Gaitcal;
+    const element = Gaitcal.curvePart;
     const { base, kind, joint } = this.subject;
     this.root = element("div", "curve-panel");
     Object.assign(this.root.dataset, { base, kind });
@@ -71,7 +71,7 @@ Gaitcal.Panel = class {
       return;
     }
     const data = [this.traces.x, this.traces.y];
-    if (this.plot && this.plot.density === this.curves.density) {
+    if (this.plot && this.plot.density === this.curves.density && this.plot.percent === this.traces.percent) {
       if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
       this.plot.setData(data);
     } else this.create(width, height, data);
@@ -79,24 +79,20 @@ Gaitcal.Panel = class {
 
   create(width, height, data) {
     this.plot?.destroy();
-    const { density, colours } = this.curves;
+    const { density } = this.curves;
     const font = `${10 * density}px system-ui, sans-serif`;
     const stroke = () => this.curves.colours.soft;
     const grid = { stroke: () => this.curves.colours.line, width: 0.6 * density };
     const ticks = { stroke: () => this.curves.colours.line, width: 0.6 * density, size: 3 * density };
     const axis = { font, stroke, grid, ticks, gap: 2 * density };
-    const start = () => this.strides.trial.start;
-    const over = {
-      splits: (_plot, _axis, from, to, step) => (this.traces.percent ? [0, 25, 50, 75, 100] : Gaitcal.splits(start(), from, to, step)),
-      values: (_plot, splits) => splits.map((x) => (this.traces.percent ? String(x) : Gaitcal.number(x + start(), splits[1] - splits[0] < 0.1 ? 2 : 1))),
-    };
+    const values = (_plot, splits) => Gaitcal.ticks(splits);
     this.plot = new uPlot(
       {
         width, height, legend: { show: false }, cursor: { show: false }, padding: [4 * density, 12 * density, 0, 0],
         scales: { x: { time: false, range: () => this.traces.x }, y: { range: () => this.traces.y } },
         axes: [
-          { ...axis, ...over, size: 16 * density, space: 38 * density },
-          { ...axis, size: 36 * density, space: 24 * density, values: (_plot, splits) => Gaitcal.ticks(splits) },
+          { ...axis, values, size: 16 * density, space: 38 * density, incrs: this.traces.percent ? [25] : undefined },
+          { ...axis, size: 36 * density, space: 24 * density, values },
         ],
         series: [{}, { paths: () => null, points: { show: false } }],
         hooks: { drawAxes: [(plot) => this.paint(plot)] },
@@ -105,7 +101,7 @@ Gaitcal.Panel = class {
       this.place,
     );
     this.plot.density = density;
-    this.plot.colours = colours;
+    this.plot.percent = this.traces.percent;
     this.plot.over.append(...Object.values(this.cursors), this.looped);
     this.listen(this.plot.over);
   }
@@ -165,11 +161,11 @@ Gaitcal.Panel = class {
   // The same in full: "Knee adduction moment: right 0.62 ± 0.04, left 0.58 ± 0.05 N·m/kg at 43 % / 1.23 s".
   sentence(now) {
     if (!this.traces) return "";
-    const told = ["r", "l", ""].map((side) => [Gaitcal.SIDES[side] ?? "", this.value(side, now)]).filter(([, text]) => text);
+    const told = ["r", "l", ""].map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now)]).filter(([, text]) => text);
     const unit = this.curves.conventions[this.state.result].unit(this.subject.kind);
     const at = this.traces.percent && now.percent !== null ? `${Gaitcal.number(now.percent, 0)} % / ` : "";
     const values = told.map(([side, text]) => `${side} ${text}`.trim()).join(", ");
-    return `${this.title.textContent}: ${values || "nothing"} ${unit} at ${at}${(this.strides.trial.start + this.state.seconds).toFixed(2)} s`;
+    return `${this.title.textContent}: ${values || "nothing"} ${unit} at ${at}${Gaitcal.number(this.state.seconds, 2)} s`;
   }
 
   // The stretch of time that is looped.
@@ -267,11 +263,4 @@ Gaitcal.ticks = (splits) => {
   const step = splits.length > 1 ? splits[1] - splits[0] : 1;
   const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
   return splits.map((value) => Gaitcal.number(value, Math.min(digits, 4)));
-};
-
-// Round times of the recording, as s from the begin of the trial.
-Gaitcal.splits = (start, from, to, step) => {
-  const first = Math.ceil((start + from) / step - 1e-9);
-  const count = Math.floor((start + to) / step + 1e-9) - first + 1;
-  return Array.from({ length: Math.max(0, count) }, (_, i) => (first + i) * step - start);
 };

@@ -23,7 +23,7 @@ Gaitcal.extremes = ({ x, value, se, valid }, factor) => {
 Gaitcal.Peaks = class {
   constructor(curves) {
     this.curves = curves;
-    this.root = Gaitcal.element("div", "curve-peaks");
+    this.root = Gaitcal.curvePart("div", "curve-peaks");
   }
 
   // Peaks of a leg, one record for each stride that counts; over time one for the trial.
@@ -47,7 +47,7 @@ Gaitcal.Peaks = class {
     const text = `${Gaitcal.number(mean, digits)}${Number.isFinite(error) ? ` \u00b1 ${Gaitcal.number(error, digits)}` : ""}`;
     const at = peaks.reduce((sum, peak) => sum + peak[part].at, 0) / peaks.length;
     const { strides } = this.curves;
-    const where = strides.percent ? `at ${Gaitcal.number(at, 0)} %` : `at ${Gaitcal.number(at + strides.trial.start, 2)} s`;
+    const where = strides.percent ? `at ${Gaitcal.number(at, 0)} %` : `at ${Gaitcal.number(at, 2)} s`;
     return [`${text}${peaks.every(({ whole }) => whole) ? "" : " *"}`, part === "range" ? "" : where];
   }
 
@@ -60,7 +60,7 @@ Gaitcal.Peaks = class {
       const peaks = this.of(subject, side);
       if (!peaks.length) return [];
       const [low, high] = ["low", "high"].map((part) => this.cell(peaks, part, digits).join(" ").replace(" *", ""));
-      return [`${Gaitcal.SIDES[side] ?? ""} from ${low} to ${high}`.trim()];
+      return [`${Gaitcal.LEGS[side] ?? ""} from ${low} to ${high}`.trim()];
     });
     return told.join("; ") || "no valid values";
   }
@@ -68,7 +68,7 @@ Gaitcal.Peaks = class {
   write(subjects) {
     const tables = Gaitcal.PEAK_TABLES.map(([kind, title]) => this.table(title, subjects.filter((subject) => subject.kind === kind)));
     const shown = tables.filter(Boolean);
-    const heading = Gaitcal.element("h3", "", "Peaks");
+    const heading = Gaitcal.curvePart("h3", "", "Peaks");
     const { strides, state } = this.curves;
     const counts = ["r", "l"].map((side) => strides.on(state.result, side).straight.length);
     const several = strides.percent && Math.max(...counts) > 1;
@@ -76,7 +76,7 @@ Gaitcal.Peaks = class {
       ? `Mean \u00b1 SD of the peaks of each stride (right ${counts[0]}, left ${counts[1]}); a single stride with its standard error.`
       : "With standard errors.";
     const star = "* Some of the curve is not valid: the peak may lie there.";
-    this.root.replaceChildren(heading, Gaitcal.element("p", "", `${words} ${star}`), ...shown);
+    this.root.replaceChildren(heading, Gaitcal.curvePart("p", "", `${words} ${star}`), ...shown);
   }
 
   table(title, subjects) {
@@ -86,7 +86,7 @@ Gaitcal.Peaks = class {
       .map((subject) => [subject, this.of(subject, "r"), this.of(subject, "l"), strides.percent ? [] : this.of(subject, "")])
       .filter(([, ...peaks]) => peaks.some((of) => of.length));
     if (!told.length) return null;
-    const { element } = Gaitcal;
+    const element = Gaitcal.curvePart;
     const { kind } = subjects[0];
     const parts = kind === "angle" ? ["high", "low", "range"] : ["high", "low"];
     const words = { high: "highest", low: "lowest", range: "range" };
@@ -123,8 +123,8 @@ Gaitcal.Peaks = class {
 
   filled(peaks, part, digits) {
     const [text, where] = this.cell(peaks, part, digits);
-    const cell = Gaitcal.element("td", "", text);
-    if (where) cell.append(Gaitcal.element("small", "", ` ${where}`));
+    const cell = Gaitcal.curvePart("td", "", text);
+    if (where) cell.append(Gaitcal.curvePart("small", "", ` ${where}`));
     return cell;
   }
 };
