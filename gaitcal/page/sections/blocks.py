@@ -15,7 +15,9 @@ Sections = dict[str, list[Block]]
 """Preset of the page -> its blocks."""
 
 MISSING: Final = "–"
-PRESETS: Final = ("clinician", "fit", "joints", "trust", "provenance")
+LONGEST_NAME: Final = 60
+NAME_END: Final = 20
+"""Characters at the end of a cut name: names of one study often begin alike."""
 
 
 def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
@@ -31,6 +33,12 @@ def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
 def visible(text: object) -> str:
     """The text with `?` for characters that control the terminal, the layout or the writing direction."""
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text))
+
+
+def named(text: object) -> str:
+    """A name from the study as a heading or a table shows it: of a very long one the middle is left out."""
+    whole = visible(text)
+    return whole if len(whole) <= LONGEST_NAME else f"{whole[: LONGEST_NAME - NAME_END - 1]}…{whole[-NAME_END:]}"
 
 
 def heading(text: str, level: int = 3) -> Block:

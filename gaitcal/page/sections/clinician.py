@@ -9,7 +9,7 @@ from gaitcal.gait.progression import TURNING
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.words import SIDE_WORDS, counted, listed
 from gaitcal.model.linkage import SIDES
-from gaitcal.page.sections.blocks import Block, fold, heading, number, text
+from gaitcal.page.sections.blocks import Block, fold, heading, named, number, text
 from gaitcal.page.sections.gait_numbers import GaitNumbers
 from gaitcal.person.result import Calibration
 
@@ -54,7 +54,7 @@ def clinician_blocks(calibration: Calibration, normal: Bands | None) -> list[Blo
 
 def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Of one walk: its strides, and where its moments count."""
-    out = [heading(f"Trial {walk.trial.name}"), text(_strides(walk))]
+    out = [heading(f"Trial {named(walk.trial.name)}"), text(_strides(walk))]
     loads = walk.trial.loads
     if walk.trial.refused_legs:
         legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])

@@ -21,6 +21,7 @@ from gaitcal.page.sections.blocks import (
     cell,
     fold,
     heading,
+    named,
     number,
     number_rounded,
     pair,
@@ -100,7 +101,10 @@ def error_bar_blocks(walk: GaitNumbers, mass: float) -> list[Block]:
     peaks = [p for base in LEG for side in "rl" if (p := peak_error(walk, f"{base}_{side}", mass)) and p.sources]
     out = []
     if first := [p for p in peaks if split_side(p.name)[0] == FIRST]:
-        out += [heading(f"Expected error of the peak knee adduction moment, trial {walk.trial.name}"), *_ranked(first)]
+        out += [
+            heading(f"Expected error of the peak knee adduction moment, trial {named(walk.trial.name)}"),
+            *_ranked(first),
+        ]
     out += [
         heading("What makes the error bar of each peak moment", 4),
         text(

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gaitcal.gait.words import segment_words
+from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.page.sections.answers import Answer
 from gaitcal.page.sections.blocks import (
     Block,
     Cell,
+    bars,
     cards,
     cell,
     curves,
     heading,
+    named,
     number,
+    number_rounded,
     pair,
     table,
     text,
-    visible,
     words_column,
 )
 from gaitcal.page.sections.trial_rows import MarkerFit, TrialFit
@@ -31,6 +35,11 @@ FLOORS = (
     "marker of several joints counts with their mean."
 )
 FIT_HEAD: tuple[Cell, ...] = ("Nominal", "Calibrated", "Rigid floor", "Ratio", "Joint floor", "Ratio")
+PARTS = ("rigid-segment floor", "up to the joint floor", "above the joint floor")
+BARS = (
+    "RMS marker error of pelvis and legs with the calibrated model, in parts: no model of rigid segments can take away "
+    "the first, no place of a joint the second; the third another place of the joint, or other markers, may."
+)
 NOTHING = "This study has no moving trial: nothing was fitted."
 
 
@@ -41,10 +50,10 @@ def fit_blocks(answers: Sequence[Answer], fits: Sequence[TrialFit]) -> list[Bloc
         return [*out, text(NOTHING)]
     rows = [
         [
-            cell(fit.name, unit=fit.role),
+            cell(named(fit.name), unit=fit.role),
             *fit_cells(fit.whole),
             number(fit.largest),
-            cell(fit.largest_marker, align="text"),
+            cell(named(fit.largest_marker), align="text"),
         ]
         for fit in fits
     ]
@@ -71,7 +80,7 @@ def _cards(answers: Sequence[Answer]) -> Block:
             "value": answer.value,
             "verdict": answer.verdict,
             "tone": answer.tone,
-            "text": f"Trial {visible(answer.trial)}. {answer.text}" if answer.trial else answer.text,
+            "text": f"Trial {named(answer.trial)}. {answer.text}" if answer.trial else answer.text,
         }
         for answer in answers
     )
@@ -110,23 +119,46 @@ def trial_fit_blocks(fit: TrialFit) -> list[Block]:
     if every > shown:
         note = f"The {shown} markers with the largest error, of {every}; those with little weight come last."
         markers.append(text(note, "soft"))
-    out: list[Block] = [heading(f"Trial {fit.name}, {fit.role}: marker errors")]
+    out: list[Block] = [heading(f"Trial {named(fit.name)}, {fit.role}: marker errors")]
     if fit.joint:
         alone = (
             "Fitted with the segments of that joint only, so that no other joint has a say. “Calibrated” is right "
             "after these trials; the final model may differ where walking has moved the joint again."
         )
         out.append(text(alone, "soft"))
-    out += [curves(["marker_error"]), pair(segments, markers)]
+    out.append(curves(["marker_error"]))
+    if shares := [_bar(segment) for segment in fit.segments if _is_shown(segment, fit)]:
+        out += [text(BARS, "soft"), bars("mm", shares)]
+    out.append(pair(segments, markers))
     if every > shown:
         out.append(_marker_table(fit.markers, f"All {every} markers of this trial"))
     return out
 
 
+def _is_shown(segment: RmsErrors, fit: TrialFit) -> bool:
+    """Segments of pelvis and legs, of which every part of the bar is known."""
+    arms = [segment_words(s) for s in SEGMENTS if s not in LOWER_BODY]
+    known = segment.rigid and None not in (segment.calibrated, segment.floor, segment.joint_floor)
+    return known and (fit.joint is not None or segment.label not in arms)
+
+
+def _bar(segment: RmsErrors) -> dict[str, object]:
+    """As long as the calibrated error; from the left what skin makes, what joints ask for, and what is left."""
+    total = segment.calibrated or 0.0
+    rigid = min(segment.floor or 0.0, total)
+    joint = min(max(segment.joint_floor or 0.0, rigid), total)
+    parts = zip(PARTS, (rigid, joint - rigid, total - joint), strict=True)
+    return {
+        "label": segment.label,
+        "total": number_rounded(total),
+        "parts": [{"name": name, "value": number_rounded(value)} for name, value in parts],
+    }
+
+
 def _marker_table(markers: Sequence[MarkerFit], folded: str = "") -> Block:
     rows = [
         [
-            cell(marker.label, unit=_marker_words(marker)),
+            cell(named(marker.label), unit=_marker_words(marker)),
             number(marker.nominal),
             number(marker.calibrated),
             number(marker.floor),

@@ -10,6 +10,7 @@ from gaitcal.page.sections.blocks import (
     Cell,
     bullets,
     cell,
+    fold,
     heading,
     intervals,
     number,
@@ -32,8 +33,12 @@ from gaitcal.person.parameter_words import (
 )
 from gaitcal.person.result import Calibration
 
-CHANGE = "Fitted minus nominal value, with ±1 standard error where there is one"
-AXES = "Positions are in the axes of the named segment: forward, up, to the right."
+MOVED = (
+    "Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of the named "
+    "segment: forward, up, to the right."
+)
+TRUE = " A ring around a dot: calibration found the truth; around zero: the nominal value was true."
+LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SIDES = {"r": "Right", "l": "Left", "": "Parameter"}
 SEEN = ("fitted", "at bound")
 
@@ -75,46 +80,64 @@ def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]
                 "them."
             )
         ]
-    out = [*_pictures(groups, truth), heading("Joint parameters: where the joints lie")]
-    for group in groups:
-        out += [heading(group.title, 4), *_tables(group, truth)]
+    bounds = _bounds(calibration)
+    legs = [group for group in groups if _part(group) in LEG_JOINTS]
+    others = [group for group in groups if group not in legs]
+    out = [heading("Joint parameters: where the joints lie"), text(MOVED + (TRUE if truth else ""), "soft")]
+    out += [*_pictures(legs, truth, bounds), *_joint_tables(legs, truth)]
+    if others:
+        rest = [*_pictures(others, truth, bounds), *_joint_tables(others, truth)]
+        out += [fold("Joints of trunk and arms", rest)] if legs else rest
     if fixed := fixed_joints(calibration):
         out.append(text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft"))
     return out
 
 
-def _pictures(groups: Sequence[Group], truth: Mapping[str, float]) -> list[Block]:
+def _part(group: Group) -> str:
+    return (group.right or group.left)[0].part
+
+
+def _bounds(calibration: Calibration) -> Mapping[str, float]:
+    """Unit -> how far from its nominal value a parameter may move."""
+    settings = calibration.study.settings
+    return {"mm": settings.position_bound_mm, "deg": settings.orientation_bound_deg}
+
+
+def _pictures(groups: Sequence[Group], truth: Mapping[str, float], bounds: Mapping[str, float]) -> list[Block]:
     """How far each parameter moved: positions, orientations."""
     rows = [row for group in groups for row in (*group.right, *group.left) if row.status in SEEN]
-    of_unit = {unit: [_interval(row, truth) for row in rows if row.unit == unit] for unit in ("mm", "deg")}
-    titles = {"mm": "Positions of joints: change in mm", "deg": "Orientations of joints: change in deg"}
-    shown = [[heading(titles[unit], 4), intervals(unit, found)] for unit, found in of_unit.items() if found]
-    if not shown:
-        return []
-    known = " The truth, where it is known, is counted from the nominal value as well." if truth else ""
-    out = [heading("How far each joint parameter moved"), text(f"{CHANGE}. {AXES}{known}", "soft")]
-    return [*out, pair(*shown)] if len(shown) == 2 else [*out, *shown[0]]
+    shown = []
+    for unit, title in (("mm", "Positions of joints: change in mm"), ("deg", "Orientations of joints: change in deg")):
+        if found := [_interval(row, truth, bounds[unit]) for row in rows if row.unit == unit]:
+            shown.append([heading(title, 4), intervals(unit, found)])
+    return [pair(*shown)] if len(shown) == 2 else [block for blocks in shown for block in blocks]
 
 
-def _interval(row: Row, truth: Mapping[str, float]) -> dict[str, Any]:
+def _interval(row: Row, truth: Mapping[str, float], bound: float) -> dict[str, Any]:
     return {
         "label": row.words.replace(" in the ", ", "),
         "side": row.side,
-        "nominal": 0.0,
-        "fitted": number_rounded(row.change),
+        "nominal": number_rounded(row.nominal),
+        "fitted": number_rounded(row.fitted),
         "se": number_rounded(row.error),
-        "truth": number_rounded(truth[row.name] - row.nominal) if row.name in truth else None,
+        "truth": number_rounded(truth.get(row.name)),
+        "bounds": [number_rounded(row.nominal - bound), number_rounded(row.nominal + bound)],
     }
+
+
+def _joint_tables(groups: Sequence[Group], truth: Mapping[str, float]) -> list[Block]:
+    return [block for group in groups for block in (heading(group.title, 4), *_tables(group, truth))]
 
 
 def _tables(group: Group, truth: Mapping[str, float], percent: bool = False) -> list[Block]:
     """Right beside left; one table where there are no sides."""
-    shown = [[_table(rows, truth, percent)] for rows in (group.right, group.left) if rows]
+    sided = bool(group.left) or not percent
+    shown = [[_table(rows, truth, percent, sided)] for rows in (group.right, group.left) if rows]
     return [pair(*shown)] if len(shown) == 2 else [block for blocks in shown for block in blocks]
 
 
-def _table(rows: Sequence[Row], truth: Mapping[str, float], percent: bool) -> Block:
-    side = rows[0].side
+def _table(rows: Sequence[Row], truth: Mapping[str, float], percent: bool, sided: bool) -> Block:
+    side = rows[0].side if sided else ""
     bars = any(row.error is not None for row in rows)
     known = any(row.name in truth for row in rows)
     head: list[Cell] = [cell(SIDES[side], side=side), "Nominal", "Fitted", "Change ± SE" if bars else "Change"]

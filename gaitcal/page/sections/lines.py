@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from gaitcal.gait.words import SIDE_WORDS, coordinate_title, explained
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.answers import FAIR_RATIO, GOOD_RATIO
-from gaitcal.page.sections.blocks import number, visible
+from gaitcal.page.sections.blocks import named, number, visible
 from gaitcal.page.sections.clinician import complete_strides
 from gaitcal.page.sections.error_bars import FIRST, PeakError, peak_error
 from gaitcal.page.sections.gait_numbers import GaitNumbers
@@ -43,7 +43,7 @@ def _believed(calibration: Calibration) -> Line:
     tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}. {verdict.sentence}"
     if verdict.reasons:
         worst = verdict.reasons[0]
-        where = f" ({', '.join(worst.trials)})" if worst.trials else ""
+        where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
         rest = len(verdict.reasons) - 1
         more = f"; {rest} more below" if rest else ""
         words += f" {'Worst: ' if rest else 'Because: '}{explained(worst.cause)}{where}{more}."
@@ -68,7 +68,7 @@ def _fit(calibration: Calibration) -> Line | None:
         return None
     fit, trial = max(fits, key=lambda pair: pair[0].joint_ratio or pair[0].ratio or 0.0)
     of = "markers of pelvis and legs" if trial.joint is None else "markers"
-    words = f"The model follows the {of} to {number(fit.calibrated)} mm RMS ({trial.name})"
+    words = f"The model follows the {of} to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
     ratio, floor = (fit.joint_ratio, fit.joint_floor) if fit.joint_ratio is not None else (fit.ratio, fit.floor)
     if ratio is None:
         return Line("plain", visible(f"{words}."))
@@ -89,12 +89,12 @@ def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
         return None
     words = f"Forces and motion agree but for {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
     if excess <= 1.0:
-        return Line("good", visible(f"{words} ({walk.trial.name}), peaks within the common limits."))
+        return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
     peaks = (
         f"peaks {number(last.peak_force, 0)} N (common limit {number(limits.force, 0)}) and "
         f"{number(last.peak_moment, 0)} N·m ({number(limits.moment, 0)})"
     )
-    return Line("look", visible(f"{words} ({walk.trial.name}), {peaks}."))
+    return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
 
 
 def _counts(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gaitcal.page.sections.blocks import Block, Cell, cell, fold, heading, number, table, text
+from gaitcal.page.sections.blocks import Block, Cell, cell, fold, heading, named, number, table, text
 from gaitcal.page.sections.truth_rows import Errors, NearTruth, SidedRow
 from gaitcal.person.truth_words import TruthSum
 
@@ -38,12 +38,14 @@ def near_truth_blocks(near: NearTruth | None) -> list[Block]:
         out += [heading("Joint centres and axes of the legs", 4), explained, _sided("Centre or axis", near.joints)]
     for trial, frames, rows in near.angles:
         words = f"RMS error over {frames}, deg, and in how many of them the truth lies within ±1.96 standard errors."
-        out.append(fold(f"Joint angles of the legs, trial {trial}", [text(words, "soft"), _sided("Angle, deg", rows)]))
+        out.append(
+            fold(f"Joint angles of the legs, trial {named(trial)}", [text(words, "soft"), _sided("Angle, deg", rows)])
+        )
     for trial, moments in near.moments:
         words = (
             "RMS error over the valid frames, N·m, and in how many of them the truth lies within ±1.96 standard errors."
         )
-        title = f"Joint moments of the legs, trial {trial}"
+        title = f"Joint moments of the legs, trial {named(trial)}"
         out.append(fold(title, [text(words, "soft"), _sided("Moment, N·m", moments)]))
     files = "Every parameter and curve: folder truth of the result; “truth” in summary.json."
     return [*out, text(files, "soft")]

@@ -15,6 +15,7 @@ from gaitcal.page.sections.blocks import (
     cell,
     fold,
     heading,
+    named,
     number,
     table,
     text,
@@ -82,9 +83,9 @@ def _recordings(calibration: Calibration) -> list[Block]:
     ]
     rows: list[list[Cell]] = [
         [
-            cell(facts.name),
+            cell(named(facts.name)),
             cell(facts.role),
-            cell(facts.file),
+            cell(named(facts.file)),
             f"{number(facts.seconds, 2)} s",
             number(facts.frames, 0),
             f"{number(facts.rate, 0)} Hz",
@@ -131,7 +132,7 @@ def _phases(calibration: Calibration) -> list[Block]:
     rows: list[list[Cell]] = [
         [
             cell(phase_words(phase)),
-            cell(", ".join(phase.trials)),
+            cell(", ".join(named(trial) for trial in phase.trials)),
             str(phase.parameters),
             str(phase.iterations),
             "" if phase.marker_noise is None else f"{number(1e3 * phase.marker_noise)} mm",
@@ -152,7 +153,7 @@ def _hashes(manifest: Mapping[str, object]) -> list[Block]:
     inputs = manifest.get(HASHES)
     if not isinstance(inputs, Mapping) or not inputs:
         return []
-    rows: list[list[Cell]] = [[cell(file_name(str(name))), cell(value)] for name, value in inputs.items()]
+    rows: list[list[Cell]] = [[cell(named(file_name(str(name)))), cell(value)] for name, value in inputs.items()]
     return [heading("Inputs"), table(["File", words_column("SHA-256")], rows)]
 
 
