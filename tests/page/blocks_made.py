@@ -11,7 +11,12 @@ def table(**more: Any) -> dict[str, Any]:
     """Texts, numbers, tones and sides."""
     return {
         "kind": "table",
-        "head": ["Segment, RMS in mm", {"t": "Right", "side": "r"}, {"t": "Left", "side": "l"}, {"t": "What", "align": "text"}],
+        "head": [
+            "Segment, RMS in mm",
+            {"t": "Right", "side": "r"},
+            {"t": "Left", "side": "l"},
+            {"t": "What", "align": "text"},
+        ],
         "rows": [
             ["pelvis", "8.1", {"t": "1.25", "tone": "good"}, "followed by its own markers"],
             [{"t": "thigh", "unit": "2 markers"}, {"t": "12.4", "tone": "look"}, "–", {"t": "above", "tone": "poor"}],
@@ -72,29 +77,39 @@ def boxes() -> dict[str, Any]:
     return {"kind": "boxes", "unit": "N·m/kg", "title": "Deviation of peaks", "groups": groups}
 
 
+def cards() -> dict[str, Any]:
+    """With a judgement and without."""
+    fit = {"question": "Does the model follow the markers?", "value": "9.1 mm", "verdict": "good", "tone": "good"}
+    what = {"question": "What was calibrated?", "value": "61 parameters", "verdict": "", "tone": "plain"}
+    return {"kind": "cards", "cards": [{**fit, "text": "RMS."}, {**what, "text": HOSTILE}]}
+
+
+def heading(text: str, level: int = 3) -> dict[str, Any]:
+    """Of what follows."""
+    return {"kind": "heading", "text": text, "level": level}
+
+
 def every_block() -> list[dict[str, Any]]:
     """In no order of sense."""
+    halves = {side: [{"kind": "text", "text": side}, table()] for side in ("left", "right")}
     return [
         {"kind": "text", "text": "What is told first.", "tone": "soft"},
-        {"kind": "heading", "text": f"Tables {HOSTILE}", "level": 3},
+        heading(f"Tables {HOSTILE}"),
         table(),
         wide_table(),
         table(caption="Folded away", fold="All of them"),
-        {"kind": "heading", "text": "Deeper", "level": 4},
+        heading("Deeper", 4),
         {"kind": "text", "text": "Not converged: do not use these numbers.", "tone": "bad"},
         {"kind": "text", "text": "Look at the trials.", "tone": "warning"},
         {"kind": "list", "items": ["an assumption", HOSTILE], "tone": "soft"},
-        {"kind": "cards", "cards": [
-            {"question": "Does the model follow the markers?", "value": "9.1 mm", "verdict": "good", "tone": "good", "text": "RMS."},
-            {"question": "What was calibrated?", "value": "61 parameters", "verdict": "", "tone": "plain", "text": HOSTILE},
-        ]},
-        {"kind": "heading", "text": "Joint parameters", "level": 3},
+        cards(),
+        heading("Joint parameters"),
         intervals(),
-        {"kind": "heading", "text": "Error sources", "level": 3},
+        heading("Error sources"),
         bars(),
-        {"kind": "fold", "title": "Monte Carlo", "blocks": [{"kind": "heading", "text": "Spread", "level": 4}, boxes()]},
-        {"kind": "heading", "text": "Pair", "level": 3},
-        {"kind": "pair", "left": [{"kind": "text", "text": "Right"}, table()], "right": [{"kind": "text", "text": "Left"}, table()]},
+        {"kind": "fold", "title": "Monte Carlo", "blocks": [heading("Spread", 4), boxes()]},
+        heading("Pair"),
+        {"kind": "pair", **halves},
         {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"],
          "limits": {"residual_force": 40.0, "residual_moment": 9.0}},
         {"kind": "of a later version"},
