@@ -113,9 +113,8 @@ def test_headings_never_skip_a_level(visit: Visit, told: Path) -> None:
 @pytest.mark.browser
 def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path) -> None:
     page = opened(visit, told, "joints")
-    rows = page.run(
-        "[...document.querySelector('#sections > figure.picture .unseen table').rows].map(r => [...r.cells].map(c => c.textContent))"
-    )
+    table = "document.querySelector('#sections > figure.picture .unseen table')"
+    rows = page.run(f"[...{table}.rows].map(r => [...r.cells].map(c => c.textContent))")
     assert rows[0] == ["Parameter", "Nominal", "Fitted", "Standard error", "Truth"]
     assert rows[1] == ["right hip centre, forward mm", "70.0", "66.2", "1.1", "65.0"]
     assert rows[3] == ["right knee axis, up mm", "400.0", "404.0", "–", "–"]

@@ -107,16 +107,9 @@ def curves(time: np.ndarray) -> tuple[Curve, ...]:
     error = np.where((time > 0.2) & (time < 0.3), np.nan, 4.0 + np.sin(9.0 * time))
     kinds = (("residual_force", "N", force), ("residual_moment", "N m", 0.1 * force), ("marker_error", "mm", error))
     own = [Curve(base=k, side="", kind=k, unit=u, value=v, valid=valid, nominal=1.2 * v) for k, u, v in kinds]
+    two = np.full(len(time), 2.0)
     joint = [
-        Curve(
-            base=base,
-            side=side,
-            kind=kind,
-            unit=unit,
-            value=20.0 * np.sin(6.0 * time + k),
-            valid=valid,
-            error=0 * time + 2.0,
-        )
+        Curve(base=b, side=side, kind=kind, unit=unit, value=20.0 * np.sin(6.0 * time + k), valid=valid, error=two)
         for b in ("hip_flexion", "knee_angle", "knee_adduction", "ankle_angle")
         for kind, unit in (("angle", "deg"), ("moment", "N m"))
         for k, side in enumerate("rl")
