@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
 
 SCRIPTS = (
-    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "layers.js", "camera.js", "stage.js",
-    "state.js", "clock.js", "timeline.js", "switches.js",
-    "sheet.js", "convention.js", "strides.js", "panel.js", "curves.js",
-    "blocks.js", "steps.js", "verdict.js", "sections.js", "print.js",
+    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
+    "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
+    "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "curves.js",
+    "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js",
     "page.js",
 )  # fmt: skip
 """In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""

@@ -59,33 +59,33 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
     nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
     joint_free = set(calibration.joint.free) if calibration.joint else set()
     inertial_free = _free_inertial(calibration)
+    errors, unseen = calibration.standard_errors, set(calibration.unidentifiable)
     rows: list[dict[str, object]] = []
     for i, p in enumerate(JOINT_PARAMETERS):
         place = {"name": p.name, "kind": f"joint {p.kind.value}", "segment": p.segment, "joint": p.joint}
-        figures = _figures(calibration, p.name, nominal.joint[i], fitted.joint[i], p.kind.to_si, joint_free)
-        rows.append({**place, "unit": p.kind.unit, **figures})
+        figures = _figures(nominal.joint[i], fitted.joint[i], errors.get(p.name), p.kind.to_si)
+        rows.append({**place, "unit": p.kind.unit, **figures, "status": _status(p.name, joint_free, unseen)})
     for i, name in enumerate(IP_NAMES):
         segment, quantity = name.split(".", 1)
         kind = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}[quantity.split(".")[0]]
         place = {"name": name, "kind": kind, "segment": segment, "joint": ""}
-        figures = _figures(calibration, name, nominal.inertial[i], fitted.inertial[i], IP_TO_SI[i], inertial_free)
-        rows.append({**place, "unit": IP_UNITS[i], **figures})
+        figures = _figures(nominal.inertial[i], fitted.inertial[i], errors.get(name), IP_TO_SI[i])
+        rows.append({**place, "unit": IP_UNITS[i], **figures, "status": _status(name, inertial_free, unseen)})
     return pd.DataFrame(rows)
 
 
-def _figures(
-    calibration: Calibration, name: str, nominal: float, fitted: float, to_si: float, free: set[str]
-) -> dict[str, object]:
-    """The figures of one parameter in the unit of the table, from SI; `free` are the parameters that were fitted."""
-    error, status = calibration.standard_errors.get(name), "fitted" if name in free else "fixed"
-    if name in calibration.unidentifiable:
-        status = "unidentifiable"
+def _figures(nominal: float, fitted: float, error: float | None, to_si: float) -> dict[str, object]:
+    """The figures of one parameter in the unit of the table, from SI."""
     return {
         "nominal": nominal / to_si,
         "fitted": fitted / to_si,
         "standard_error": None if error is None else error / to_si,
-        "status": status,
     }
+
+
+def _status(name: str, free: set[str], unseen: set[str]) -> str:
+    """`free`: parameters that were fitted; `unseen`: such as the trials do not show."""
+    return "unidentifiable" if name in unseen else "fitted" if name in free else "fixed"
 
 
 def _free_inertial(calibration: Calibration) -> set[str]:

@@ -136,4 +136,4 @@ def long_motion(frames: int) -> TrueMotion:
     q = true.q[np.arange(frames) % cycle].copy()
     q[:, 0] += (np.arange(frames) // cycle) * (true.q[-1, 0] - true.q[0, 0])
     basis = spline_basis(time, max(20, frames // 20))
-    return TrueMotion(basis, basis.fit(q))
+    return TrueMotion(basis, basis.fit(q), np.arange(frames) / cycle)

@@ -65,9 +65,9 @@ def _explained(study: MonteCarloStudy) -> list[Block]:
     out = [
         text(
             f"A Monte Carlo study of trial {named(study.case.name)}: this person's model and markers disturbed at "
-            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion fitted again each time. At "
-            f"a level of 100 % joint positions are off by up to {number(s.position_mm, 0)} mm, joint axes by up to "
-            f"{number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of inertia by up to "
+            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion fitted again each "
+            f"time. At a level of 100 % joint positions are off by up to {number(s.position_mm, 0)} mm, joint axes by "
+            f"up to {number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of inertia by up to "
             f"{number(s.inertial_percent, 0)} %, and markers by waves of up to {number(s.noise_mm, 0)} mm. Errors are "
             "RMS over the trial, in percent of body weight times height (%BW·H) and in N·m/kg."
         )
@@ -102,7 +102,7 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
         return []
     out = [text(meaning)]
     if first := found.pop(FIRST, None):
-        out += [heading(f"Expected error of your {TORQUE_WORDS[FIRST]} moment", 4), *first]
+        out += [heading(f"Expected error of your {TORQUE_WORDS[FIRST]} moment, RMS over the trial", 4), *first]
     out.append(fold("Expected error of the other moments", _titled(found)))
     carried = text(
         "Ground reactions fixed in the laboratory, as above, stay where force plates measure them; carried with the "

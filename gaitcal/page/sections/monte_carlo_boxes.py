@@ -29,7 +29,7 @@ MEASURES: Final = (
     (
         "mean",
         "Direction of the moment errors",
-        "Mean error with its sign: errors that cancel over the trial stay near zero; as figure 4 of the published study.",
+        "Mean error with its sign, near zero where errors cancel over the trial; as figure 4 of the published study.",
     ),
 )
 READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines from 10 to 90 %."
@@ -37,13 +37,12 @@ READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines
 
 def box_blocks(study: MonteCarloStudy, side: str) -> list[Block]:
     """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
-    leg = f"{SIDE_WORDS[side]} leg"
-    out = []
+    leg, out = f"{SIDE_WORDS[side]} leg", []
     for frame, words in FRAMES.items():
         for measure, title, told in MEASURES:
             shown = [text(f"{told} {READ}", "soft"), *_boxes(study.statistics, frame, measure, side)]
-            out.append(fold(f"{title}, {leg}{words}: boxplots", shown))
-    return out
+            out.append(fold(f"{title}, {leg}{words}", shown))
+    return [fold("Boxplots of all draws", out)]
 
 
 def _boxes(statistics: pd.DataFrame, frame: ReactionFrame, measure: str, side: str) -> list[Block]:
@@ -79,6 +78,7 @@ def contribution_blocks(contributions: pd.DataFrame, side: str) -> list[Block]:
         table(["Parameter", "% of the variance"], rows),
     ]
     head = [cell(f"% of the variance, {SIDE_WORDS[side]}", side=side), *(TORQUE_WORDS[name] for name in TORQUES)]
+    every_moment = []
     for frame, words in ((ReactionFrame.LAB, "fixed in the laboratory"), (ReactionFrame.FOOT, "carried with the foot")):
         every = _shares(contributions, frame, side)
         cells = [[cell(name), *(number(row[f"{t}_{side}"], 0) for t in TORQUES)] for name, row in every.iterrows()]
@@ -86,9 +86,8 @@ def contribution_blocks(contributions: pd.DataFrame, side: str) -> list[Block]:
             "Share of each parameter in the variance of each moment's error at 100 % of the bounds, linearised; ground "
             f"reactions {words}."
         )
-        title = f"Which parameter matters, every moment; ground reactions {words}"
-        out.append(table(head, cells, caption=caption, fold=title))
-    return out
+        every_moment.append(table(head, cells, caption=caption))
+    return [*out, fold("Which parameter matters for every moment", every_moment)]
 
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:

@@ -5,13 +5,15 @@ Verdict and reasons are data of the sheet itself; here is what they rest on.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gaitcal.gait.moments import MomentNumbers
-from gaitcal.gait.words import coordinate_title, split_side
+from gaitcal.gait.words import capitalised, coordinate_title, joint_words, split_side
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.sections.blocks import (
+    MISSING,
     Block,
     Cell,
-    bullets,
     cell,
     curves,
     fold,
@@ -25,7 +27,7 @@ from gaitcal.page.sections.blocks import (
 )
 from gaitcal.page.sections.error_bars import error_bar_blocks
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.person.parameter_words import blind_spots
+from gaitcal.person.parameter_words import ENOUGH_MOTION_DEG, Row, joint_groups, range_of_motion
 from gaitcal.person.result import Calibration
 
 NOT_CONVERGED = (
@@ -52,20 +54,47 @@ def trust_blocks(calibration: Calibration) -> list[Block]:
     if not calibration.phases:
         out = []
     out.append(fold("What the judgements mean", [text(JUDGEMENTS)]))
-    out.append(heading("What these trials do not determine"))
-    if blind := blind_spots(calibration):
-        out += [bullets(blind, "warning")]
-    elif calibration.joint is None:
-        out.append(text("Joint parameters were not calibrated."))
-    else:
-        out.append(text("Every joint parameter that was to be fitted is determined by the trials."))
-    out.append(text("What was assumed: preset Provenance. All parameters with their errors: preset Joints.", "soft"))
-    return out
+    return [*out, *_determined(calibration)]
+
+
+def _determined(calibration: Calibration) -> list[Block]:
+    """How well the trials show each joint."""
+    groups = joint_groups(calibration)
+    out = [heading("What these trials determine")]
+    if not groups:
+        return [*out, text("Joint parameters were not calibrated. What was assumed: preset Provenance.")]
+    rows = [_joint(calibration, rows) for group in groups for rows in (group.right, group.left) if rows]
+    head: list[Cell] = ["Joint", "Moved", "Fitted", "Not determined", "At a bound", "Largest SE, mm", "deg"]
+    caption = (
+        "Parameters of each joint, how far it moved in the trial that moves it most, and the largest standard error of "
+        f"those that were fitted. About {number(ENOUGH_MOTION_DEG, 0)} deg of motion are needed."
+    )
+    where = "Which they are, and every value with its error: preset Joints. What was assumed: preset Provenance."
+    return [*out, table(head, rows, caption=caption), text(where, "soft")]
+
+
+def _joint(calibration: Calibration, rows: Sequence[Row]) -> list[Cell]:
+    joint = rows[0].name.split(".")[0]
+    unseen, at_bound = (sum(row.status == status for row in rows) for status in ("unidentifiable", "at bound"))
+    moved = range_of_motion(calibration, joint)
+    little = moved is not None and moved < ENOUGH_MOTION_DEG
+    errors = [
+        max((row.error for row in rows if row.unit == unit and row.error is not None), default=None)
+        for unit in ("mm", "deg")
+    ]
+    return [
+        cell(capitalised(joint_words(joint)), side=rows[0].side),
+        MISSING if moved is None else cell(f"{number(moved, 0)}°", tone="look" if little else ""),
+        str(len(rows) - unseen),
+        cell(unseen, tone="look") if unseen else "0",
+        cell(at_bound, tone="look") if at_bound else "0",
+        *(number(error) for error in errors),
+    ]
 
 
 def trial_trust_blocks(model: SubjectModel, walk: GaitNumbers) -> list[Block]:
-    """Of one walk: pelvis residuals, what makes the error bars, and what calibration changed."""
-    return [*_residuals(walk), *error_bar_blocks(walk, model.subject.mass), *_changes(walk)]
+    """Of one walk: what makes the error bars, pelvis residuals, and what calibration changed."""
+    return [*error_bar_blocks(walk, model.subject.mass), *_residuals(walk), *_changes(walk)]
 
 
 def _residuals(walk: GaitNumbers) -> list[Block]:
