@@ -39,6 +39,10 @@ def until(condition: str) -> str:
     return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 20); look(); }})"
 
 
+THERE = f"{until('gaitcal.stage.camera.flight === null')}.then(() => {DRAWN})"
+"""The camera has arrived."""
+
+
 def stage(page: Page) -> np.ndarray:
     """(h, w, 3) what the stage shows."""
     box = page.run("(r => [r.left, r.top, r.width, r.height])(document.getElementById('pane').getBoundingClientRect())")
@@ -127,16 +131,17 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
-SIDES_SHOWN = """[...new Set([...gaitcal.bones.meshes, ...gaitcal.body.meshes, ...gaitcal.joints.parts.fitted]
+SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.body.meshes,
+    ...gaitcal.stage.figure.joints.parts.fitted]
     .filter(({ mesh }) => mesh.visible)
-    .map(({ segment }) => /_([rl])$/.exec(gaitcal.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
+    .map(({ segment }) => /_([rl])$/.exec(gaitcal.result.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
 
 
 def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path) -> None:
     page = paused(visit(html))
     press = "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
     whole = stage(page)
-    page.run(press.format("right knee") + f"; {DRAWN}")
+    page.run(press.format("right knee") + f"; {THERE}")
     words = page.run("document.getElementById('about').textContent")
     assert words.startswith("Right knee\nFitted (solid): ") and "Nominal (dashed): " in words
     assert page.run(SIDES_SHOWN) == " r", "nothing of the other leg stands before it"
@@ -144,7 +149,7 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
     assert changed(whole, near) > 5000
     page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
     assert changed(near, stage(page)) > 5000
-    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}")
+    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {THERE}")
     assert page.run(SIDES_SHOWN) == " l r"
     assert "frames" in page.run("document.getElementById('about').textContent")
     assert page.console == []
@@ -152,15 +157,15 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
 
 def test_an_address_that_names_a_knee_opens_there(visit: Visit, html: Path) -> None:
     page = visit(f"{html.as_uri()}?b#knee_l")  # another query, or it would be the same page
-    assert page.run("gaitcal.near") == "knee_l" and not page.run("gaitcal.playing")
+    assert page.run("gaitcal.stage.near") == "knee_l" and not page.run("gaitcal.playing")
     page = visit(f"{html.as_uri()}?a#constructor")
-    assert page.run("gaitcal.near") is None and page.console == []
+    assert page.run("gaitcal.stage.near") is None and page.console == []
 
 
 def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None:
     """The fitted rod changes the picture before the bone and, fainter, inside it."""
     page = paused(visit(html))
-    page.run(f"gaitcal.near = 'knee_r'; gaitcal.refresh(); gaitcal.look(1, 0.06, 0); {DRAWN}")
+    page.run(f"gaitcal.state.set({{ joint: 'knee_r' }}); {THERE}")
     for layer in ("measured", "model", "errors", "uncertainty", "nominal", "body"):
         page.run(f"document.getElementById('show-{layer}').click()")
     page.run(DRAWN)
@@ -194,7 +199,7 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path,
     trial = scene.trials[0]
     page = paused(visit(html), float(trial.time[120] - trial.time[0]))
     x, y = page.run(
-        """(() => { const p = gaitcal.markers.atMeasured[0].clone().project(gaitcal.viewer.camera);
+        """(() => { const p = gaitcal.stage.figure.markers.atMeasured[0].clone().project(gaitcal.stage.viewer.camera);
         const r = document.getElementById('pane').getBoundingClientRect();
         return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height]; })()"""
     )
@@ -210,13 +215,13 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path,
 def test_hostile_names_are_text(visit: Visit, tmp_path: Path) -> None:
     write_view(hostile_scene(), tmp_path / "view.html")
     page = paused(visit(tmp_path / "view.html"))
-    page.run("document.getElementById('tip').textContent = gaitcal.markers.labels[1]")
+    page.run("document.getElementById('tip').textContent = gaitcal.stage.figure.markers.labels[1]")
     assert page.run("typeof window.hacked") == "undefined"
     assert page.run("document.getElementById('subject').textContent") == HOSTILE[0]
     assert page.run("document.querySelector('#trial option').textContent").startswith(HOSTILE[1])
-    assert page.run("gaitcal.markers.labels[5].length") == 20_000
+    assert page.run("gaitcal.stage.figure.markers.labels[5].length") == 20_000
     assert page.run("document.images.length") == 0
-    assert page.run("document.scripts.length") == 4
+    assert page.run("document.scripts.length") == 5
     assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert page.console == []
 
@@ -285,7 +290,7 @@ def test_the_served_page_works_too(visit: Visit, scene: Scene) -> None:
             assert page.console == []
             assert {url for url in page.requests if not url.startswith(("data:", "blob:"))} <= {
                 server.url,
-                server.url + "favicon.ico",
+                f"http://127.0.0.1:{server.server_port}/favicon.ico",
             }
             assert page.run("gaitcal.trial.name") == "walk"
         finally:

@@ -49,8 +49,10 @@ def scripts(html: str) -> list[tuple[str, str]]:
 
 
 def content(html: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(next(text for attributes, text in scripts(html) if 'id="scene"' in attributes))
-    return found
+    results = json.loads(next(text for attributes, text in scripts(html) if 'id="results"' in attributes))
+    assert len(results) == 1
+    scene: dict[str, Any] = results[0]["scene"]
+    return scene
 
 
 def lengths(packed: dict[str, Any]) -> np.ndarray:
@@ -78,7 +80,7 @@ def test_exactly_two_scripts_may_run_and_nothing_is_fetched(html: Path) -> None:
     assert policy is not None
     running = [body for attributes, body in scripts(text) if "type=" not in attributes]
     hashes = {base64.b64encode(hashlib.sha256(body.encode()).digest()).decode() for body in running}
-    assert len(running) == 2
+    assert len(running) == 3
     assert set(re.findall(r"'sha256-([^']*)'", policy.group(1))) == hashes
     assert policy.group(1).startswith("default-src 'none'; ")
     assert "unsafe-eval" not in policy.group(1) and "script-src 'unsafe" not in policy.group(1)
@@ -88,7 +90,7 @@ def test_exactly_two_scripts_may_run_and_nothing_is_fetched(html: Path) -> None:
 
 def test_names_are_data_and_never_markup() -> None:
     clean, hostile = view_html(walking_scene()), view_html(hostile_scene())
-    assert len(scripts(hostile)) == len(scripts(clean)) == 4
+    assert len(scripts(hostile)) == len(scripts(clean)) == 5
     assert hostile.count("<img") == clean.count("<img")
     assert hostile.count("<!--") == clean.count("<!--")
     found = content(hostile)

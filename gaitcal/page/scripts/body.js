@@ -2,7 +2,7 @@
 // The segments as moving groups, and the body meshes that are fixed in them.
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
-  nominal: 0x7d6608, fitted: 0x8a3ffc, bone: 0xe3d7bf, condyles: 0x1d2733, background: 0xeef2f5,
+  nominal: 0x7d6608, fitted: 0x8a3ffc, bone: 0xe3d7bf, condyles: 0x1d2733,
 };
 
 // What is drawn after the body, in this order: a fresh depth buffer, the bones in it, what they veil, what is before them.
@@ -24,6 +24,7 @@ Gaitcal.Body = class {
       color: Gaitcal.COLOURS.body, transparent: true, opacity: 0.66, shininess: 12, specular: 0x222222,
     });
     this.skin = skin;
+    this.veil = skin.clone();
     const shapes = {};
     for (const [name, packed] of Object.entries(scene.meshes)) shapes[name] = Gaitcal.shape(packed);
     for (const fitted of scene.body) {
@@ -35,7 +36,7 @@ Gaitcal.Body = class {
         mesh.castShadow = order === 2;
         mesh.frustumCulled = false;
         this.groups[fitted.segment].add(mesh);
-        this.meshes.push({ mesh, segment: fitted.segment });
+        this.meshes.push({ mesh, segment: fitted.segment, skin: order === 2 });
       }
     }
   }
@@ -48,10 +49,12 @@ Gaitcal.Body = class {
     });
   }
 
-  // With bones inside, the body is a thin skin.
-  show(on, trial, bones, near) {
+  // With bones inside, the body is a thin skin; away from the joint that is looked at (`beside`: its segments), a veil.
+  show(on, trial, { bones, near, beside }) {
     this.skin.opacity = bones ? 0.2 : 0.66;
-    for (const { mesh, segment } of this.meshes) {
+    this.veil.opacity = bones ? 0.07 : 0.2;
+    for (const { mesh, segment, skin } of this.meshes) {
+      if (skin) mesh.material = beside && !beside.has(segment) ? this.veil : this.skin;
       mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
     }
   }
@@ -68,15 +71,15 @@ Gaitcal.shape = (packed) => {
 
 Gaitcal.FLOOR = 48;
 
-// A texture of floor tiles half a metre wide.
-Gaitcal.tiles = () => {
+// A texture of floor tiles half a metre wide, in two colours.
+Gaitcal.tiles = (tile, seam) => {
   const THREE = MeshCat.THREE;
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 256;
   const pen = canvas.getContext("2d");
-  pen.fillStyle = "#e6ebef";
+  pen.fillStyle = tile;
   pen.fillRect(0, 0, 256, 256);
-  pen.fillStyle = "#c6d0d8";
+  pen.fillStyle = seam;
   pen.fillRect(0, 0, 256, 3);
   pen.fillRect(0, 253, 256, 3);
   pen.fillRect(0, 0, 3, 256);
@@ -89,7 +92,7 @@ Gaitcal.tiles = () => {
 };
 
 // Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
-Gaitcal.Stage = class {
+Gaitcal.Floor = class {
   constructor(root) {
     const THREE = MeshCat.THREE;
     root.add(new THREE.HemisphereLight(0xffffff, 0xb8b2a8, 0.72));
@@ -107,10 +110,17 @@ Gaitcal.Stage = class {
       root.add(mesh);
       return mesh;
     };
-    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial({ map: Gaitcal.tiles() }), 0);
+    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial(), 0);
     const shadow = new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false });
     this.shade = plane(6, -0.002, shadow, 0);
     this.shade.receiveShadow = true;
+  }
+
+  paint(tile, seam) {
+    const { material } = this.floor;
+    material.map?.dispose();
+    material.map = Gaitcal.tiles(tile, seam);
+    material.needsUpdate = true;
   }
 
   follow(point) {

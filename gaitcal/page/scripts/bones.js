@@ -21,6 +21,9 @@ Gaitcal.Bones = class {
     const bone = new THREE.MeshPhongMaterial({
       color: Gaitcal.COLOURS.bone, shininess: 8, specular: 0x1a1a1a, side: THREE.DoubleSide,
     });
+    this.bone = bone;
+    this.dim = bone.clone();
+    Object.assign(this.dim, { transparent: true, opacity: 0.22, depthWrite: false });
     // Once more into the depth buffer, which the joints begin anew: so bones hide, or veil, the axes behind them.
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true, side: THREE.DoubleSide });
     const shapes = {};
@@ -34,7 +37,7 @@ Gaitcal.Bones = class {
         mesh.castShadow = order === 0;
         mesh.frustumCulled = false;
         body.groups[placed.segment].add(mesh);
-        this.meshes.push({ mesh, segment: placed.segment });
+        this.meshes.push({ mesh, segment: placed.segment, part: order === 0 ? "bone" : "depth" });
       }
     }
     for (const knee of this.knees) this.circles(knee, body);
@@ -67,10 +70,14 @@ Gaitcal.Bones = class {
     add(new THREE.CylinderGeometry(0.0007, 0.0007, line.length(), 8), middle, y, line.clone().normalize());
   }
 
-  // `near`: the joint that is looked at from near by, whose leg alone is shown; null: the whole person.
-  show(on, trial, near) {
-    for (const { mesh, segment, near: only } of this.meshes) {
-      mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near) && (!only || near !== null);
+  // `near`: the joint that is looked at from near by, whose leg alone is shown, and of that brightly only what is beside
+  // the joint (`beside`: its segments); null: the whole person.
+  show(on, trial, { near, beside }) {
+    for (const { mesh, segment, part, near: only } of this.meshes) {
+      const dim = beside !== null && !beside.has(segment);
+      if (part === "bone") mesh.material = dim ? this.dim : this.bone;
+      const shown = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
+      mesh.visible = shown && (!only || near !== null) && !(part === "depth" && dim);
     }
   }
 
@@ -83,13 +90,16 @@ Gaitcal.Bones = class {
   // What is said of each knee, under the legend.
   write(host) {
     host.hidden = this.knees.length === 0;
+    for (const written of host.querySelectorAll(".knee")) written.remove();
     for (const knee of this.knees) {
       const title = document.createElement("h3");
       title.textContent = knee.title;
+      title.className = "knee";
       host.append(title);
       for (const text of [...knee.axes, knee.stands]) {
         const line = document.createElement("p");
         line.textContent = text;
+        line.className = "knee";
         host.append(line);
       }
     }

@@ -1,2 +1,89 @@
 "use strict";
-// Signs and units that the reader chooses.
+// Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
+Gaitcal.KINDS = { angle: "angle", moment: "moment", power: "power", force: "force" };
+Gaitcal.LEGS = { r: "right", l: "left" };
+Gaitcal.GROUND = {
+  ground_reaction_vertical: ["Ground reaction, vertical", "up"],
+  ground_reaction_forward: ["Ground reaction, forward", "forward"],
+  ground_reaction_sideways: ["Ground reaction, sideways", "to the right"],
+};
+Gaitcal.MOMENT_UNITS = { Nm: "N·m", "Nm/kg": "N·m/kg", "%BWH": "%BW·H" };
+
+Gaitcal.Convention = class {
+  // `sheet`: whose person and rows; `chosen`: signs, acting, unit.
+  constructor(sheet, { signs, acting, unit }) {
+    this.sheet = sheet;
+    this.clinical = signs === "clinical";
+    this.external = acting === "external";
+    this.moments = unit in Gaitcal.MOMENT_UNITS ? unit : "Nm";
+  }
+
+  // By what a value of the files is multiplied. `side`: of the stride, which matters to the pelvis; "" over time.
+  factor(base, kind, side) {
+    const { mass, bwh } = this.sheet.person;
+    if (kind === "angle") return this.ofPelvis(base, side)?.sign ?? 1;
+    if (kind === "moment") {
+      const scale = { Nm: 1, "Nm/kg": 1 / mass, "%BWH": 100 / bwh }[this.moments];
+      return scale * this.sign(base);
+    }
+    if (kind === "power") return this.moments === "Nm" ? 1 : 1 / mass;
+    return 1;
+  }
+
+  unit(kind) {
+    if (kind === "moment") return Gaitcal.MOMENT_UNITS[this.moments];
+    if (kind === "power") return this.moments === "Nm" ? "W" : "W/kg";
+    return { angle: "°", force: "N" }[kind] ?? "";
+  }
+
+  digits(kind) {
+    const small = this.moments !== "Nm";
+    return { angle: 1, moment: small ? 2 : 1, power: small ? 2 : 0, force: 0 }[kind] ?? 1;
+  }
+
+  // What a positive value means.
+  positive(base, kind, side) {
+    if (kind === "power") return "generated";
+    if (kind === "force") return Gaitcal.GROUND[base]?.[1] ?? "";
+    const row = this.sheet.rows.get(base);
+    if (!row) return "";
+    if (kind === "angle") return this.ofPelvis(base, side)?.words ?? row.angle[0];
+    return row.moment[this.flipped(base) ? 1 : 0];
+  }
+
+  title(base, kind) {
+    if (kind === "force") return Gaitcal.GROUND[base]?.[0] ?? base;
+    const joint = this.sheet.joints.find(({ power }) => power === base);
+    if (kind === "power" && joint) return `${joint.title} power, all axes`;
+    const title = this.sheet.rows.get(base)?.title ?? base;
+    return kind === "angle" ? title : `${title} ${Gaitcal.KINDS[kind]}`;
+  }
+
+  // "N·m/kg, + extension, internal".
+  words(base, kind, side) {
+    const whose = kind === "moment" ? [this.external ? "external" : "internal"] : [];
+    return [this.unit(kind), `+ ${this.positive(base, kind, side)}`, ...whose].join(", ");
+  }
+
+  flipped(base) {
+    return this.clinical && Boolean(this.sheet.rows.get(base)?.flips);
+  }
+
+  sign(base) {
+    return (this.flipped(base) ? -1 : 1) * (this.external ? -1 : 1);
+  }
+
+  // Sign and sense of a clinical pelvis angle. Over time, where no stride says the side, only what is the same of both.
+  ofPelvis(base, side) {
+    const senses = this.clinical ? this.sheet.rows.get(base)?.pelvis : null;
+    if (!senses) return null;
+    if (side) return senses[side] ?? null;
+    return senses.r && senses.r.sign === senses.l?.sign ? senses.r : null;
+  }
+};
+
+// A number with so many digits; a minus sign as in print.
+Gaitcal.number = (value, digits) => {
+  const text = value.toFixed(digits);
+  return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "\u2212");
+};

@@ -100,36 +100,51 @@ Gaitcal.Joints = class {
   // `near`: the one joint that is looked at, as its upper segment has it; null: all, in both their segments.
   show(kind, on, trial, near) {
     for (const { mesh, segment, joint, parent } of this.parts[kind]) {
-      mesh.visible = on && trial.tracked[segment] && (near === null || (near === joint && parent));
+      const here = near === null || (near === Gaitcal.jointNamed(joint) && parent);
+      mesh.visible = on && trial.tracked[segment] && here;
     }
+  }
+
+  has(joint) {
+    return this.marks.some((one) => Gaitcal.jointNamed(one.joint) === joint);
+  }
+
+  // The segments that meet in a joint; null of none.
+  segments(joint) {
+    const marks = this.marks.filter((one) => Gaitcal.jointNamed(one.joint) === joint);
+    return marks.length ? new Set(marks.map(({ segment }) => segment)) : null;
   }
 
   // The joint's centre in the laboratory and the axes of its segment, now; null where it has no mark.
   pose(joint) {
-    const mark = this.marks.find((one) => one.joint === joint);
+    const mark = this.marks.find((one) => Gaitcal.jointNamed(one.joint) === joint);
     if (!mark) return null;
     const group = this.body.groups[mark.segment];
     const place = new MeshCat.THREE.Vector3().fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
     return { place, turn: group.quaternion };
   }
 
+  // Joints may be pointed at and chosen even where they are not drawn.
   targets(trial, on) {
-    if (!on) return [];
-    return this.marks
-      .map((mark, i) => {
-        const group = this.body.groups[mark.segment];
-        this.places[i].fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
-        return [this.places[i], Gaitcal.jointText(mark), mark.segment];
-      })
-      .filter(([, , segment]) => trial.tracked[segment]);
+    const near = (mark) => {
+      const group = this.body.groups[mark.segment];
+      const place = this.places[this.marks.indexOf(mark)].fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
+      const text = on ? Gaitcal.jointText(mark) : Gaitcal.jointTitle(mark);
+      return [place, `${text}\nclick: come near`, Gaitcal.jointNamed(mark.joint)];
+    };
+    return this.marks.filter(({ segment }) => trial.tracked[segment]).map(near);
   }
 };
 
 Gaitcal.SIDES = { r: "right", l: "left" };
 
-Gaitcal.jointText = (mark) => {
+Gaitcal.jointTitle = (mark) => {
   const [name, side] = mark.joint.split("_");
-  const title = side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
+  return side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
+};
+
+Gaitcal.jointText = (mark) => {
+  const title = Gaitcal.jointTitle(mark);
   if (!mark.fitted) return `${title}\nnot fitted: nominal`;
   const norm = (v) => Math.hypot(...v);
   const moved = norm(mark.fittedCentre.map((x, k) => x - mark.nominalCentre[k]));

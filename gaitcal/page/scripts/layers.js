@@ -88,36 +88,67 @@ Gaitcal.swatch = (name) => {
 };
 
 Gaitcal.Legend = class {
-  // changed() is called after every click.
-  constructor(host, changed) {
+  constructor(host, page) {
+    this.page = page;
+    this.state = page.state;
     this.boxes = {};
     for (const [name, title, about] of Gaitcal.LAYERS) {
       const label = document.createElement("label");
       const box = document.createElement("input");
       box.type = "checkbox";
-      box.checked = true;
       box.id = `show-${name}`;
-      box.addEventListener("change", changed);
+      box.addEventListener("change", () => this.turn(name, box.checked));
       const text = document.createElement("span");
       text.textContent = title;
       const small = document.createElement("small");
-      small.textContent = about;
       text.append(small);
       label.append(box, Gaitcal.swatch(name), text);
       host.append(label);
       this.boxes[name] = { box, label, small, about };
     }
+    this.state.on(["layers", "preset"], () => this.write());
   }
 
-  on(name) {
-    return this.boxes[name].box.checked && !this.boxes[name].box.disabled;
+  turn(name, on) {
+    const layers = new Set(this.state.layers);
+    if (on) layers.add(name);
+    else layers.delete(name);
+    this.state.set({ layers });
   }
 
-  // Says why a layer is empty in this trial; null: it is not.
-  reason(name, why) {
-    const { box, label, small, about } = this.boxes[name];
-    box.disabled = why !== null;
-    label.classList.toggle("absent", why !== null);
-    small.textContent = why ?? about;
+  // How often as long as they are the errors of markers are drawn: most are shorter than a marker is wide.
+  get times() {
+    return this.page.result.sheet && this.state.preset === "fit" ? 5 : 1;
+  }
+
+  // Of another trial: which layers are empty in it, and what else is to be known of its picture.
+  open(figure) {
+    const { scene, trial } = figure;
+    const get = (id) => document.getElementById(id);
+    this.figure = figure;
+    this.write();
+    figure.bones.write(get("knees"));
+    get("bones").textContent = figure.bones.source ? `Bones: ${figure.bones.source}.` : "";
+    const untracked = scene.segments.filter((_, s) => !trial.tracked[s]);
+    const hidden = untracked.length ? [`Hidden, no marker in this trial: ${untracked.join(", ").replaceAll("_", " ")}.`] : [];
+    const plain = scene.capsules.length ? ["Plain shapes stand for body meshes that were not installed."] : [];
+    get("missing").textContent = [...hidden, ...plain].join(" ");
+    const events = this.page.sheet?.events.length;
+    get("scale").textContent = [
+      "Floor lines every 0.5 m.",
+      trial.hasForces ? "Arrows: 1 m is 1000 N." : "",
+      events ? "On the timeline: a bar is stance, a tick a foot strike, a ring a toe-off." : "",
+      trial.hasForces ? "Line below a leg's row: its torques are valid." : "",
+    ].join(" ");
+  }
+
+  write() {
+    for (const [name, { box, label, small, about }] of Object.entries(this.boxes)) {
+      const why = this.figure.lack(name);
+      box.checked = this.state.layers.has(name);
+      box.disabled = why !== null;
+      label.classList.toggle("absent", why !== null);
+      small.textContent = why ?? (name === "errors" && this.times > 1 ? `${about}, drawn ${this.times} times as long` : about);
+    }
   }
 };

@@ -31,8 +31,9 @@ Gaitcal.Markers = class {
     this.bars.renderOrder = 4;
   }
 
-  // `near`: the joint that is looked at from near by, where markers are small and those of the other side are hidden.
-  pose(trial, at, body, near) {
+  // `near`: the joint that is looked at from near by, where markers are small and those of the other side are hidden;
+  // `times`: how often as long as they are the errors are drawn.
+  pose(trial, at, body, { near, times }) {
     const THREE = MeshCat.THREE;
     const matrix = new THREE.Matrix4();
     const none = new THREE.Matrix4().makeScale(0, 0, 0);
@@ -51,8 +52,8 @@ Gaitcal.Markers = class {
       put(this.measured, this.seen[i], ball(this.atMeasured[i]));
       put(this.model, this.carried[i], ball(this.atModel[i]));
       along.subVectors(this.atMeasured[i], this.atModel[i]);
-      const length = along.length();
-      if (length > 0) turn.setFromUnitVectors(up, along.divideScalar(length));
+      const length = times * along.length();
+      if (length > 0) turn.setFromUnitVectors(up, along.normalize());
       const middle = this.atModel[i].clone().addScaledVector(along, length / 2);
       matrix.compose(middle, turn, new THREE.Vector3(size, length, size));
       put(this.bars, this.seen[i] && this.carried[i] && length > 0, matrix);

@@ -1,0 +1,130 @@
+"use strict";
+// The peaks of the curves as tables: what the eye reads off the panels, for those who read or hear.
+Gaitcal.PEAK_TABLES = [
+  ["angle", "Angles"], ["moment", "Moments"], ["power", "Powers"], ["force", "Ground reactions"],
+];
+
+// Highest and lowest valid value of one laid curve: {high: {value, se, at}, low, range}; null without any.
+Gaitcal.extremes = ({ x, value, se, valid }, factor) => {
+  let [high, low, whole] = [-1, -1, true];
+  for (let i = 0; i < x.length; i++) {
+    if (!valid[i] || Number.isNaN(value[i])) whole = false;
+    else {
+      if (high < 0 || factor * value[i] > factor * value[high]) high = i;
+      if (low < 0 || factor * value[i] < factor * value[low]) low = i;
+    }
+  }
+  if (high < 0) return null;
+  const at = (i) => ({ value: factor * value[i], se: se ? Math.abs(factor) * se[i] : NaN, at: x[i] });
+  const range = { value: Math.abs(value[high] - value[low]), se: NaN, at: NaN };
+  return { high: at(high), low: at(low), range: { ...range, value: Math.abs(factor) * range.value }, whole };
+};
+
+Gaitcal.Peaks = class {
+  constructor(curves) {
+    this.curves = curves;
+    this.root = Gaitcal.curvePart("div", "curve-peaks");
+  }
+
+  // Peaks of a leg, one record for each stride that counts; over time one for the trial.
+  of({ base, kind }, side) {
+    const { strides, state, conventions } = this.curves;
+    const found = (trial) => trial.curve(base, side, kind) ?? trial.curve(base, "", kind);
+    const factor = conventions[state.result].factor(base, kind, strides.percent ? side : "");
+    const laid = strides.percent
+      ? strides.on(state.result, side).straight.map(({ trial, stride }) => found(trial)?.over(stride))
+      : [strides.trial.curve(base, side, kind)?.whole()];
+    return laid.filter(Boolean).map((one) => Gaitcal.extremes(one, factor)).filter(Boolean);
+  }
+
+  // "58.2 ± 1.1" and "at 71 %": of one stride with its standard error, of several mean and SD of their peaks.
+  cell(peaks, part, digits) {
+    if (!peaks.length) return ["\u2013", ""];
+    const values = peaks.map((peak) => peak[part].value);
+    const mean = values.reduce((a, b) => a + b, 0) / values.length;
+    const sd = Math.sqrt(values.reduce((sum, value) => sum + (value - mean) ** 2, 0) / (values.length - 1));
+    const error = peaks.length > 1 ? sd : peaks[0][part].se;
+    const text = `${Gaitcal.number(mean, digits)}${Number.isFinite(error) ? ` \u00b1 ${Gaitcal.number(error, digits)}` : ""}`;
+    const at = peaks.reduce((sum, peak) => sum + peak[part].at, 0) / peaks.length;
+    const { strides } = this.curves;
+    const where = strides.percent ? `at ${Gaitcal.number(at, 0)} %` : `at ${Gaitcal.number(at, 2)} s`;
+    return [`${text}${peaks.every(({ whole }) => whole) ? "" : " *"}`, part === "range" ? "" : where];
+  }
+
+  // In one line, for who cannot see the panel.
+  summary(subject) {
+    const { state, conventions, strides } = this.curves;
+    const digits = conventions[state.result].digits(subject.kind);
+    const sides = strides.percent ? ["r", "l"] : ["r", "l", ""];
+    const told = sides.flatMap((side) => {
+      const peaks = this.of(subject, side);
+      if (!peaks.length) return [];
+      const [low, high] = ["low", "high"].map((part) => this.cell(peaks, part, digits).join(" ").replace(" *", ""));
+      return [`${Gaitcal.LEGS[side] ?? ""} from ${low} to ${high}`.trim()];
+    });
+    return told.join("; ") || "no valid values";
+  }
+
+  write(subjects) {
+    const tables = Gaitcal.PEAK_TABLES.map(([kind, title]) => this.table(title, subjects.filter((subject) => subject.kind === kind)));
+    const shown = tables.filter(Boolean);
+    const heading = Gaitcal.curvePart("h3", "", "Peaks");
+    const { strides, state } = this.curves;
+    const counts = ["r", "l"].map((side) => strides.on(state.result, side).straight.length);
+    const several = strides.percent && Math.max(...counts) > 1;
+    const words = several
+      ? `Mean \u00b1 SD of the peaks of each stride (right ${counts[0]}, left ${counts[1]}); a single stride with its standard error.`
+      : "With standard errors.";
+    const star = "* Some of the curve is not valid: the peak may lie there.";
+    this.root.replaceChildren(heading, Gaitcal.curvePart("p", "", `${words} ${star}`), ...shown);
+  }
+
+  table(title, subjects) {
+    const { state, conventions, strides } = this.curves;
+    const convention = conventions[state.result];
+    const told = subjects
+      .map((subject) => [subject, this.of(subject, "r"), this.of(subject, "l"), strides.percent ? [] : this.of(subject, "")])
+      .filter(([, ...peaks]) => peaks.some((of) => of.length));
+    if (!told.length) return null;
+    const element = Gaitcal.curvePart;
+    const { kind } = subjects[0];
+    const parts = kind === "angle" ? ["high", "low", "range"] : ["high", "low"];
+    const words = { high: "highest", low: "lowest", range: "range" };
+    const columns = [1, 2, 3].filter((i) => told.some((row) => row[i].length));
+    const table = element("table", "curve-table");
+    table.append(element("caption", "", `${title}, ${convention.unit(kind)}`));
+    const heads = element("tr");
+    heads.append(element("td"));
+    for (const i of columns)
+      for (const part of parts) {
+        const head = element("th", i < 3 ? `side-${"rl"[i - 1]}` : "", `${["", "right", "left", "both"][i]} ${words[part]}`.trim());
+        head.scope = "col";
+        heads.append(head);
+      }
+    const [top, body] = [element("thead"), element("tbody")];
+    top.append(heads);
+    for (const row of told) {
+      const line = element("tr");
+      const head = element("th", "", convention.title(row[0].base, kind));
+      head.scope = "row";
+      head.append(element("small", "", ` + ${convention.positive(row[0].base, kind, strides.percent ? "r" : "")}`));
+      line.append(head);
+      for (const i of columns) for (const part of parts) line.append(this.filled(row[i], part, convention.digits(kind)));
+      body.append(line);
+    }
+    table.append(top, body);
+    const scroller = element("div", "curve-scroller");
+    scroller.tabIndex = 0;
+    scroller.setAttribute("role", "region");
+    scroller.setAttribute("aria-label", `Peaks: ${title}`);
+    scroller.append(table);
+    return scroller;
+  }
+
+  filled(peaks, part, digits) {
+    const [text, where] = this.cell(peaks, part, digits);
+    const cell = Gaitcal.curvePart("td", "", text);
+    if (where) cell.append(Gaitcal.curvePart("small", "", ` ${where}`));
+    return cell;
+  }
+};

@@ -1,0 +1,330 @@
+"""Curves in a browser: one clock, the conventions and means of Python, names as data, paper, and speed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaitcal import ensemble
+from gaitcal.gait.conventions import SENSES, TRUNK_SENSES, Acting, Convention, MomentUnit, Signs
+from gaitcal.page.sheet import sheet_rows
+from gaitcal.page.view import Shown, page_html
+from tests.page.browser import Page
+from tests.page.sheets import SIZE, SUBJECT, VARIABLE, long_walks, stridden
+from tests.page.test_page import HOSTILE
+
+pytestmark = pytest.mark.browser
+
+PACKED = 1e-3
+"""Of the size of a curve: 16 bits of its range, and times of 32 bits where it is steep."""
+SAME_FRAMES = 0.98
+"""Share of points with as many valid strides: one may lie a rounding beside a frame whose validity ends."""
+ON_FRAME = 1e-4
+"""s: a frame's time in 32 bits."""
+ON_LINE = 0.11
+"""px: cursors are placed to a tenth."""
+STEADY = "new Promise(done => setTimeout(() => requestAnimationFrame(() => done(true)), 150))"
+STRIDES = {
+    0: {"r": [0.103, 0.551, 0.987], "l": [0.252, 0.741]},
+    1: {"r": [0.031, 0.498], "l": [0.2, 0.702]},
+    2: {"l": [0.1, 0.6]},
+}
+"""Trial 0 has a right stride that turns, trial 2 no right stride."""
+Visit = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def walked() -> Any:
+    scene = long_walks()
+    return scene, *stridden(scene, STRIDES)
+
+
+@pytest.fixture
+def page(visit: Visit, walked: Any, tmp_path: Path) -> Page:
+    scene, sheet, _ = walked
+    return shown(visit, tmp_path, Shown(scene, sheet, "one"))
+
+
+def shown(visit: Visit, folder: Path, *results: Shown, width: int = 1280, phone: bool = False) -> Page:
+    path = folder / "result.html"
+    path.write_text(page_html(results), encoding="utf-8")
+    page = visit(path, width, 900, phone)
+    page.run(f"gaitcal.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
+    return page
+
+
+def panel(base: str, kind: str) -> str:
+    return f"gaitcal.curves.panels.find(({{ subject }}) => subject.base === '{base}' && subject.kind === '{kind}')"
+
+
+def place(page: Page, at: str, x: float, y: float = 0.5) -> tuple[float, float]:
+    """Where in the window a share of a panel's plot is, after it has been brought into view."""
+    page.run(f"{at}.root.scrollIntoView({{ block: 'center' }}); {STEADY}")
+    left, top, width, height = page.run(
+        f"(r => [r.left, r.top, r.width, r.height])({at}.plot.over.getBoundingClientRect())"
+    )
+    return left + x * width, top + y * height
+
+
+def mouse(page: Page, kind: str, x: float, y: float) -> None:
+    page.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+
+def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
+    """Mean, SD, standard error and count over strides and trials, for each leg on its own; a turn is left out."""
+    _, sheet, table = walked
+    found = ensemble(table).set_index(["variable", "side", "percent"]).sort_index()
+    page.run("gaitcal.state.set({ spread: 'mean', unit: 'Nm' })")
+    agree = []
+    for base, kind in {(c["base"], c["kind"]) for c in sheet["trials"][0]["curves"]}:
+        told = page.run(f"""(() => {{ const c = gaitcal.curves;
+            const traces = new Gaitcal.Traces({{ base: '{base}', kind: '{kind}' }}, c.strides, c.conventions);
+            return ['r', 'l'].map((side) => (({{ counts, value, sd, se }}) =>
+              [counts, value, sd, se].map((part) => Array.from(part)))(traces.main(side))); }})()""")
+        for side, (n, mean, sd, se) in zip("rl", np.array(told, dtype=float), strict=True):
+            wanted = found.loc[(f"{base}{VARIABLE[kind]}", side)]
+            same = np.nan_to_num(n) == wanted["n"].to_numpy()
+            agree.append(same.mean())
+            for values, column in ((mean, "mean"), (sd, "sd"), (se, "se")):
+                expected = wanted[column].to_numpy()[same]
+                assert values[same] == pytest.approx(expected, abs=PACKED * SIZE[kind], nan_ok=True), (
+                    base,
+                    side,
+                    column,
+                )
+    assert min(agree) > SAME_FRAMES
+    assert found["n"].max() == 3 and found.loc["hip_flexion", "r"]["n"].max() == 2  # one of three right strides turns
+    assert page.console == []
+
+
+def test_conventions_are_those_of_the_package(page: Page) -> None:
+    known = {**SENSES, **TRUNK_SENSES}
+    units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
+    bases = [row["base"] for joint in sheet_rows() for row in joint["rows"]]
+    for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
+        convention = Convention(signs=signs, acting=acting, unit=moment_unit)
+        chosen = json.dumps({"signs": signs.value, "acting": acting.key, "unit": unit})
+        for base, side in itertools.product(bases, "rl"):
+            told = page.run(f"""((c) => [c.factor('{base}', 'moment', '{side}'), c.factor('{base}', 'angle', '{side}'),
+                c.factor('{base}', 'power', '{side}'), c.positive('{base}', 'moment', '{side}'),
+                c.positive('{base}', 'angle', '{side}')])(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
+            one = np.ones(1)
+            assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT)[0]), rel=1e-12)
+            assert told[1] == float(convention.angle(base, one, side)[0])
+            assert told[2] == pytest.approx(float(convention.power(one, SUBJECT)[0]), rel=1e-12)
+            if base in known:
+                assert f"{acting.key}, {told[3]}" == convention.positive_moment(base)
+                assert told[4] == convention.positive_angle(base, side)
+
+
+def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
+    """Pointing at a percent of a curve shows the body at that frame, and the cursor stands there."""
+    scene, _, _ = walked
+    time = scene.trials[0].time - scene.trials[0].time[0]
+    at = panel("knee_angle", "angle")
+    for share in (0.1, 0.43, 0.77):
+        page.move(*place(page, at, share))
+        page.run(STEADY)
+        seconds = page.run("gaitcal.seconds")
+        assert np.abs(time - seconds).min() < ON_FRAME
+        lead = page.run(f"{at}.lead")
+        stride = next(
+            s for s in page.run("gaitcal.sheet.strides") if s["side"] == lead and s["start"] <= seconds <= s["stop"]
+        )
+        wanted = stride["start"] + share * (stride["stop"] - stride["start"])
+        assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
+        frame = int(np.abs(time - seconds).argmin())
+        assert page.run("gaitcal.body.groups[0].position.toArray()") == pytest.approx(
+            scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
+        )
+        assert standing(page, at, lead) == pytest.approx(
+            100 * (seconds - stride["start"]) / (stride["stop"] - stride["start"]), abs=0.1
+        )
+
+
+def standing(page: Page, at: str, side: str) -> float:
+    """Where a cursor stands on its axis."""
+    return float(page.run(f"""(p => {{ const px = Number(/translateX\\(([-\\d.]+)px/.exec(p.cursors['{side}'].style.transform)[1]);
+        return p.span.min + px / p.span.wide * (p.span.max - p.span.min); }})({at})"""))  # fmt: skip
+
+
+@pytest.mark.parametrize("axis", ["percent", "time"])
+def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
+    page.run(f"gaitcal.state.set({{ axis: '{axis}' }}); {STEADY}")
+    wide = page.run(f"{panel('hip_flexion', 'angle')}.span.wide")
+    for seconds in (0.3, 0.45, 0.62):
+        page.run(f"gaitcal.seek({seconds})")
+        for base, kind in (("hip_flexion", "angle"), ("hip_flexion", "moment")):
+            at = panel(base, kind)
+            if axis == "time":
+                duration = page.run("gaitcal.trial.duration")
+                assert standing(page, at, "") == pytest.approx(seconds, abs=ON_LINE / wide * duration)
+                continue
+            for side in "rl":
+                start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][side]) if a <= seconds <= b)
+                percent = 100 * (seconds - start) / (stop - start)
+                assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
+    page.run("gaitcal.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
+    hidden = page.run(f"{panel('hip_flexion', 'angle')}.cursors.r.style.transform") == "translateX(-99px)"
+    assert hidden
+
+
+def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
+    _, sheet, table = walked
+    page.run("gaitcal.state.set({ unit: 'Nm', signs: 'clinical' })")
+    at = panel("knee_adduction", "moment")
+    page.move(*place(page, at, 0.2))
+    page.run(STEADY)
+    sentence = page.run("document.querySelector('.curve-sentence').textContent")
+    percent = round(page.run("gaitcal.curves.now.percent"))
+    rows = table[(table.trial == "walk0") & (table.variable == "knee_adduction_moment") & (table.stride == 1)]
+    right = rows[(rows.side == "r")].set_index("percent")
+    assert sentence.startswith("Knee adduction moment: right ") and f"N·m at {percent} % / " in sentence
+    if right.loc[percent, "valid"]:
+        exact = page.run("gaitcal.curves.now.percent")
+        value = -np.interp(exact, right.index, right["value"])
+        assert float(sentence.split("right ")[1].split(" ")[0].replace("\u2212", "-")) == pytest.approx(value, abs=1.0)
+
+
+def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
+    at = panel("hip_flexion", "angle")
+    begin, end = place(page, at, 0.2), place(page, at, 0.6)
+    mouse(page, "mousePressed", *begin)
+    mouse(page, "mouseMoved", *end)
+    mouse(page, "mouseReleased", *end)
+    window = page.run("gaitcal.state.window")
+    times = np.array(page.run("Array.from(gaitcal.trial.time)"))
+    assert window[0] < window[1] and all(np.abs(times - t).min() < ON_FRAME for t in window)
+    lead = page.run(f"{at}.lead")
+    start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b)
+    assert (np.array(window) - start) / (stop - start) == pytest.approx([0.2, 0.6], abs=0.03)
+    assert not page.run(f"{at}.looped.hidden")
+    mouse(page, "mousePressed", *begin)
+    mouse(page, "mouseReleased", *begin)
+    assert page.run("gaitcal.state.window") is None and page.run(f"{at}.looped.hidden")
+
+
+def test_a_title_brings_its_joint_near_and_escape_leaves(page: Page) -> None:
+    page.run(f"{panel('knee_angle', 'angle')}.title.click(); {STEADY}")
+    assert page.run("gaitcal.state.joint") in ("knee_r", "knee_l")
+    assert page.run("[...document.querySelectorAll('.curve-group.large')].map((g) => g.dataset.joint)") == ["knee"]
+    assert page.run("document.querySelectorAll('.curve-group.dim').length") > 2
+    page.run(f"{panel('hip_flexion', 'moment')}.root.focus(); 1")
+    page.press("Enter")
+    assert page.run("gaitcal.state.joint") in ("hip_r", "hip_l")
+    before = page.run("gaitcal.seconds")
+    page.press("ArrowRight")
+    assert 0 < page.run("gaitcal.seconds") - before < 0.02  # one frame, once
+    page.press("Escape")
+    assert page.run("gaitcal.state.joint") is None
+    assert page.run("document.querySelectorAll('.curve-group:is(.large, .dim)').length") == 0
+
+
+def test_a_leg_without_a_stride_does_not_take_the_others(page: Page) -> None:
+    page.run(f"gaitcal.state.set({{ trial: 2 }}); {STEADY}")
+    assert page.run("gaitcal.curves.strides.percent") is True
+    assert "The right leg makes no complete stride in walk2." in page.run(
+        "document.querySelector('.curve-notes').textContent"
+    )
+    assert page.run(f"{panel('hip_flexion', 'angle')}.traces.main('l').n") == 3
+
+
+def test_a_trial_without_strides_is_shown_over_time(visit: Visit, tmp_path: Path) -> None:
+    scene = long_walks(1)
+    page = shown(visit, tmp_path, Shown(scene, stridden(scene, {})[0]))
+    page.run(f"gaitcal.state.set({{ axis: 'percent' }}); {STEADY}")
+    assert page.run("gaitcal.curves.strides.percent") is False
+    assert "holds no complete stride" in page.run("document.querySelector('.curve-notes').textContent")
+    assert page.console == []
+
+
+def test_what_is_off_takes_no_part(page: Page) -> None:
+    page.run("gaitcal.state.set({ spread: 'mean' })")
+    count = f"Math.max(...new Gaitcal.Traces({panel('hip_flexion', 'angle')}.subject, gaitcal.curves.strides, gaitcal.curves.conventions).main('l').counts)"
+    assert page.run(count) == 3
+    page.run("gaitcal.state.set({ off: new Set(['0/0/l/1']) })")
+    assert page.run(count) == 2
+    page.run("gaitcal.state.set({ off: new Set(['0/0/l/1', '0/1']) })")
+    assert page.run(count.replace("Math.max(...", "(").replace(".counts)", ".n)")) == 1
+
+
+def test_names_are_text(visit: Visit, walked: Any, tmp_path: Path) -> None:
+    scene, sheet, _ = walked
+    wild = json.loads(json.dumps(sheet))
+    wild["person"]["name"] = HOSTILE[0]
+    wild["bands"] = [
+        {
+            "base": "hip_flexion",
+            "kind": "moment",
+            "source": HOSTILE[1],
+            "r": [[0.0] * 101, [1.0] * 101],
+            "l": [[0.0] * 101, [1.0] * 101],
+        }
+    ]
+    for trial, name in zip(wild["trials"], HOSTILE, strict=False):
+        trial["name"] = name
+    named = replace(
+        scene, trials=tuple(replace(t, name=w["name"]) for t, w in zip(scene.trials, wild["trials"], strict=True))
+    )
+    page = shown(visit, tmp_path, Shown(named, wild, HOSTILE[1]), Shown(named, wild, HOSTILE[2]))
+    page.run(f"gaitcal.state.set({{ trial: 2, spread: 'mean' }}); {STEADY}")
+    page.run(f"gaitcal.state.set({{ axis: 'time' }}); {STEADY}")
+    assert page.run("window.hacked === undefined && document.querySelectorAll('#curves :is(img, script)').length === 0")
+    assert HOSTILE[2] in page.run("document.querySelector('.curve-notes').textContent")
+    assert page.console == []
+
+
+def test_paper_has_all_panels_twice_as_dense_and_the_screen_comes_back(page: Page) -> None:
+    before = page.run("[...document.querySelectorAll('.curve-groups .curve-panel')].length")
+    dense = """[...document.querySelectorAll('.curve-papers canvas')].map((c) =>
+        c.width / c.closest('.curve-plot').clientWidth / devicePixelRatio)"""
+    page.run(f"gaitcal.curves.forPrint(true); {STEADY}")
+    assert (
+        page.run(
+            "document.querySelectorAll('.curve-paper.kinematics .curve-panel, .curve-paper.kinetics .curve-panel').length"
+        )
+        > 8
+    )
+    assert page.run(dense) and all(1.9 < ratio < 2.1 for ratio in page.run(dense))
+    page.run(f"gaitcal.curves.forPrint(false); {STEADY}")
+    assert page.run("document.querySelectorAll('.curve-papers').length") == 0
+    assert page.run("[...document.querySelectorAll('.curve-groups .curve-panel')].length") == before
+    assert page.run("document.querySelectorAll('.curve-groups canvas').length") > 0
+    assert page.console == []
+
+
+def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
+    """Five trials of as many frames as a page holds: a tick moves cursors alone, and a curve keeps its peaks in few points."""
+    scene = long_walks(5, 16)
+    ends = float(scene.trials[0].time[-1])
+    strikes = np.arange(0.1, ends, 0.9).tolist()
+    sheet, _ = stridden(scene, {t: {"r": strikes, "l": [s + 0.4 for s in strikes[:-1]]} for t in range(5)})
+    page = shown(visit, tmp_path, Shown(scene, sheet))
+    page.run(f"gaitcal.state.set({{ axis: 'time' }}); {STEADY}")
+    tick, points, peak = page.run("""(() => { let best = Infinity;
+        for (let k = 0; k < 10; k++) { const begin = performance.now();
+          for (let i = 0; i < 50; i++) { gaitcal.state.seconds = 0.01 * i; gaitcal.curves.tick(); }
+          best = Math.min(best, (performance.now() - begin) / 50); }
+        const curve = gaitcal.curves.strides.trial.curve('hip_flexion', 'r', 'angle');
+        const most = (values) => values.reduce((a, b) => Math.max(a, b));
+        return [best, curve.whole().x.length, most(curve.whole().value) - most(curve.part('value'))]; })()""")
+    assert tick < 5.0  # ms; 0.1 on an idle machine
+    assert points <= 2600 and peak == 0.0
+    assert page.console == []
+
+
+def test_a_phone_shows_one_kind_in_one_column(visit: Visit, walked: Any, tmp_path: Path) -> None:
+    scene, sheet, _ = walked
+    page = shown(visit, tmp_path, Shown(scene, sheet), width=390, phone=True)
+    kinds = "[...new Set([...document.querySelectorAll('.curve-panel')].filter((p) => p.offsetParent).map((p) => p.dataset.kind))]"
+    assert page.run(kinds) == ["angle"]
+    page.run(f"document.querySelector('.curve-kinds input[value=moment]').click(); {STEADY}")
+    assert set(page.run(kinds)) == {"moment", "force"}
+    assert page.run("document.documentElement.scrollWidth") <= 390

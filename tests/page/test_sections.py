@@ -1,0 +1,266 @@
+"""Tables, pictures, verdict and steps of the page, and what it is on paper."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import re
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gaitcal.gait.symmetry import Average, counting, measure_means
+from gaitcal.page.steps import SHOWN
+from gaitcal.page.view import SCRIPTS
+from tests.page.blocks_made import HOSTILE
+from tests.page.browser import Page
+from tests.page.told import PRESETS, REFUSED, STRAIGHT, made_strides, told_page
+
+Visit = Callable[..., Page]
+A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
+"""px between the margins of `print.css`."""
+ROUNDING = 1e-9
+"""Sums of a dozen numbers, in another order."""
+PIXELS = 2.0
+"""Lines are drawn at fractions of a pixel."""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("told") / "result.html"
+    path.write_text(told_page(), encoding="utf-8")
+    return path
+
+
+def opened(visit: Visit, told: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
+    page = visit(told, width, height, phone=width < 760)
+    page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
+    return page
+
+
+def text(page: Page, selector: str) -> list[str]:
+    return list(page.run(f"[...document.querySelectorAll({selector!r})].map(e => e.textContent.trim())"))
+
+
+def test_no_two_scripts_define_the_same_name() -> None:
+    folder = files("gaitcal.page") / "scripts"
+    names = [
+        n for s in SCRIPTS for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
+    ]
+    assert sorted({n for n in names if names.count(n) > 1}) == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, told: Path, preset: str) -> None:
+    page = opened(visit, told, preset)
+    assert page.console == []
+    of = "#sections > :not(.of-trial, .reasons)"
+    assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
+    assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables and those of three pictures"
+    assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
+    assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
+    assert page.run("document.querySelectorAll('#sections img').length") == 0
+    assert HOSTILE in "".join(text(page, "#sections th"))
+    assert not page.run("document.title").startswith("1")
+
+
+@pytest.mark.browser
+def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "fit")
+    first = "#sections > .scroll"
+    assert page.run(f"document.querySelector('{first} table').getAttribute('aria-label')") == f"Tables {HOSTILE}"
+    assert page.run(f"[...document.querySelectorAll('{first}:first-of-type thead th')].every(th => th.scope === 'col')")
+    rows = page.run(f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => r.textContent)")
+    assert rows == [
+        "pelvis8.1✓1.25 (good)followed by its own markers",
+        "thigh 2 markers!12.4 (look at this)–✕above",
+        "all9.910.2not judged",
+    ]
+    assert page.run(f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => r.className)") == [
+        "",
+        "",
+        "total",
+    ]
+    assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td')).textAlign") == "right"
+    assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign") == "left"
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, told: Path, width: int) -> None:
+    page = opened(visit, told, "fit", width)
+    page.run("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
+    wide = page.run(
+        "[...document.querySelectorAll('#sections .scroll.wide')].map(s => [s.tabIndex, s.ariaLabel.split(':')[0]])"
+    )
+    assert [0, "Every marker"] in wide
+    assert page.run("document.documentElement.scrollWidth <= innerWidth"), "the page itself does not"
+    assert page.run("[...document.querySelectorAll('#sections .scroll:not(.wide)')].every(s => s.tabIndex === -1)")
+
+
+@pytest.mark.browser
+def test_headings_never_skip_a_level(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "fit")
+    levels = page.run("[...document.querySelectorAll('#sections :is(h2, h3, h4, h5)')].map(h => Number(h.tagName[1]))")
+    assert all(b <= a + 1 for a, b in itertools.pairwise(levels))
+    assert levels[0] == 2
+
+
+@pytest.mark.browser
+def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "joints")
+    table = "document.querySelector('#sections > figure.picture .unseen table')"
+    rows = page.run(f"[...{table}.rows].map(r => [...r.cells].map(c => c.textContent))")
+    assert rows[0] == ["Parameter", "Nominal", "Fitted", "Standard error", "Truth"]
+    assert rows[1] == ["right hip centre, forward mm", "70.0", "66.2", "1.1", "65.0"]
+    assert rows[3] == ["right knee axis, up mm", "400.0", "404.0", "–", "–"]
+    lanes = page.run(
+        """(p => { const x = (e, a) => parseFloat(e.getAttribute(a)); const lane = p.querySelector('svg.lane');
+        const [dot, ring, line] = ['circle.dot', 'circle.truth', 'line.whisker'].map(kind => lane.querySelector(kind));
+        return [x(dot, 'cx'), x(ring, 'cx'), x(line, 'x1'), x(line, 'x2'), x(lane.querySelector('line.zero'), 'x1')]; })
+        (document.querySelector('#sections > figure.picture'))"""
+    )
+    dot, ring, low, high, zero = lanes
+    percent = (dot - zero) / -3.8
+    assert ring - zero == pytest.approx(-5.0 * percent, abs=0.01)
+    assert [low - zero, high - zero] == pytest.approx([-4.9 * percent, -2.7 * percent], abs=0.01)
+
+
+@pytest.mark.browser
+def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "joints")
+    lengths = page.run(
+        """[...[...document.querySelectorAll('#sections > figure.picture')].at(-1).querySelectorAll('svg.lane')]
+        .map(l => [...l.querySelectorAll('rect')].reduce((s, r) => s + parseFloat(r.getAttribute('width')), 0))"""
+    )
+    bars = [length for length in lengths if length]
+    assert bars[1] / bars[0] == pytest.approx(0.5, abs=1e-3)
+    assert bars[2] / bars[0] == pytest.approx(0.034 / 0.042, abs=1e-3)
+
+
+@pytest.mark.browser
+def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "trust")
+    words = text(page, ".of-trial .traced figcaption")
+    assert "Peak 39.4 N in the valid frames; common limit 40.0 N, never above it." in words[0], "60 N do not count"
+    duration = page.run("gaitcal.trial.duration")
+    page.run("gaitcal.seek(gaitcal.trial.duration / 2)")
+    assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
+    page.run(
+        """(p => { p.scrollIntoView(); const b = p.getBoundingClientRect();
+        const at = {clientX: b.left + 0.25 * b.width, clientY: b.top + 5, bubbles: true};
+        p.dispatchEvent(new MouseEvent('click', at)); })
+        (document.querySelector('.traced .plot'))"""
+    )
+    width = page.run("document.querySelector('.traced .plot').clientWidth")
+    assert page.run("gaitcal.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
+
+
+@pytest.mark.browser
+def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "fit")
+    page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
+    assert page.run("document.querySelector('#sections > details').open")
+    assert text(page, ".of-trial > h2") == ["Trial walk 2, walking"]
+
+
+@pytest.mark.browser
+def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "clinician")
+    assert text(page, "#verdict .lines li") == [
+        "✕poor: A line of tone poor.",
+        "!look at this: A line of tone look.",
+        "·A line of tone plain.",
+    ]
+    assert text(page, "#verdict strong") == ["Refused"]
+    page.run("document.querySelector('#verdict button').click()")
+    assert page.run("gaitcal.state.preset") == "trust"
+    assert text(page, ".reasons li > strong") == ["Plates and feet do not agree", "Few markers"]
+    assert HOSTILE in text(page, ".reasons li")[0] and "walk 2, left leg" in text(page, ".reasons li")[0]
+    assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
+
+
+@pytest.mark.browser
+def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(told_page(lines=[]), encoding="utf-8")
+    assert text(opened(visit, path, "clinician"), "#verdict .lines li") == ["·Do not use the left leg."]
+
+
+def means(of: Average | None) -> list[float | None]:
+    return [] if of is None else [of.n, of.mean, of.sd]
+
+
+def numbers(leg: dict[str, Any] | None) -> list[float | None]:
+    return [] if leg is None else [leg["n"], leg["mean"], leg["sd"]]
+
+
+def close(values: list[float | None]) -> list[Any]:
+    return [None if value is None else pytest.approx(value, rel=ROUNDING) for value in values]
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("off", [(), (2,), (0, 2)])
+def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...]) -> None:
+    page = opened(visit, told, "clinician")
+    page.run(f"gaitcal.state.set({{off: new Set({[f'0/{k}' for k in off]})}})")
+    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(made_strides().items()) if k not in off}
+    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN}
+    found = page.run(
+        "Gaitcal.stepsOf(gaitcal, 0).map(({name, right, left, symmetry}) => [name, right, left, symmetry])"
+    )
+    assert [row[0] for row in found] == [name for name in SHOWN if name in wanted]
+    for name, right, left, symmetry in found:
+        assert numbers(right) == close(means(wanted[name].right))
+        assert numbers(left) == close(means(wanted[name].left))
+        assert [symmetry] == close([wanted[name].symmetry])
+    assert len(text(page, "#steps tbody tr")) == len(found)
+
+
+@pytest.mark.browser
+def test_steps_leave_out_a_stride_that_is_off(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "clinician")
+    count = "Gaitcal.stepsOf(gaitcal, 0).find(row => row.name === 'stride_time').right.n"
+    before = page.run(count)
+    straight = next(s.number for s in made_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
+    page.run(f"gaitcal.state.set({{off: new Set(['0/0/r/{straight}'])}})")
+    assert page.run(count) == before - 1
+
+
+@pytest.mark.browser
+def test_two_pages_first_then_everything_of_all_trials(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "joints")
+    page.send("Emulation.setEmulatedMedia", media="print")
+    try:
+        page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
+        page.run("gaitcal.print.build()")
+        heights = page.run("[...document.querySelectorAll('#print .leaf')].map(leaf => leaf.scrollHeight)")
+        assert len(heights) == 2 and all(height <= A4_HEIGHT + PIXELS for height in heights)
+        assert page.run("document.documentElement.scrollWidth") <= 695 + PIXELS
+        assert page.run("[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => e.id)") == [
+            "print"
+        ]
+        assert len(text(page, "#print .leaf:first-child .curve-panel")) == 4
+        assert len(text(page, "#print .leaf:nth-child(2) .curve-panel")) == 4
+        assert text(page, "#print .leaf:nth-child(2) > h2")[-1] == "Steps and phases"
+        assert len(text(page, "#print .appendix .of-trial")) == len(PRESETS) * len(REFUSED)
+        page.run("gaitcal.print.clear()")
+    finally:
+        page.send("Emulation.setEmulatedMedia", media="")
+    assert page.run("document.getElementById('print').childNodes.length") == 0
+    assert page.console == []
+
+
+@pytest.mark.browser
+def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, told: Path) -> None:
+    page = opened(visit, told, "clinician")
+    panels = page.run("document.querySelectorAll('#curves .curve-panel').length")
+    pdf = base64.b64decode(page.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"])
+    assert len(re.findall(rb"/Type /Page\b", pdf)) > 4
+    assert page.run("document.querySelectorAll('#curves .curve-panel').length") == panels
+    assert not page.run("document.documentElement.classList.contains('on-paper')")
+    assert page.console == []
