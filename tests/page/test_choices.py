@@ -12,7 +12,7 @@ from gaitcal.page import Scene
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
 from tests.page.people import long_scene
-from tests.page.sheets import page_of, sheet_of
+from tests.page.plain_sheet import page_of, sheet_of
 from tests.page.test_browser import DRAWN, changed, paused, stage, until
 from tests.page.test_page import HOSTILE, hostile_scene
 from tests.page.test_shell import state

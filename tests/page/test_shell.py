@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.page import Scene
 from tests.page.browser import Page
-from tests.page.sheets import page_of
+from tests.page.plain_sheet import page_of
 from tests.page.test_browser import DRAWN, THERE, paused, stage, until
 
 pytestmark = pytest.mark.browser
