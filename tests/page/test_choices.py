@@ -75,7 +75,7 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
 @pytest.mark.parametrize(
     "said",
     [
-        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,1&result=99&joint=%00",
+        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,9&result=99&joint=%00",
         "off=0/0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3", "&".join(["preset=fit"] * 5000),
     ],
 )  # fmt: skip
@@ -83,7 +83,7 @@ def test_an_address_of_any_text_opens_the_page(visit: Visit, shown: Path, said: 
     page = paused(visit(f"{shown.as_uri()}?{len(said)}#{said}"))
     assert page.console == []
     assert page.run("document.getElementById('failure').hidden")
-    assert page.run("gaitcal.trial.name") == "walk"
+    assert page.run("gaitcal.trial.name") == "walk" and state(page, "window") is None
 
 
 def test_a_change_of_the_address_is_followed(visit: Visit, shown: Path) -> None:

@@ -177,7 +177,10 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert page.run("document.getElementById('keys').open")
     page.press("j")
     assert state(page, "joint") is None, "behind the dialog nothing moves"
-    page.run("document.getElementById('keys-close').click()")
+    page.run("document.getElementById('keys-on').click(); document.getElementById('keys-close').click()")
+    page.press("j")
+    assert state(page, "joint") is None, "keys of one letter can be turned off"
+    page.run("document.getElementById('keys-on').click()")
     page.run("gaitcal.state.set({ preset: 'clinician' }); document.getElementById('switch-axis').focus()")
     page.press("n")
     assert state(page, "nominal"), "a list of choices keeps its keys"
@@ -198,6 +201,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     assert state(page, "joint") == "knee_r"
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
+    assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
     opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
         .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
@@ -206,6 +210,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert state(page, "joint") is None and page.run("gaitcal.stage.viewer.camera.fov") == 32
     assert len(set(page.run(opacity).values())) == 1
+    assert state(page, "layers") == ["body", "bones", "forces"]
     assert page.console == []
 
 
