@@ -48,7 +48,7 @@ def state(page: Page, field: str) -> Any:
     return page.run(f"(v => v instanceof Set ? [...v].sort() : v)(gaitcal.state.{field})")
 
 
-def centre(page: Page, element: str) -> list[float]:
+def place(page: Page, element: str) -> list[float]:
     box: list[float] = page.run(
         f"(r => [r.left, r.top, r.width, r.height])(document.getElementById('{element}').getBoundingClientRect())"
     )
@@ -95,6 +95,7 @@ def test_a_bare_scene_is_the_body_alone(visit: Visit, html: Path) -> None:
     for part in ("verdict", "presets", "panel"):
         assert page.run(f"document.getElementById('{part}').hidden"), part
     assert page.run("document.getElementById('layers').offsetWidth") > 200
+    assert place(page, "pane")[1] == pytest.approx(page.run("document.getElementById('top').offsetHeight"), abs=1)
     assert state(page, "layers") == sorted(page.run("Gaitcal.LAYERS.map(([name]) => name)"))
     assert page.console == []
 
@@ -121,7 +122,7 @@ def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None
 
 def test_a_drag_over_the_timeline_loops_a_window(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
-    left, top, width, height = centre(page, "track-r")
+    left, top, width, height = place(page, "track-r")
     at = lambda share: (left + share * width, top + height / 2)  # noqa: E731
     drag(page, at(0.2), at(0.6))
     duration = page.run("gaitcal.trial.duration")
