@@ -24,14 +24,22 @@ Gaitcal.Controls = class {
     get("speed").value = String(this.state.speed);
   }
 
-  // The body fills what header and footer leave of the window; how high these are follows from what is in them.
+  // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the
+  // header leaves when the page is scrolled.
   measured() {
     const root = document.documentElement.style;
-    const heights = new ResizeObserver(() => {
-      root.setProperty("--above", `${this.get("top").offsetHeight}px`);
+    let seen = true;
+    const write = () => {
+      root.setProperty("--above", `${seen ? this.get("top").offsetHeight : 0}px`);
       root.setProperty("--below", `${this.get("controls").offsetHeight}px`);
-    });
+    };
+    const heights = new ResizeObserver(write);
     for (const id of ["top", "controls"]) heights.observe(this.get(id));
+    const scrolled = new IntersectionObserver(([entry]) => {
+      seen = entry.isIntersecting;
+      write();
+    });
+    scrolled.observe(this.get("top"));
   }
 
   legend(open) {
