@@ -17,10 +17,29 @@ Gaitcal.Controls = class {
     this.state.on(["speed"], () => (get("speed").value = String(this.state.speed)));
     this.state.on(["result"], () => this.trials());
     this.state.on(["result", "trial"], () => this.chosen());
+    this.measured();
     this.trials();
     this.chosen();
     this.playing();
     get("speed").value = String(this.state.speed);
+  }
+
+  // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the
+  // header leaves when the page is scrolled.
+  measured() {
+    const root = document.documentElement.style;
+    let seen = true;
+    const write = () => {
+      root.setProperty("--above", `${seen ? this.get("top").offsetHeight : 0}px`);
+      root.setProperty("--below", `${this.get("controls").offsetHeight}px`);
+    };
+    const heights = new ResizeObserver(write);
+    for (const id of ["top", "controls"]) heights.observe(this.get(id));
+    const scrolled = new IntersectionObserver(([entry]) => {
+      seen = entry.isIntersecting;
+      write();
+    });
+    scrolled.observe(this.get("top"));
   }
 
   legend(open) {
