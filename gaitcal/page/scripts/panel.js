@@ -53,23 +53,29 @@ Gaitcal.Panel = class {
     this.root.addEventListener("focus", () => this.curves.point(this));
   }
 
-  // Axes and curves as they are chosen now.
-  draw() {
-    this.dirty = false;
+  // Its words in the chosen convention.
+  name() {
     const { base, kind } = this.subject;
     const convention = this.curves.conventions[this.state.result];
+    this.title.textContent = convention.title(base, kind);
+    this.unit.textContent = convention.words(base, kind, this.strides.percent ? "r" : "");
+    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}`);
+  }
+
+  // How large its plot is; null while it is hidden.
+  size() {
+    const [width, height] = [this.place.clientWidth, this.place.clientHeight];
+    return width && height ? [width, height] : null;
+  }
+
+  // Axes and curves as they are chosen now.
+  draw(size) {
+    this.dirty = false;
     this.traces = new Gaitcal.Traces(this.subject, this.strides, this.curves.conventions);
     this.traces.offs = this.traces.percent ? this.curves.offs : [];
     this.traces.stances = this.traces.percent ? [] : this.curves.stances;
-    const side = this.traces.percent ? "r" : "";
-    this.title.textContent = convention.title(base, kind);
-    this.unit.textContent = convention.words(base, kind, side);
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}. ${this.curves.summary(this)}`);
-    const [width, height] = [this.place.clientWidth, this.place.clientHeight].map((size) => size * this.curves.density);
-    if (!width || !height) {
-      this.dirty = true;
-      return;
-    }
+    const [width, height] = size.map((length) => length * this.curves.density);
     const data = [this.traces.x, this.traces.y];
     if (this.plot && this.plot.density === this.curves.density && this.plot.percent === this.traces.percent) {
       if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
@@ -107,7 +113,7 @@ Gaitcal.Panel = class {
   }
 
   paint(plot) {
-    const ratio = plot.bbox.width / plot.over.clientWidth || 1;
+    const ratio = uPlot.pxRatio;
     new Gaitcal.Pen(plot, this.curves.colours, ratio * this.curves.density).draw(this.traces, this.state);
     // Where x lies, in px of the page, for cursors that move without any drawing.
     const { min, max } = plot.scales.x;
