@@ -8,6 +8,9 @@ Gaitcal.curvePart = (name, classes = "", text = null) => {
   return made;
 };
 
+// Between ticks: 1, 2, 5, 10, ...
+Gaitcal.STEPS = [-4, -3, -2, -1, 0, 1, 2, 3, 4].flatMap((power) => [1, 2, 5].map((digit) => Number(`${digit}e${power}`)));
+
 // px: a pointer that moved less has pressed, not dragged.
 Gaitcal.DRAGGED = 5;
 
@@ -77,7 +80,7 @@ Gaitcal.Panel = class {
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}. ${this.curves.summary(this)}`);
     const [width, height] = size.map((length) => length * this.curves.density);
     const data = [this.traces.x, this.traces.y];
-    if (this.plot && this.plot.density === this.curves.density && this.plot.percent === this.traces.percent) {
+    if (this.plot && this.plot.density === this.curves.density) {
       if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
       this.plot.setData(data);
     } else this.create(width, height, data);
@@ -97,8 +100,8 @@ Gaitcal.Panel = class {
         width, height, legend: { show: false }, cursor: { show: false }, padding: [4 * density, 12 * density, 0, 0],
         scales: { x: { time: false, range: () => this.traces.x }, y: { range: () => this.traces.y } },
         axes: [
-          { ...axis, values, size: 16 * density, space: 38 * density, incrs: this.traces.percent ? [25] : undefined },
-          { ...axis, size: 36 * density, space: 24 * density, values },
+          { ...axis, values, size: 16 * density, space: 38 * density, incrs: () => (this.traces.percent ? [25] : Gaitcal.STEPS) },
+          { ...axis, size: 36 * density, space: 24 * density, values, incrs: Gaitcal.STEPS },
         ],
         series: [{}, { paths: () => null, points: { show: false } }],
         hooks: { drawAxes: [(plot) => this.paint(plot)] },
@@ -107,7 +110,6 @@ Gaitcal.Panel = class {
       this.place,
     );
     this.plot.density = density;
-    this.plot.percent = this.traces.percent;
     this.plot.over.append(...Object.values(this.cursors), this.looped);
     this.listen(this.plot.over);
   }
@@ -267,6 +269,6 @@ Gaitcal.Panel = class {
 // As many digits as tell the ticks apart.
 Gaitcal.ticks = (splits) => {
   const step = splits.length > 1 ? splits[1] - splits[0] : 1;
-  const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return splits.map((value) => Gaitcal.number(value, Math.min(digits, 4)));
 };
