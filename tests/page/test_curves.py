@@ -259,6 +259,39 @@ def test_what_is_off_takes_no_part(page: Page) -> None:
     assert page.run(f"{traces}.main('l').n") == 1
 
 
+def test_peaks_are_those_of_the_strides(page: Page, walked: Any) -> None:
+    """Mean and SD over straight strides of each one's highest and lowest valid value."""
+    _, _, table = walked
+    page.run("gaitcal.state.set({ unit: 'Nm' })")
+    rows = table[(table.variable == "hip_flexion_moment") & (table.turn == 0.0) & (table.valid == 1)]
+    for side, most in itertools.product("rl", ("max", "min")):
+        peaks = rows[rows.side == side].groupby(["trial", "stride"])["value"].agg(most)
+        part = "high" if most == "max" else "low"
+        told = page.run(f"""gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }}, '{side}')
+            .map((peak) => peak.{part}.value)""")
+        assert np.mean(told) == pytest.approx(peaks.mean(), abs=PACKED * SIZE["moment"])
+        text = (
+            page.run(f"""gaitcal.curves.peaks.cell(gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }},
+            '{side}'), '{part}', 3)[0]""")
+            .replace("\u2212", "-")
+            .removesuffix(" *")
+        )
+        mean, sd = map(float, text.split(" \u00b1 "))
+        assert (mean, sd) == pytest.approx((peaks.mean(), peaks.std()), abs=PACKED * SIZE["moment"])
+
+
+def test_what_is_not_valid_is_pale_and_said(page: Page, walked: Any) -> None:
+    """A stretch without validity is no part of the curve that counts; the cursor says so."""
+    _, _, table = walked
+    rows = table[(table.trial == "walk0") & (table.side == "l") & (table.variable == "hip_flexion_moment")]
+    gaps = rows[rows.valid == 0].percent.to_numpy()
+    assert len(gaps)
+    percent = float(gaps[len(gaps) // 2])
+    told = page.run(f"""(p => [p.traces.main('l').valid[{percent}], p.traces.at('l', {percent}).valid,
+        p.value('l', {{ percent: {percent} }})])({panel("hip_flexion", "moment")})""")
+    assert told == [0, False, "not valid"]
+
+
 def test_names_are_text(visit: Visit, walked: Any, tmp_path: Path) -> None:
     scene, sheet, _ = walked
     wild = json.loads(json.dumps(sheet))

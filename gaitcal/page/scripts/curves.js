@@ -236,6 +236,11 @@ Gaitcal.Curves = class {
     this.readings();
   }
 
+  // What a result is called.
+  named(i) {
+    return this.page.results[i].name || this.strides.sheets[i].person.name;
+  }
+
   summary({ subject }) {
     return this.peaks.summary(subject);
   }

@@ -79,6 +79,7 @@ Gaitcal.Panel = class {
     this.traces.stances = this.traces.percent ? [] : this.curves.stances;
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}. ${this.curves.summary(this)}`);
     const [width, height] = size.map((length) => length * this.curves.density);
+    this.place.classList.toggle("empty", !this.traces.lines.length);
     const data = [this.traces.x, this.traces.y];
     if (this.plot && this.plot.density === this.curves.density) {
       if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
@@ -156,9 +157,9 @@ Gaitcal.Panel = class {
   }
 
   // "0.62 ± 0.04" of a side at a moment; nothing where there is no curve.
-  value(side, now) {
+  value(side, now, second = false) {
     const x = this.traces.percent ? now.percent : now[""];
-    const read = x === null ? null : this.traces.at(side, x);
+    const read = x === null ? null : this.traces.at(side, x, second);
     if (!read || Number.isNaN(read.value)) return "";
     if (!read.valid) return "not valid";
     const digits = this.curves.conventions[this.state.result].digits(this.subject.kind);
@@ -169,11 +170,19 @@ Gaitcal.Panel = class {
   // The same in full: "Knee adduction moment: right 0.62 ± 0.04, left 0.58 ± 0.05 N·m/kg at 43 % / 1.23 s".
   sentence(now) {
     if (!this.traces) return "";
-    const told = ["r", "l", ""].map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now)]).filter(([, text]) => text);
+    const sides = (second) =>
+      ["r", "l", ""]
+        .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now, second)])
+        .filter(([, text]) => text)
+        .map(([side, text]) => `${side} ${text}`.trim())
+        .join(", ");
     const unit = this.curves.conventions[this.state.result].unit(this.subject.kind);
     const at = this.traces.percent && now.percent !== null ? `${Gaitcal.number(now.percent, 0)} % / ` : "";
-    const values = told.map(([side, text]) => `${side} ${text}`.trim()).join(", ");
-    return `${this.title.textContent}: ${values || "nothing"} ${unit} at ${at}${Gaitcal.number(this.state.seconds, 2)} s`;
+    const counts = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean").map(({ n }) => n);
+    const spread = counts.length ? ` (mean \u00b1 SD of ${[...new Set(counts)].join(" and ")} strides)` : "";
+    const other = sides(true);
+    const second = other ? `; ${this.curves.named(1 - this.state.result)}: ${other}` : "";
+    return `${this.title.textContent}: ${sides(false) || "nothing"} ${unit}${spread} at ${at}${Gaitcal.number(this.state.seconds, 2)} s${second}`;
   }
 
   // The stretch of time that is looped.
