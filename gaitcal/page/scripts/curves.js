@@ -226,7 +226,7 @@ Gaitcal.Curves = class {
     this.reading = null;
     this.readAt = performance.now();
     for (const panel of this.panels) if (panel.visible && !panel.dirty) panel.read(this.now);
-this.sentence.textContent = this.pointed?.sentence(this.now) || Gaitcal.POINT_AT;
+    this.sentence.textContent = this.pointed?.sentence(this.now) || Gaitcal.POINT_AT;
   }
 
   point(panel) {
