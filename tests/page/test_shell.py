@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.page import Scene
 from tests.page.browser import Page
-from tests.page.sheets import page_of
+from tests.page.plain_sheet import page_of
 from tests.page.test_browser import DRAWN, THERE, paused, stage, until
 
 pytestmark = pytest.mark.browser
@@ -48,7 +48,7 @@ def state(page: Page, field: str) -> Any:
     return page.run(f"(v => v instanceof Set ? [...v].sort() : v)(gaitcal.state.{field})")
 
 
-def centre(page: Page, element: str) -> list[float]:
+def place(page: Page, element: str) -> list[float]:
     box: list[float] = page.run(
         f"(r => [r.left, r.top, r.width, r.height])(document.getElementById('{element}').getBoundingClientRect())"
     )
@@ -95,6 +95,7 @@ def test_a_bare_scene_is_the_body_alone(visit: Visit, html: Path) -> None:
     for part in ("verdict", "presets", "panel"):
         assert page.run(f"document.getElementById('{part}').hidden"), part
     assert page.run("document.getElementById('layers').offsetWidth") > 200
+    assert place(page, "pane")[1] == pytest.approx(page.run("document.getElementById('top').offsetHeight"), abs=1)
     assert state(page, "layers") == sorted(page.run("Gaitcal.LAYERS.map(([name]) => name)"))
     assert page.console == []
 
@@ -121,7 +122,7 @@ def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None
 
 def test_a_drag_over_the_timeline_loops_a_window(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
-    left, top, width, height = centre(page, "track-r")
+    left, top, width, height = place(page, "track-r")
     at = lambda share: (left + share * width, top + height / 2)  # noqa: E731
     drag(page, at(0.2), at(0.6))
     duration = page.run("gaitcal.trial.duration")
@@ -177,7 +178,10 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert page.run("document.getElementById('keys').open")
     page.press("j")
     assert state(page, "joint") is None, "behind the dialog nothing moves"
-    page.run("document.getElementById('keys-close').click()")
+    page.run("document.getElementById('keys-on').click(); document.getElementById('keys-close').click()")
+    page.press("j")
+    assert state(page, "joint") is None, "keys of one letter can be turned off"
+    page.run("document.getElementById('keys-on').click()")
     page.run("gaitcal.state.set({ preset: 'clinician' }); document.getElementById('switch-axis').focus()")
     page.press("n")
     assert state(page, "nominal"), "a list of choices keeps its keys"
@@ -198,6 +202,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     assert state(page, "joint") == "knee_r"
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
+    assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
     opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
         .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
@@ -206,6 +211,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert state(page, "joint") is None and page.run("gaitcal.stage.viewer.camera.fov") == 32
     assert len(set(page.run(opacity).values())) == 1
+    assert state(page, "layers") == ["body", "bones", "forces"]
     assert page.console == []
 
 
