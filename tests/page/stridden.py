@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -62,7 +63,7 @@ def stridden(
         made = [
             {"side": side, "number": n + 1, "start": a, "stop": b, "off": a + 0.6 * (b - a), "turns": n == 1}
             for side, strikes in strides.get(t, {}).items()
-            for n, (a, b) in enumerate(zip(strikes[:-1], strikes[1:], strict=True))
+            for n, (a, b) in enumerate(itertools.pairwise(strikes))
         ]
         for stride in made:
             for curve in curves:
