@@ -40,9 +40,10 @@ FILES = (
     "moments/walk.sto",
     "moments/walk.csv",
     "marker_errors/walk.csv",
+    "result.html",
+    "page.json",
+    "scene.npz",
     "report.html",
-    "figures/01_walk_moments.png",
-    "figures/01_walk_moments.svg",
     "view.html",
     "manifest.json",
 )
@@ -148,8 +149,8 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
 def test_demo_recovers_its_subject(tmp_path: Path) -> None:
     done = gaitcal("demo", "--out", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stderr
-    assert "report.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"
-    assert (tmp_path / "demo/result/view.html").exists()
+    assert "result.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"
+    assert (tmp_path / "demo/result/page.json").exists()
     assert "gait: leg moments against the truth (RMS over 14)" in done.stdout
     manifest = json.loads((tmp_path / "demo/result/manifest.json").read_text(encoding="utf-8"))
     assert "truth/gait_moments.csv" in manifest["files"], "what a result holds is in its manifest"

@@ -47,6 +47,9 @@ Moments = Annotated[
 External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
 Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
 
+Other = Annotated[
+    Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
+]
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]

@@ -46,9 +46,7 @@ def content(folder: Path) -> dict[str, bytes]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     study = write_synthetic_study(folder / "study")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
-        assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
     assert run("dynamics", folder / "result", folder / "study/walk.csv", "-q").exit_code == 0
     return folder
 
@@ -134,14 +132,13 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
     changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
     monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
-    report = (folder / "result/report.html").read_bytes()
+    page = (folder / "result/result.html").read_bytes()
     with pytest.raises(InputError, match=CHANGED):
         run("montecarlo", folder / "result", *DRAWS)
     assert not (folder / "result/montecarlo/contributions.csv").exists()
-    assert (folder / "result/report.html").read_bytes() == report
+    assert (folder / "result/result.html").read_bytes() == page
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
@@ -251,12 +248,12 @@ def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: 
 def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = folder / "result"
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
-    monkeypatch.setattr(montecarlo_command, "add_monte_carlo", lambda page, *a: page.write_text("with draws") > 0)
-    assert "section Monte Carlo" in run("montecarlo", result, *DRAWS).stdout
-    assert (result / "report.html").read_text() == "with draws"
+    page = (result / "result.html").read_bytes()
+    assert "preset Trust" in run("montecarlo", result, *DRAWS).stdout
+    assert (result / "result.html").read_bytes() != page
     (result / "view.html").write_text("old")
     run("view", result, "--html", result / "view.html")
     hashes = listed(result)
-    assert {"report.html", "view.html", "model.toml"} <= set(hashes)
+    assert {"result.html", "page.json", "view.html", "model.toml"} <= set(hashes)
     assert all(sha256_of(result / name) == digest for name, digest in hashes.items())
     assert not list(result.rglob(".gaitcal-*")) and not list(folder.glob(".gaitcal-*"))
