@@ -5,6 +5,7 @@
 Gaitcal.DRAWN_FOR = ["result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second"];
 // ms between the numbers above panels that nobody points at.
 Gaitcal.READ_EVERY = 120;
+Gaitcal.POINT_AT = "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
 
 Gaitcal.Curves = class {
   constructor(host, page) {
@@ -225,7 +226,7 @@ Gaitcal.Curves = class {
     this.reading = null;
     this.readAt = performance.now();
     for (const panel of this.panels) if (panel.visible && !panel.dirty) panel.read(this.now);
-    this.sentence.textContent = this.pointed?.sentence(this.now) ?? "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
+    this.sentence.textContent = this.pointed?.sentence(this.now) || Gaitcal.POINT_AT;
   }
 
   point(panel) {
