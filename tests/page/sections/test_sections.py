@@ -198,14 +198,16 @@ def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
 
 
 def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
-    noted = replace(whole, notes=("short", "long " * 80))
+    noted = replace(whole, notes=("short", "long " * 80, "walk: its own"))
     manifest = {"gaitcal": "9.9", "settings": {"a": {"b": None}, "c": [1, 2]}, "inputs_sha256": {"walk.trc": "ab" * 32}}
     blocks = result_sections(noted, manifest=manifest)["provenance"]
     rows = rows_of(tables(blocks, "Name")[0])
     assert rows == {"gaitcal": ["9.9"], "settings.a.b": ["–"], "settings.c": ["1, 2"]}
     assert rows_of(tables(blocks, "File")[0]) == {"walk.trc": ["ab" * 32]}
     assert [b["items"] for b in blocks if b["kind"] == "list"] == [["short"]]
-    assert [b["title"][-1] for b in blocks if b["kind"] == "fold"] == ["…"]
+    long, walk = (b for b in blocks if b["kind"] == "fold")
+    assert long["title"].endswith("…") and walk["title"] == "Trial walk: 1 note"
+    assert walk["blocks"][0]["items"] == ["its own"]
     assert "long " * 79 in words(blocks)
     phases = rows_of(tables(blocks, "Phase")[0])
     assert phases["legs, from walking"][:3] == ["walk", "34", "9"]
@@ -226,7 +228,7 @@ def test_what_did_not_converge_is_said_first(whole: Calibration) -> None:
 
 def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     believed, agrees, counts = sheet["lines"]
-    assert believed["tone"] == "look" and "Because: knee_r.thigh.front (right knee axis" in believed["text"]
+    assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
     rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
     assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within the common limits" in agrees["text"]
     walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
