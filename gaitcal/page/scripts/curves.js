@@ -52,7 +52,7 @@ Gaitcal.Curves = class {
     this.place("ground", "Ground reactions", ground.filter((subject) => this.has(subject)), "flow");
     this.top = element("div", "curve-top");
     this.top.append(this.legend.root, this.sentence);
-    this.host.append(this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
+    this.host.append(element("h2", "unseen", "Curves"), this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
     for (const panel of this.panels) this.watch.observe(panel.root);
     this.enlarge(false);
     this.refresh();
