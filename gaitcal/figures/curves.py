@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart, Panel
@@ -35,6 +35,9 @@ from gaitcal.gait.variables import Kind, coordinate_of, kind_of
 from gaitcal.gait.words import SIDE_WORDS, coordinate_words, split_side
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
 """Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
@@ -12,6 +11,9 @@ from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.person.result import Calibration, TrialResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 KEYS = (
     Key(label="nominal model", colour=NOMINAL, kind="ring"),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
@@ -27,6 +28,9 @@ from gaitcal.figures.style import (
 from gaitcal.gait.strides import thinned
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.recording.intervals import runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AXES = (("Vertical", "up", 1), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
 INVALID = "#f7e3c4"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import FAINT, INK, SIDE_COLOURS, SMALL, TRUTH_WORDS, Key, dress, dress_rows
@@ -13,6 +13,9 @@ from gaitcal.gait.moments import MomentNumbers
 from gaitcal.gait.words import coordinate_words, split_side
 from gaitcal.person.parameter_words import Group, Row
 from gaitcal.person.result import TrialResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ROW = 0.2
 OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}
