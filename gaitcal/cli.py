@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.commands import options as told
+from gaitcal.commands.faults import told_in_a_line
 from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
-from gaitcal.errors import GaitcalError
-from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
@@ -31,9 +30,6 @@ app = typer.Typer(
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -234,6 +230,36 @@ def export(
 
 
 @command
+def figures(
+    talk: "Talk",
+    result: told.AnyResult,
+    out: told.FiguresFolder = None,
+    purpose: told.Purpose = "paper",
+    only: told.Only = None,
+    width: told.Width = None,
+    formats: told.Pictures = None,
+    normal: told.FigureBands = None,
+    convention: told.FigureSigns = None,
+    external: told.FigureExternal = False,
+    units: told.FigureUnits = None,
+) -> None:
+    """Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical"""
+    from gaitcal.commands.figures import Options, run
+
+    chosen = Options(
+        purpose=purpose,
+        only=only or (),
+        formats=formats,
+        width=width,
+        normal=normal,
+        signs=convention,
+        units=units,
+        external=external,
+    )
+    run(result, out, chosen, talk)
+
+
+@command
 def view(
     talk: "Talk",
     result: Result,
@@ -260,39 +286,7 @@ def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
-    verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
-    try:
-        with ended_by_signals():
-            app(standalone_mode=True)
-    except GaitcalError as error:
-        _say_error(str(error))
-        sys.exit(error.exit_code)
-    except InterruptedWork as ending:
-        _say_error(str(ending))
-        sys.exit(ending.exit_code)
-    except SystemExit as ending:
-        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
-            _say_error("interrupted; nothing was written")
-        raise
-    except KeyboardInterrupt:
-        _say_error("interrupted; nothing was written")
-        sys.exit(INTERRUPTED)
-    except Stopped as ending:
-        _say_error(f"ended by {ending.name}; what was being written is as it was before")
-        sys.exit(ending.exit_code)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except Exception as error:
-        if verbose:
-            raise
-        _say_error(f"internal error, please report it (-v shows where): {type(error).__name__}: {error}")
-        sys.exit(1)
-
-
-def _say_error(text: str) -> None:
-    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    sys.stderr.write(f"gaitcal: {line}\n")
+    told_in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LEGEND_INCHES = 0.32
 LABEL_INCHES = 0.15
-"""From the left edge of a panel to the foot of its vertical label, whatever the width of the numbers."""
+"""Place of the vertical label of a panel, whatever the width of its numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,8 @@ class Size:
     right: float = 0.1
     bottom: float = 0.36
     top: float = 0.24
+    label: float = LABEL_INCHES
+    """From the left edge to the foot of the vertical label."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class Chart:
     """The trial, where a chart shows one; data, not markup."""
     sizes: Sizes = SCREEN
     """Of the letters of the legend."""
+    legend_row: float = LEGEND_INCHES
+    """Height of a row of the legend, inches."""
 
 
 def panel_figure(panel: Panel) -> Figure:
@@ -78,7 +82,7 @@ def chart_figure(chart: Chart) -> Figure:
     heights = [max(p.size.height for p in row) for row in rows]
     width = max(sum(p.size.width for p in row) for row in rows)
     columns = _legend_columns(chart, width)
-    legend = LEGEND_INCHES * -(-len(chart.keys) // columns)
+    legend = chart.legend_row * -(-len(chart.keys) // columns)
     figure = new_figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
@@ -135,7 +139,7 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
         )
     )
     panel.draw(axes)
-    axes.yaxis.set_label_coords(-(size.left - LABEL_INCHES) / (size.width - size.left - size.right), 0.5)
+    axes.yaxis.set_label_coords(-(size.left - size.label) / (size.width - size.left - size.right), 0.5)
 
 
 def _handle(key: Key) -> Line2D | Patch:

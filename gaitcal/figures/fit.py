@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, p
 from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.person.result import TrialResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,17 +78,31 @@ def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> li
     return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
 
 
-def fit_chart(calibration: Calibration) -> Chart | None:
+@dataclass(frozen=True)
+class TrialFit:
+    """Marker errors of one trial."""
+
+    overall: RmsErrors
+    isolated: bool
+    """Whether it shows one joint alone, whose segments are not told."""
+    legs: tuple[RmsErrors, ...]
+    """Segments of pelvis and legs that have markers."""
+    rest: tuple[RmsErrors, ...]
+    """Those of trunk and arms: on a scale of their own, which would squeeze the errors of legs to nothing."""
+
+
+def fit_chart(trials: Sequence[TrialFit]) -> Chart | None:
     """All trials, then the segments of each whole-body trial; None without any trial."""
-    if not calibration.trials:
+    if not trials:
         return None
-    overall = [trial_fit(trial) for trial in calibration.trials]
     panels = []
-    if len(overall) > 1 or calibration.trials[0].joint is not None:
-        panels.append(_panel(overall, "RMS marker error of each trial", "All trials"))
-    for trial in calibration.trials:
-        if trial.joint is None:
-            panels += [_panel(*part) for part in _parts(trial)]
+    if len(trials) > 1 or trials[0].isolated:
+        panels.append(_panel([t.overall for t in trials], "RMS marker error of each trial", "All trials"))
+    for trial in trials:
+        for title, fits in (("Pelvis and legs", trial.legs), ("Trunk and arms", trial.rest)):
+            if fits and not trial.isolated:
+                words = f"RMS marker error of each segment, {title.lower()}"
+                panels.append(_panel(list(fits), words, f"{title}, {plain(trial.overall.label, 12)}"))
     return Chart(
         name="marker_errors",
         title="Marker errors before and after calibration",
@@ -98,16 +113,6 @@ def fit_chart(calibration: Calibration) -> Chart | None:
         keys=KEYS,
         columns=2,
     )
-
-
-def _parts(trial: TrialResult) -> list[tuple[list[RmsErrors], str, str]]:
-    """Legs and the rest apart, each on a scale of its own: errors of arms would squeeze those of legs to nothing."""
-    parts = {"Pelvis and legs": LOWER_BODY, "Trunk and arms": tuple(s for s in SEGMENTS if s not in LOWER_BODY)}
-    return [
-        (fits, f"RMS marker error of each segment, {title.lower()}", f"{title}, {plain(trial.name, 12)}")
-        for title, segments in parts.items()
-        if (fits := segment_fits(trial, segments))
-    ]
 
 
 def _panel(fits: list[RmsErrors], label: str, title: str) -> Panel:

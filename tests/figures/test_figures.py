@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,7 +14,7 @@ from gaitcal.dynamics.residual_limits import residual_limits
 from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import Panel, chart_figure, panel_figure
 from gaitcal.figures.curves import NORMAL_KEY
-from gaitcal.figures.forces import forces_chart
+from gaitcal.figures.forces import Forces, forces_chart
 from gaitcal.figures.parameters import parameters_chart
 from gaitcal.figures.style import SIDE_COLOURS, plain
 from gaitcal.gait.cycles import POINTS
@@ -98,10 +97,10 @@ def lines_of(panel: Panel, width: float) -> dict[str, np.ndarray]:
 def test_forces_are_percent_of_body_weight_along_their_axes(whole: Calibration) -> None:
     walk = whole.trial("walk")
     assert walk.loads is not None
-    wrench = walk.loads.reactions.wrench.copy()
-    wrench[:, 0, :3] = np.array([0.1, 1.0, -0.05]) * whole.model.subject.weight
-    loads = replace(walk.loads, reactions=replace(walk.loads.reactions, wrench=wrench))
-    for panel, percent in zip(forces_chart(whole, walk, loads, "w").panels, (100.0, 10.0, -5.0), strict=True):
+    force = np.zeros((len(walk.body.time), 2, 3))
+    force[:, 0] = 10.0, 100.0, -5.0
+    forces = Forces(trial="w", time=walk.body.time, force=force, valid_legs=walk.loads.reactions.valid_legs)
+    for panel, percent in zip(forces_chart(forces, "w").panels, (100.0, 10.0, -5.0), strict=True):
         assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(percent), panel.label
 
 
