@@ -86,8 +86,9 @@ class _Line:
     @property
     def label(self) -> str:
         """In the legend."""
-        told = f"mean ± SD of {counted(self.strides, 'stride')}" if self.strides > 1 else "1 stride ± standard error"
-        return f"{SIDE_WORDS[self.side]}, {told}"
+        told = f"mean ± SD of {self.strides} strides" if self.strides > 1 else counted(self.strides, "stride")
+        error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
+        return f"{SIDE_WORDS[self.side]}, {told}{error}"
 
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
