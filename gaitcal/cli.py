@@ -263,13 +263,14 @@ def figures(
 def view(
     talk: "Talk",
     result: Result,
+    other: told.Other = None,
     html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
     geometry: told.Geometry = None,
 ) -> None:
-    """Browser view of a result: live on this machine only, or one self-contained file."""
+    """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run
 
-    run(result, html, talk, geometry)
+    run((result,) if other is None else (result, other), html, talk, geometry)
 
 
 @command

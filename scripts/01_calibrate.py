@@ -1,4 +1,4 @@
-"""Calibrate a person: from recordings to a result folder with report, browser view, tables and models.
+"""Calibrate a person: from recordings to a result folder with page, tables and models.
 
     python scripts/01_calibrate.py OUT                  a synthetic person, whose C3D files go to OUT/subject
     python scripts/01_calibrate.py OUT STUDY.toml       your own study
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{trial.name:<12}{before:>10.2f}{after:>12.2f}{floor:>13.2f}")
     for warning in calibration.warnings:
         print(f"warning: {warning}")
-    print(f"report: {chosen.out / 'result' / 'report.html'}")
+    print(f"page: {chosen.out / 'result' / 'result.html'}")
 
 
 if __name__ == "__main__":

@@ -13,12 +13,6 @@ settings.register_profile("patient", deadline=None, suppress_health_check=[Healt
 settings.load_profile("patient")
 
 
-@pytest.fixture
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Result folders without `figures/`, half of the time they take: for tests that look at something else."""
-    monkeypatch.setattr("gaitcal.results.calibration.write_figures", lambda calibration, folder, normal=None: [])
-
-
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of real recordings that GAITCAL_DATA names. Without it tests skip; in CI they fail."""

@@ -55,21 +55,20 @@ def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -
 def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script("01_calibrate").main([str(tmp_path)])
     said = capsys.readouterr().out
-    assert {"report.html", "view.html", "figures", "model.osim"} <= {p.name for p in (tmp_path / "result").iterdir()}
+    assert {"result.html", "page.json", "scene.npz", "model.osim"} <= {p.name for p in (tmp_path / "result").iterdir()}
     nominal, calibrated, floor = (float(word) for word in re.findall(r"^gait +(.*)$", said, re.M)[0].split())
     assert floor < calibrated < nominal
-    assert (tmp_path / "result" / "report.html").as_posix() in said
+    assert (tmp_path / "result" / "result.html").as_posix() in said
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
 def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Path) -> None:
     from tests.real_studies import write_study
 
     study = write_study("subject01", data_dir.resolve(), tmp_path)
     script("01_calibrate").main([str(tmp_path / "out"), str(study)])
     assert not (tmp_path / "out" / "subject").exists()
-    assert "subject01" in (tmp_path / "out" / "result" / "report.html").read_text(encoding="utf-8")
+    assert "subject01" in (tmp_path / "out" / "result" / "result.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -129,7 +128,7 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert not any(cell.outputs or cell.execution_count for cell in code), "outputs are not committed"
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert (tmp_path / "first-study" / "result" / "report.html").exists()
+    assert (tmp_path / "first-study" / "result" / "result.html").exists()
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
     said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
     assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 1.0

@@ -22,6 +22,7 @@ from gaitcal.intake.person_facts import Options
 from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.results.page_files import PAGE
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
 from gaitcal.verdict.verdict import Judgement
@@ -73,8 +74,7 @@ def run(
     tell_kept(talk, kept)
     if drafted is not None:
         talk.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
-    talk.line(f"report: {out / 'report.html'}")
-    talk.line(f"view:   {out / 'view.html'}")
+    talk.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
         raise InputError(f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}")

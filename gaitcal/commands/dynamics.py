@@ -20,6 +20,7 @@ from gaitcal.files.ownership import ResultKind
 from gaitcal.findings import Finding, Severity
 from gaitcal.person.result import TrialResult
 from gaitcal.person.trial_result import analyse
+from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.study.study_file import Side, Trial
@@ -64,11 +65,12 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
         done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
-        stale = write_trials(done, saved.model, saved.files, folder, inputs, verdict, saved.relative_to)
+        stale = write_trials(done, saved, folder, inputs, verdict)
     print_trials(talk, done)
     print_verdict(talk, verdict)
     print_remarks(talk, stale, [n for t in done for n in t.notes])
     talk.line(f"results: {folder}")
+    talk.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
         raise InputError(f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}")
     if verdict.refused and not late:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,10 +28,12 @@ from gaitcal.montecarlo.store import Store
 from gaitcal.montecarlo.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
 from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
 from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
-from gaitcal.page.monte_carlo import add_monte_carlo
+from gaitcal.page.sections.monte_carlo import with_monte_carlo
+from gaitcal.page.sheet import SHEET
+from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 
-FOLDER, REPORT, SUMMARY = "montecarlo", "report.html", "summary.json"
+FOLDER, SUMMARY = "montecarlo", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
 SHOWN_SIDE = "l"
 """The left leg is shown, as published; both are in the tables."""
@@ -129,9 +130,9 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
             context = MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
             contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
-            figures = write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
+            write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
             read.require_unchanged()
-            in_report = _add_to_report(folder, study, figures)
+            on_page = _put_on_page(folder, study, contributions)
     for remark in read.remarks:
         talk.line(f"warning: {remark}")
     _print_study(talk, study, frame)
@@ -139,23 +140,29 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
     if expected_mm is not None:
         _print_expectation(talk, study.statistics, expected_mm)
     talk.line(f"tables and figures: {store.folder}")
-    if in_report:
-        talk.line(f"report: {folder / REPORT}, section Monte Carlo")
+    if on_page:
+        talk.line(on_page)
     if options.until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
 
 
-def _add_to_report(folder: Path, study: MonteCarloStudy, figures: Mapping[str, Path]) -> bool:
-    """Put the study into the report beside it; False where there is none, or none with a place for it."""
-    if not (folder / REPORT).exists():
-        return False
+def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
+    """Put the study on the page beside it; a line on that, empty where there is no page."""
+    if not (folder / SHEET).exists():
+        return ""
     with amended(folder) as stage:
-        shutil.copyfile(folder / REPORT, stage / REPORT)
-        return add_monte_carlo(stage / REPORT, study, figures, _marker_rms(folder, study.case.name), SHOWN_SIDE)
+        try:
+            shown = read_page(folder)
+        except InputError as error:
+            return f"warning: the page was not brought up to date: {error}"
+        rms = _marker_rms(folder, study.case.name)
+        sheet = with_monte_carlo(shown.sheet or {}, study, marker_rms=rms, contributions=contributions)
+        rewrite_page(stage, shown.scene, sheet)
+    return f"page: {folder / PAGE}, preset Trust"
 
 
 def _marker_rms(folder: Path, trial: str) -> float | None:
-    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the report tells it."""
+    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the page tells it."""
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
         return float((summary.get("pelvis_and_legs_mm") or summary["rms_mm"])["calibrated"])

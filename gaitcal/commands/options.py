@@ -82,6 +82,9 @@ FigureSigns = Annotated[
 FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: external instead of internal moments.")]
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
 
+Other = Annotated[
+    Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
+]
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]

@@ -9,6 +9,7 @@ from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.results.page_files import PAGE
 from gaitcal.study.study import Study
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
@@ -48,5 +49,4 @@ def demonstrate(out: Path, talk: Talk) -> None:
     )
     print_calibration(talk, calibration)
     tell_kept(talk, kept)
-    talk.line(f"report: {result / 'report.html'}")
-    talk.line(f"view:   {result / 'view.html'}")
+    talk.line(f"page:   {result / PAGE}")

@@ -2,25 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.commands.console import Talk
+from gaitcal.errors import InputError
 from gaitcal.files.amend import file_in_place
-from gaitcal.files.snapshot import read_whole
-from gaitcal.page import bones_of_folder, left_out, load_scene, serve, write_view
+from gaitcal.files.atomic import atomic_text
+from gaitcal.page import Shown, bones_of_folder, page_html, sentences, serve
+from gaitcal.page.sheet import SHEET
+from gaitcal.results.page_files import result_page
 
-SCENE = "scene.npz"
 
+def run(results: tuple[Path, ...], html: Path | None, talk: Talk, geometry: Path | None = None) -> None:
+    """Show a result in the browser, or two side by side, or write the page.
 
-def run(result: Path, html: Path | None, talk: Talk, geometry: Path | None = None) -> None:
-    """Show a result in the browser, or write the page; bones of the folder `geometry`, else the installed ones."""
+    `geometry`: bones of this folder, else the installed ones.
+    """
     bones = None if geometry is None else bones_of_folder(geometry)
-    scene, _ = read_whole(result, (SCENE,), lambda: load_scene(result / SCENE))
-    for sentence in left_out(scene):
+    shown = [_read(result, talk, alone=len(results) == 1) for result in results]
+    named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
+    for sentence in sentences(named):
         talk.line(sentence)
+    page = page_html(named, bones)
     if html is not None:
-        with file_in_place(html) as page:
-            write_view(scene, page, bones)
+        with file_in_place(html) as path:
+            atomic_text(path, page)
         talk.line(f"wrote {html}")
         return
-    serve(scene, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"), bones=bones)
+    serve(page, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"))
+
+
+def _read(result: Path, talk: Talk, *, alone: bool) -> Shown:
+    shown, lines = result_page(result)
+    if shown.sheet is None:
+        if not alone:
+            raise InputError(f"found no {SHEET}: of an earlier version; calibrate again to compare it", source=result)
+        lines = (f"{result}: of an earlier version, without {SHEET}: the body alone; calibrate again for its curves",)
+    for line in lines:
+        talk.line(line)
+    return shown
+
+
+def _names(results: tuple[Path, ...]) -> list[str]:
+    """The last parts of their paths, as many as tell them apart."""
+    parts = [result.resolve().parts for result in results]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-count:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]

@@ -1,16 +1,19 @@
-"""What people open: the report, and the body in motion, each one self-contained file that needs no network."""
+"""What people open: body in motion, curves and tables in one self-contained file that needs no network."""
 
 from gaitcal.page.bones import BoneMeshes, bones_of_folder, installed_bones
 from gaitcal.page.playback import left_out
-from gaitcal.page.report import report_html, write_report
+from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.server import ViewServer, serve
-from gaitcal.page.view import view_html, write_view
+from gaitcal.page.view import Shown, page_html, sentences, view_html, write_view
 
 __all__ = [
-    "write_report",
-    "report_html",
+    "Shown",
+    "page_html",
+    "sentences",
+    "FORMER",
+    "redirect_html",
     "Scene",
     "TrialScene",
     "scene_of",

@@ -22,20 +22,21 @@ from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.packing import FULL, base64_of, floats, lengths
 from gaitcal.page.scene import Scene, TrialScene
 
-MOST_BYTES = 12_000_000
-"""Packed playback data of all trials together: 16 MB as base64, of the 25 MB that a page may have."""
+MOST_BYTES = 9_000_000
+"""Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may have."""
 FAR = 20.0
 """m from the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
 
 
-def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None) -> str:
+def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None, most_bytes: int = MOST_BYTES) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`.
 
     Parameters
     ----------
     bones : shown inside the body; None where none are installed.
+    most_bytes : that its playback data may have.
     """
-    thin = _thinning(scene)
+    thin = _thinning(scene, most_bytes)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
@@ -88,9 +89,9 @@ def _knee(scene: Scene, knee: KneeAxis) -> dict[str, Any]:
     }
 
 
-def left_out(scene: Scene) -> tuple[str, ...]:
+def left_out(scene: Scene, most_bytes: int = MOST_BYTES) -> tuple[str, ...]:
     """A sentence for every trial of which the page holds some frames only; empty where it holds all."""
-    thin = _thinning(scene)
+    thin = _thinning(scene, most_bytes)
     strides = ((trial, trial.stride * thin) for trial in scene.trials)
     return tuple(
         f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, one in {stride}; "
@@ -100,11 +101,11 @@ def left_out(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _thinning(scene: Scene) -> int:
+def _thinning(scene: Scene, most_bytes: int) -> int:
     """1, or which frames of every trial stay for all to have room: every second, third, ..."""
     bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
     total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
-    return max(1, -(-total // MOST_BYTES))
+    return max(1, -(-total // most_bytes))
 
 
 def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:

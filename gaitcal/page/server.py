@@ -1,13 +1,15 @@
-"""The view in the browser, served on the loopback interface only.
+"""The page in the browser, served on the loopback interface only.
 
 MeshCat's own server listens on all interfaces; this one serves our single page from memory, to requests that name
-this machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing), and nothing else.
+this machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) and the token in its address (nor
+does another user of this machine), and nothing else.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import secrets
 import sys
 import threading
 import webbrowser
@@ -17,9 +19,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from gaitcal.errors import InputError
-from gaitcal.page.bones import BoneMeshes
-from gaitcal.page.scene import Scene
-from gaitcal.page.view import view_html
 
 HOST = "127.0.0.1"
 _OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
@@ -27,12 +26,13 @@ _POLICY = re.compile(r'http-equiv="Content-Security-Policy" content="([^"]*)"')
 
 
 class ViewServer(ThreadingHTTPServer):
-    """One page on 127.0.0.1."""
+    """One page on 127.0.0.1, at an address that nobody can guess."""
 
     daemon_threads = True
 
     def __init__(self, html: str, port: int = 0) -> None:
         self.page = html.encode("utf-8")
+        self.path = f"/{secrets.token_urlsafe()}/"
         in_page = _POLICY.search(html)
         self.policy = f"{in_page.group(1)}; frame-ancestors 'none'" if in_page else "default-src 'none'"
         try:
@@ -43,7 +43,7 @@ class ViewServer(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{HOST}:{self.server_port}/"
+        return f"http://{HOST}:{self.server_port}{self.path}"
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -67,7 +67,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(HTTPStatus.NO_CONTENT)
             self.end_headers()
             return
-        if self.path not in ("/", "/view.html"):
+        if not secrets.compare_digest(self.path.encode(), self.server.path.encode()):
             self.send_error(HTTPStatus.NOT_FOUND)
             return
         self.send_response(HTTPStatus.OK)
@@ -86,21 +86,13 @@ class _Handler(BaseHTTPRequestHandler):
         """Silent: the terminal belongs to the command."""
 
 
-def serve(
-    scene: Scene,
-    port: int = 0,
-    open_browser: bool = True,
-    *,
-    ready: Callable[[str], None] | None = None,
-    bones: BoneMeshes | None = None,
-) -> None:
-    """Show a scene in the browser until Ctrl-C.
+def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callable[[str], None] | None = None) -> None:
+    """Show a page in the browser until Ctrl-C.
 
     Parameters
     ----------
     port : on 127.0.0.1; 0: any free one.
-    ready : called with the address once it answers.
-    bones : None: those that are installed.
+    ready : called with the address, token and all, once it answers.
 
     Raises
     ------
@@ -108,7 +100,7 @@ def serve(
         The port cannot be listened on.
     """
     try:
-        with ViewServer(view_html(scene, bones), port) as server:
+        with ViewServer(html, port) as server:
             if ready is not None:
                 ready(server.url)
             if open_browser and _has_display():

@@ -7,8 +7,6 @@ subject is called, it is text.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -23,8 +21,11 @@ from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bones import BoneMeshes, installed_bones, landmarked
-from gaitcal.page.playback import scene_json
+from gaitcal.page.playback import MOST_BYTES, left_out, scene_json
+from gaitcal.page.policy import inline, policy
 from gaitcal.page.scene import Scene, scene_of
+from gaitcal.page.sheet.sheet_file import sheet_text
+from gaitcal.page.sheet.thinning import MOST_LETTERS, curves_left_out, thinned
 
 if TYPE_CHECKING:
     from gaitcal.person.result import Calibration
@@ -84,17 +85,16 @@ def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
     def part(name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
 
+    shapes, placed = body_meshes(), None if bones is None else landmarked(bones)
+
     def result(shown: Shown) -> str:
-        scene = scene_json(shown.scene, body_meshes(), None if bones is None else landmarked(bones))
-        sheet, name = (
-            json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-            for content in (shown.sheet, shown.name)
-        )
-        return f'{{"name":{name},"scene":{scene},"sheet":{sheet}}}'
+        scene = scene_json(shown.scene, shapes, placed, MOST_BYTES // len(results))
+        sheet = sheet_text(shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results)))
+        return f'{{"name":{_text(shown.name)},"scene":{scene},"sheet":{sheet}}}'
 
     viewer, licences = _meshcat()
-    meshcat, plots = _inline(viewer), _inline(part(f"libraries/{PLOTS}.iife.min.js"))
-    page = _inline("\n".join(part(f"scripts/{name}") for name in SCRIPTS))
+    meshcat, plots = inline(viewer), inline(part(f"libraries/{PLOTS}.iife.min.js"))
+    page = inline("\n".join(part(f"scripts/{name}") for name in SCRIPTS))
     licences += f"\n\nuPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}"
     content = {
         "POLICY": policy(meshcat, plots, page),
@@ -109,19 +109,18 @@ def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
     return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], part("templates/page.html"))
 
 
-def policy(*scripts: str) -> str:
-    """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
-    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
-    return (
-        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "base-uri 'none'; form-action 'none'"
-    )
+def sentences(results: Sequence[Shown]) -> tuple[str, ...]:
+    """What the page of these results leaves out, for every trial of which it holds some frames only."""
+    told: list[str] = []
+    for shown in results:
+        told += left_out(shown.scene, MOST_BYTES // len(results))
+        if shown.sheet is not None:
+            told += curves_left_out(thinned(shown.sheet, MOST_LETTERS // len(results)))
+    return tuple(told)
 
 
-def _inline(script: str) -> str:
-    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we do."""
-    text = script.replace("\r\n", "\n").replace("\r", "\n")
-    return text.replace("<!--", "<\\!--").replace("</script", "<\\/script").replace("</SCRIPT", "<\\/SCRIPT")
+def _text(text: str) -> str:
+    return json.dumps(text).replace("<", "\\u003c")
 
 
 def _meshcat() -> tuple[str, str]:

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
-from gaitcal.figures.calibration import write_figures
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
@@ -19,8 +18,8 @@ from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page import save_scene, scene_of, write_report, write_view
-from gaitcal.page.sheet import SHEET, calibration_sheet, write_sheet
+from gaitcal.page import scene_of
+from gaitcal.page.sheet import calibration_sheet
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.tables import (
     COORDINATE_HEADER,
@@ -34,6 +33,7 @@ from gaitcal.person.tables import (
 from gaitcal.recording import write_trc
 from gaitcal.results.json_types import Json
 from gaitcal.results.kinetics import write_kinetics
+from gaitcal.results.page_files import write_former_pages, write_page
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -86,12 +86,8 @@ def write_results(
         write_truth(calibration.truth, out)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _save_splines(calibration.trials, out / "splines.npz")
-        scene = scene_of(calibration)
-        save_scene(scene, out / "scene.npz")
-        write_sheet(calibration_sheet(calibration, normal), out / SHEET)
-        write_view(scene, out / "view.html")
-        write_report(calibration, out / "report.html", manifest=content, normal=normal)
-        write_figures(calibration, out / "figures", normal)
+        write_page(out, scene_of(calibration), calibration_sheet(calibration, normal, content))
+        write_former_pages(out)
     return folder
 
 

@@ -14,39 +14,33 @@ from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.files.places import disk_errors
-from gaitcal.files.snapshot import Snapshot, listed, sha256_of
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.person.result import TrialResult
 from gaitcal.results.calibration import json_text, write_trial
+from gaitcal.results.further_page import earlier_page, write_further_page
 from gaitcal.results.json_types import Json
-from gaitcal.results.saved import MODEL
+from gaitcal.results.page_files import AGAIN, OTHER_MODEL
+from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import trial_summary
 from gaitcal.results.verdict import SUMMARY, verdict_summary
 from gaitcal.verdict.verdict import Verdict
 
-RUN_AGAIN = "; run it again"
+RUN_AGAIN = f"; {AGAIN}"
 """How warnings on stale trials end: a later run makes them anew, or not."""
 
 
 def write_trials(
-    trials: Sequence[TrialResult],
-    model: SubjectModel,
-    read: Snapshot,
-    folder: Path,
-    inputs: Sequence[Path],
-    verdict: Verdict,
-    relative_to: Mapping[str, float] | None = None,
+    trials: Sequence[TrialResult], saved: SavedResult, folder: Path, inputs: Sequence[Path], verdict: Verdict
 ) -> tuple[str, ...]:
     """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
 
     Parameters
     ----------
-    read : the files of the result that the trials were made with. Nothing is written where one has changed since; the
-        model's hash tells later whether an earlier trial was made with it.
+    saved : what the trials were made with. Nothing is written where one of its files has changed since; the model's
+        hash tells later whether an earlier trial was made with it.
     inputs : recordings and forces, which the folder must not hold.
     verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
-    relative_to : coordinate -> rad in the static posture, where joint angles are to be counted from it.
 
     Returns
     -------
@@ -59,25 +53,25 @@ def write_trials(
         manifest is damaged.
     """
     names = {trial.name for trial in trials}
-    digest = str(read.sha256[MODEL])
+    model, relative_to = saved.model, saved.relative_to
+    digest = str(saved.files.sha256[MODEL])
     carried: dict[str, str] = {}
     with ExitStack() as until_done, atomic_directory(folder, ResultKind.DYNAMICS, inputs, carried) as out:
         for trial in trials:
             write_trial(trial, model, out, relative_to)
         with disk_errors(folder):
             until_done.enter_context(locked(folder))
-        read.require_unchanged()
+        saved.files.require_unchanged()
         earlier = _earlier(folder)
         summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
         digests = _others(_table(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
         kept = _others(_table(summary, "trials"), names)
-        stale = tuple(
-            f"{name}: made by an earlier run with another model than {MODEL} now is{RUN_AGAIN}"
-            for name in kept
-            if digests.get(name) != digest
-        )
-        stale += _damaged(folder, earlier, kept)
+        aged = [name for name in kept if digests.get(name) != digest]
+        page, unseen = earlier_page(folder, earlier, kept, aged)
+        stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in aged)
+        stale += (*_damaged(folder, earlier, kept), *unseen)
         write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept, model.subject))
+        write_further_page(out, trials, saved, verdict, page)
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
             "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},

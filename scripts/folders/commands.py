@@ -11,10 +11,11 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -22,7 +23,6 @@ from gaitcal import cli
 from gaitcal.commands import calibrate, dynamics, other_programs, view
 from gaitcal.commands import montecarlo as montecarlo_command
 from gaitcal.montecarlo.study import monte_carlo
-from gaitcal.results import calibration as calibration_results
 
 LOADED = (calibrate, dynamics, other_programs, view)
 """Before anything is forked."""
@@ -90,9 +90,8 @@ def _become(words: tuple[str, ...], said: Path) -> None:
         stream = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(stream, 1)
         os.dup2(stream, 2)
-        calibration_results.write_figures = lambda *_: []  # type: ignore[assignment]
         montecarlo_command.write_monte_carlo_figures = lambda *_: {}  # type: ignore[assignment]
-        montecarlo_command.add_monte_carlo = _add_line  # type: ignore[assignment]
+        montecarlo_command.with_monte_carlo = _with_line  # type: ignore[assignment]
         montecarlo_command.monte_carlo = partial(monte_carlo, chunk_draws=CHUNK_DRAWS)  # type: ignore[assignment]
         sys.argv = ["gaitcal", *words]
         cli.main()
@@ -104,11 +103,9 @@ def _become(words: tuple[str, ...], said: Path) -> None:
         os._exit(code)
 
 
-def _add_line(page: Path, *_: object) -> bool:
-    """Stand-in for the section of figures: the report changes, and stays the same from then on."""
-    text = page.read_text(encoding="utf-8").removesuffix("<!-- draws -->")
-    page.write_text(text + "<!-- draws -->", encoding="utf-8")
-    return True
+def _with_line(sheet: Mapping[str, Any], *_: object) -> dict[str, Any]:
+    """Stand-in for the section of the draws: the sheet changes, and stays the same from then on."""
+    return {**sheet, "drawn": True}
 
 
 def run(words: Sequence[object], said: Path) -> Process:

@@ -12,7 +12,7 @@ from gaitcal.files.ownership import AMENDED, MANIFEST
 from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.montecarlo.store import Store
 
-TIMED = frozenset({MANIFEST, "summary.json", "report.html", "settings.json"})
+TIMED = frozenset({MANIFEST, "summary.json", "page.json", "result.html", "view.html", "settings.json"})
 """Files that tell times, or the hashes of those that do; the manifest says whether they are whole."""
 PARTS = ("dynamics", "export", "montecarlo")
 

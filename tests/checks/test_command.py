@@ -54,7 +54,6 @@ def test_table_of_errors(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     assert run(monkeypatch, "check", study, "-q") == 1
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_force_goes_on_and_says_so(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -69,4 +68,4 @@ def test_force_goes_on_and_says_so(
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert (told["verdict"], told["forced"]) == ("refused", True)
     assert any("R.Thigh.Front" in w for w in told["warnings"])
-    assert "made with --force, past errors" in (result / "report.html").read_text(encoding="utf-8")
+    assert "made with --force, past errors" in (result / "result.html").read_text(encoding="utf-8")

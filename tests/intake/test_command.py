@@ -108,7 +108,6 @@ class Terminal:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
 def test_calibrate_keeps_the_drafted_study_and_leaves_a_faulty_walk_out(tmp_path: Path) -> None:
     files = recordings()
     folder = write(tmp_path / "person", files, forces="grf")
@@ -118,6 +117,6 @@ def test_calibrate_keeps_the_drafted_study_and_leaves_a_faulty_walk_out(tmp_path
     kept = Study.load(result / "study.toml")
     assert [t.name for t in kept.trials] == ["static", "walk"]
     assert (result / "moments/walk.csv").exists()
-    assert "Drafted from the folder: marker set: gait2354" in (result / "report.html").read_text(encoding="utf-8")
+    assert "Drafted from the folder: marker set: gait2354" in (result / "result.html").read_text(encoding="utf-8")
     again = run("calibrate", folder, "--out", result, *WHO)
     assert again.exit_code == 0, "the study in the result is ours, and may be replaced"

@@ -41,8 +41,7 @@ def folder(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -
     """Its result folder, without what is for the eye."""
     path = tmp_path_factory.mktemp("result") / "result"
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("write_report", "write_view", "write_figures"):
-            patch.setattr(f"gaitcal.results.calibration.{name}", lambda *_, **__: None)
+        patch.setattr("gaitcal.results.calibration.write_page", lambda *_: None)
         write_results(calibration, path)
     return path
 

@@ -285,7 +285,7 @@ def test_the_served_page_works_too(visit: Visit, scene: Scene) -> None:
             assert page.console == []
             assert {url for url in page.requests if not url.startswith(("data:", "blob:"))} <= {
                 server.url,
-                server.url + "favicon.ico",
+                f"http://127.0.0.1:{server.server_port}/favicon.ico",
             }
             assert page.run("gaitcal.trial.name") == "walk"
         finally:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import http.client
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -17,8 +18,8 @@ from gaitcal.page import Scene, ViewServer, save_scene, view_html
 
 SERVE = """
 import sys
-from gaitcal.page import load_scene, serve
-serve(load_scene(sys.argv[1]), open_browser=False, ready=lambda url: print(url, flush=True))
+from gaitcal.page import load_scene, serve, view_html
+serve(view_html(load_scene(sys.argv[1])), open_browser=False, ready=lambda url: print(url, flush=True))
 print("ended", flush=True)
 """
 
@@ -56,38 +57,54 @@ def test_it_listens_on_the_loopback_interface_only(server: ViewServer) -> None:
 
 
 def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
-    answer, body = ask(server, "GET", "/")
+    answer, body = ask(server, "GET", server.path)
     assert answer.status == 200 and body == server.page
     policy = answer.headers["Content-Security-Policy"]
     assert policy.startswith("default-src 'none'; script-src 'sha256-") and "frame-ancestors 'none'" in policy
     assert answer.headers["X-Content-Type-Options"] == "nosniff"
-    answer, body = ask(server, "HEAD", "/")
+    answer, body = ask(server, "HEAD", server.path)
     assert answer.status == 200 and body == b"" and int(answer.headers["Content-Length"]) == len(server.page)
 
 
-@pytest.mark.parametrize("path", ["/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html"])
+@pytest.mark.parametrize(
+    "path",
+    ["/", "", "/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html", "/view.html", "/%C3%A9"],
+)
 def test_there_is_nothing_else(path: str, server: ViewServer) -> None:
-    answer, body = ask(server, "GET", path)
-    assert answer.status == 404 and b"root:" not in body
+    for asked in (path, server.path[:-1] + path, server.path + path.removeprefix("/")):
+        if asked != server.path:
+            answer, body = ask(server, "GET", asked)
+            assert answer.status == 404 and b"root:" not in body, asked
+
+
+def test_only_the_address_with_the_token_gives_the_page(server: ViewServer) -> None:
+    token = server.path.strip("/")
+    assert len(token) > 40 and server.url.endswith(f"/{token}/")
+    with ViewServer("") as other:
+        assert other.path != server.path
+    wrong = token[:-1] + ("A" if token[-1] != "A" else "B")
+    for path in (f"/{token}", f"/{wrong}/", f"/{token}x/", f"/{token.swapcase()}/", f"/x/../{token}/", f"/?{token}"):
+        answer, body = ask(server, "GET", path)
+        assert answer.status == 404 and len(body) < 1000, path
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example:80", "127.0.0.1:x"]
 )
 def test_other_names_of_this_machine_get_nothing(host: str, server: ViewServer) -> None:
-    answer, body = ask(server, "GET", "/", host)
+    answer, body = ask(server, "GET", server.path, host)
     assert answer.status == 421 and len(body) < 1000
 
 
 @pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1", "[::1]:8080"])
 def test_a_tunnel_may_end_at_another_port(host: str, server: ViewServer) -> None:
-    answer, _ = ask(server, "GET", "/", host)
+    answer, _ = ask(server, "GET", server.path, host)
     assert answer.status == 200
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
 def test_it_only_reads(method: str, server: ViewServer) -> None:
-    answer, _ = ask(server, method, "/")
+    answer, _ = ask(server, method, server.path)
     assert answer.status == 501
 
 
@@ -113,7 +130,7 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, tmp_path: Path) -> None:
     )
     try:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith(b"http://127.0.0.1:")
+        assert re.fullmatch(rb"http://127\.0\.0\.1:\d+/[\w-]{43}/\n", process.stdout.readline())
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
     finally:

@@ -198,10 +198,9 @@ def test_sound_study_passes(study: Path, run: Run) -> None:
     former_result(result)
     ending = run("calibrate", study, "--out", result)
     assert (ending.code, ending.err) == (0, "")
-    assert (result / "report.html").exists()
+    assert (result / "result.html").exists()
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
     for name in ("static.csv", "walk.csv"):
         change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))

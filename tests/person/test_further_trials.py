@@ -225,7 +225,6 @@ def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
             run("dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
 
 
-@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("role", ["calibrate", "dynamics"])
 def test_frames_without_a_leg_segment_are_not_valid(role: str, folder: Path) -> None:
     """A left foot that nobody sees for a while: no torque of these frames counts, and the others stay as they were."""

@@ -87,7 +87,6 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
     assert held.calibrated > held.nominal
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_command_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -42,7 +42,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitcal.person.trial_result.trial_events", strides)
-        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
         done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
     assert done.exit_code == 0, done.output
     return folder / "result"

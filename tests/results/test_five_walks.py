@@ -24,7 +24,6 @@ ROUNDED = 2e-6
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
 def test_mean_curves_of_five_walks_are_those_of_the_table_of_strides(data_dir: Path, tmp_path: Path) -> None:
     files = [("static", "static"), *((name, "gait") for name in WALKS)]
     trials = [

@@ -49,9 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_synthetic_study(folder / "study")
     convert(folder / "study/walk.csv", folder / "study/walk.c3d")
     (folder / "study/study.toml").write_text(C3D_STUDY, encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
-        done = run("calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force")
+    done = run("calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force")
     assert done.exit_code == 0, done.output
     return folder
 
@@ -197,7 +195,7 @@ def test_the_folder_says_what_was_written_of_what(folder: Path) -> None:
     assert manifest["written"]["walk.c3d"]["source_sha256"] == sha256_of(folder / "study/walk.c3d")
 
 
-def test_a_text_recording_becomes_a_c3d(tmp_path: Path, without_figures: None) -> None:
+def test_a_text_recording_becomes_a_c3d(tmp_path: Path) -> None:
     study = write_synthetic_study(tmp_path / "study")
     assert run("calibrate", study, "--out", tmp_path / "study/result", "-q").exit_code == 0
     done = run("export", tmp_path / "study/result", "--format", "c3d")
@@ -212,7 +210,7 @@ def test_a_text_recording_becomes_a_c3d(tmp_path: Path, without_figures: None) -
 
 
 @pytest.mark.slow
-def test_against_the_vendor(data_dir: Path, tmp_path: Path, without_figures: None) -> None:
+def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
     """Plug-in Gait's own curves in the same file: every sign agrees (correlation over the frames of both legs)."""
     least = {
         "HipAngles": (0.99, 0.9, 0.8),

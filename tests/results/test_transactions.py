@@ -46,9 +46,7 @@ def content(folder: Path) -> dict[str, bytes]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     study = write_synthetic_study(folder / "study")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.results.calibration.write_figures", lambda *a: [])
-        assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
     assert run("dynamics", folder / "result", folder / "study/walk.csv", "-q").exit_code == 0
     return folder
 
@@ -134,14 +132,13 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
     changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
     monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
-    report = (folder / "result/report.html").read_bytes()
+    page = (folder / "result/result.html").read_bytes()
     with pytest.raises(InputError, match=CHANGED):
         run("montecarlo", folder / "result", *DRAWS)
     assert not (folder / "result/montecarlo/contributions.csv").exists()
-    assert (folder / "result/report.html").read_bytes() == report
+    assert (folder / "result/result.html").read_bytes() == page
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)

@@ -11,31 +11,49 @@ sections            preset of the page -> blocks: headings, sentences, tables, p
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.variables import coordinate_of, kind_of
-from gaitcal.model.subject_model import Subject
+from gaitcal.gait.words import explained
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.page.sections import result_lines, result_sections
+from gaitcal.page.sheet.merging import verdict_line
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.page.steps import SHOWN
-from gaitcal.person.result import Calibration
+from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.verdict.verdict import Verdict
 
 FORMAT: Final = 1
 
 
-def calibration_sheet(calibration: Calibration, normal: Bands | None = None) -> dict[str, Any]:
+def further_sheet(
+    model: SubjectModel, trials: Iterable[TrialResult], verdict: Verdict, relative_to: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """The sheet of further trials of a calibrated person; `relative_to` as of `curves_of`."""
+    told = [
+        trial_sheet(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to) for trial in trials
+    ]
+    person = person_sheet(model.subject, verdict)
+    return {**person, "lines": [verdict_line(person["verdict"])], "trials": told, "sections": {}}
+
+
+def calibration_sheet(
+    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+) -> dict[str, Any]:
     """The sheet of a calibration.
 
-    `normal`: bands of healthy people, to be drawn behind angles, moments and powers.
+    `normal`: bands of healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings
+    and hashes of the inputs.
     """
     truth = calibration.truth
     return {
         **person_sheet(calibration.model.subject, calibration.verdict, normal),
+        "lines": [line.as_data() for line in result_lines(calibration)],
         "trials": [
             trial_sheet(
                 calibration.model,
@@ -46,7 +64,7 @@ def calibration_sheet(calibration: Calibration, normal: Bands | None = None) -> 
             )
             for trial in calibration.trials
         ],
-        "sections": {},
+        "sections": result_sections(calibration, normal, manifest),
     }
 
 
@@ -81,12 +99,13 @@ def verdict_sheet(verdict: Verdict) -> dict[str, Any]:
     return {
         "judgement": verdict.judgement.value,
         "sentence": verdict.sentence,
+        "forced": verdict.forced,
         "reasons": [
             {
                 "severity": reason.severity.value,
-                "cause": reason.cause,
-                "evidence": reason.evidence,
-                "action": reason.action,
+                "cause": explained(reason.cause),
+                "evidence": explained(reason.evidence),
+                "action": explained(reason.action),
                 "trials": list(reason.trials),
                 "leg": reason.leg,
             }
@@ -106,9 +125,3 @@ def _bands(normal: Bands, subject: Subject) -> list[dict[str, Any]]:
 
 def _rounded(values: Any) -> list[float | None]:
     return [None if value != value else round(float(value), 4) for value in values]
-
-
-def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    """A sheet of further trials, after those of an earlier one that it does not hold itself."""
-    names = {trial["name"] for trial in new["trials"]}
-    return {**new, "trials": [*(t for t in earlier["trials"] if t["name"] not in names), *new["trials"]]}

@@ -13,9 +13,14 @@ from gaitcal.page.sheet.sheet import FORMAT
 SHEET: Final = "page.json"
 
 
+def sheet_text(sheet: Mapping[str, Any] | None) -> str:
+    """JSON that is all ASCII and may stand inside a `<script>` element whatever the names are: it holds no `<`."""
+    return json.dumps(sheet, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
 def write_sheet(sheet: Mapping[str, Any], path: Path) -> None:
     """Write a sheet; the page reads the same text."""
-    path.write_text(json.dumps(sheet, separators=(",", ":"), ensure_ascii=False, allow_nan=False), encoding="utf-8")
+    path.write_text(sheet_text(sheet), encoding="utf-8")
 
 
 def read_sheet(path: Path) -> dict[str, Any]:
@@ -30,6 +35,6 @@ def read_sheet(path: Path) -> dict[str, Any]:
         sheet = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None
-    if not isinstance(sheet, dict) or sheet.get("format") != FORMAT:
+    if not isinstance(sheet, dict) or sheet.get("format") != FORMAT or not isinstance(sheet.get("trials"), list):
         raise InputError("is no page of this version; calibrate again", source=path)
     return sheet

@@ -14,6 +14,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.packing import floats
 from gaitcal.page.scene import MOST_FRAMES
+from gaitcal.page.sections import trial_sections
 from gaitcal.page.sheet.trial_curves import curves_of, line_of, packed_curves
 from gaitcal.person.result import TrialResult
 from gaitcal.person.truth_errors import TrialTruth
@@ -62,6 +63,7 @@ def trial_sheet(
         "measures": [_measured(stride) for stride in trial.strides],
         "line": line_of(trial),
         "relative": relative_to is not None,
+        "sections": trial_sections(model, trial),
     }
 
 

@@ -8,9 +8,9 @@ from pathlib import PurePosixPath, PureWindowsPath
 import numpy as np
 
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.figures.fit import RmsErrors, leg_fit, segment_fits, trial_fit
 from gaitcal.gait.words import joint_words, listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
+from gaitcal.person.marker_fit import RmsErrors, leg_fit, segment_fits, trial_fit
 from gaitcal.person.result import Calibration, TrialResult
 
 LITTLE_WEIGHT = 0.5
@@ -110,10 +110,11 @@ class TrialFit:
 
 def trial_fits(calibration: Calibration) -> tuple[TrialFit, ...]:
     """Of every moving trial."""
-    return tuple(_trial_fit(trial) for trial in calibration.trials)
+    return tuple(fit_of(trial) for trial in calibration.trials)
 
 
-def _trial_fit(trial: TrialResult) -> TrialFit:
+def fit_of(trial: TrialResult) -> TrialFit:
+    """Of one moving trial."""
     largest, segments = trial.calibrated.errors.largest(), tuple(segment_fits(trial))
     return TrialFit(
         name=trial.name,

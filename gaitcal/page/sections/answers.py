@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.dynamics.residual_limits import ResidualLimits
-from gaitcal.figures.calibration import GaitView
-from gaitcal.figures.fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
+from gaitcal.page.sections.gait_numbers import GaitNumbers
+from gaitcal.person.marker_fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
 from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_words
@@ -34,7 +34,7 @@ class Answer:
     """The trial that the number is of; data, not markup."""
 
 
-def answers(calibration: Calibration, gait: tuple[GaitView, ...]) -> tuple[Answer, ...]:
+def answers(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> tuple[Answer, ...]:
     """Does it fit, did it matter, do motion and forces agree, what was fitted; those that this result can answer."""
     possible = (_fit(calibration), _change(calibration, gait), _residual(calibration, gait), _parameters(calibration))
     return tuple(answer for answer in possible if answer is not None)
@@ -86,7 +86,7 @@ def _judge(fit: RmsErrors) -> tuple[str, str, str]:
     return "poor", "poor", "Much error is left that the joints do not explain: look at the segments below."
 
 
-def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | None:
+def _change(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer | None:
     views = [view for view in gait if view.numbers]
     if not views:
         return None
@@ -109,12 +109,12 @@ def _change(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | No
     )
 
 
-def _residual(calibration: Calibration, gait: tuple[GaitView, ...]) -> Answer | None:
+def _residual(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer | None:
     views = [(view, view.limits) for view in gait if view.limits]
     if not views:
         return None
 
-    def excess(pair: tuple[GaitView, ResidualLimits]) -> float:
+    def excess(pair: tuple[GaitNumbers, ResidualLimits]) -> float:
         last, limits = pair[0].stages[-1], pair[1]
         return max(last.peak_force / limits.force, last.peak_moment / limits.moment)
 
@@ -152,7 +152,7 @@ def _parameters(calibration: Calibration) -> Answer:
     blind = len(calibration.unidentifiable)
     text = counts_sentence(calibration)
     if blind:
-        text += f" {counted(blind, 'joint parameter')} could not be determined from these trials; see below."
+        text += f" {counted(blind, 'joint parameter')} could not be determined; see the preset Joints."
     return Answer(
         question="What was calibrated?",
         value=counted(sum(counts(calibration)), "parameter"),

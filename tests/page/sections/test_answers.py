@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.figures.calibration import charts_of
-from gaitcal.figures.fit import RmsErrors
 from gaitcal.model.linkage import COORDINATE_INDEX
-from gaitcal.page.answers import Answer, answers
-from gaitcal.page.report import number
-from gaitcal.page.trials import trial_fits
+from gaitcal.page.sections.answers import Answer, answers
+from gaitcal.page.sections.blocks import number
+from gaitcal.page.sections.sections import walks_of
+from gaitcal.page.sections.trial_rows import trial_fits
+from gaitcal.person.marker_fit import RmsErrors
 from gaitcal.person.parameter_words import blind_spots, joint_groups, range_of_motion
 from gaitcal.person.result import Calibration, Stage
 from tests.fake_result import fake_calibration
@@ -24,7 +24,7 @@ def whole() -> Calibration:
 
 
 def answered(calibration: Calibration) -> dict[str, Answer]:
-    return {a.question: a for a in answers(calibration, charts_of(calibration).gait)}
+    return {a.question: a for a in answers(calibration, walks_of(calibration))}
 
 
 def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:

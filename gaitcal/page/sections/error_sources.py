@@ -12,17 +12,6 @@ from gaitcal.gait.words import coordinate_title, coordinate_words
 from gaitcal.person.result import TrialResult
 
 LEG = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle", "subtalar_angle")
-COLOURS = {
-    Source.MOTION: "#0072b2",
-    Source.JOINT_MARKERS: "#56b4e9",
-    Source.JOINT_NOMINAL: "#cc79a7",
-    Source.SKIN: "#e69f00",
-    Source.BANDWIDTH: "#f0e442",
-    Source.INERTIA: "#009e73",
-    Source.PLATES: "#d55e00",
-    Source.FRAMES: "#999999",
-}
-"""Okabe and Ito's, which colour-blind eyes tell apart, and their grey."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +21,6 @@ class ErrorPart:
     source: Source
     percent: float
     """Of the variance."""
-
-    @property
-    def colour(self) -> str:
-        """Of its piece of the bar."""
-        return COLOURS[self.source]
 
 
 @dataclass(frozen=True, kw_only=True)

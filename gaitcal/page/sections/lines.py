@@ -1,0 +1,132 @@
+"""The three lines at the top of the page: can it be believed, does it fit, and what of the moments counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from gaitcal.gait.words import SIDE_WORDS, coordinate_title, explained
+from gaitcal.model.linkage import SIDES
+from gaitcal.page.sections.answers import FAIR_RATIO, GOOD_RATIO
+from gaitcal.page.sections.blocks import named, number, visible
+from gaitcal.page.sections.clinician import complete_strides
+from gaitcal.page.sections.error_bars import FIRST, PeakError, peak_error
+from gaitcal.page.sections.gait_numbers import GaitNumbers
+from gaitcal.person.marker_fit import leg_fit
+from gaitcal.person.result import Calibration
+from gaitcal.verdict.verdict import Judgement
+
+TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
+ORDER = ("plain", "good", "look", "poor")
+
+
+@dataclass(frozen=True)
+class Line:
+    """One of the three."""
+
+    tone: str
+    """`good`, `look`, `poor` or `plain`."""
+    text: str
+
+    def as_data(self) -> dict[str, str]:
+        """As the sheet holds it."""
+        return asdict(self)
+
+
+def top_lines(calibration: Calibration, walks: Sequence[GaitNumbers]) -> tuple[Line, ...]:
+    """Of a calibration with these walks."""
+    return _believed(calibration), _agrees(calibration, walks), _counts(calibration, walks)
+
+
+def _believed(calibration: Calibration) -> Line:
+    verdict = calibration.verdict
+    tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}. {verdict.sentence}"
+    if verdict.reasons:
+        worst = verdict.reasons[0]
+        where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
+        rest = len(verdict.reasons) - 1
+        more = f"; {rest} more below" if rest else ""
+        words += f" {'Worst: ' if rest else 'Because: '}{explained(worst.cause)}{where}{more}."
+    if not calibration.converged:
+        tone, words = "poor", f"Not converged: do not use these numbers before that is settled. {words}"
+    return Line(tone, visible(words))
+
+
+def _agrees(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:
+    fit, residual = _fit(calibration), _residual(walks)
+    told = [line for line in (fit, residual) if line is not None]
+    if not told:
+        return Line("plain", "Nothing was fitted: this study has no moving trial.")
+    return Line(max((line.tone for line in told), key=ORDER.index), " ".join(line.text for line in told))
+
+
+def _fit(calibration: Calibration) -> Line | None:
+    """Of the walk, or other trial, that is met worst against what its joints could reach."""
+    trials = [t for t in calibration.trials if t.joint is None] or list(calibration.trials)
+    fits = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
+    if not fits:
+        return None
+    fit, trial = max(fits, key=lambda pair: pair[0].joint_ratio or pair[0].ratio or 0.0)
+    of = "markers of pelvis and legs" if trial.joint is None else "markers"
+    words = f"The model follows the {of} to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
+    ratio, floor = (fit.joint_ratio, fit.joint_floor) if fit.joint_ratio is not None else (fit.ratio, fit.floor)
+    if ratio is None:
+        return Line("plain", visible(f"{words}."))
+    least = "each joint by itself reaches" if fit.joint_ratio is not None else "rigid segments alone reach"
+    tone = "good" if ratio <= GOOD_RATIO else "look" if ratio <= FAIR_RATIO else "poor"
+    return Line(tone, visible(f"{words}; {least} {number(floor)} mm."))
+
+
+def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
+    """Of the walk whose peaks are highest against the limits."""
+    found = [(max(w.stages[-1].peak_force / w.limits.force, w.stages[-1].peak_moment / w.limits.moment), w)
+             for w in walks if w.limits is not None]  # fmt: skip
+    if not found:
+        return None
+    excess, walk = max(found, key=lambda pair: pair[0])
+    last, limits = walk.stages[-1], walk.limits
+    if limits is None:
+        return None
+    words = f"Forces and motion agree but for {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
+    if excess <= 1.0:
+        return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
+    peaks = (
+        f"peaks {number(last.peak_force, 0)} N (common limit {number(limits.force, 0)}) and "
+        f"{number(last.peak_moment, 0)} N·m ({number(limits.moment, 0)})"
+    )
+    return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
+
+
+def _counts(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:
+    """Strides with valid moments, and the largest knee adduction moment of each leg with its error."""
+    if not walks:
+        return Line("plain", "No walk: joint parameters alone.")
+    loaded = [walk for walk in walks if walk.numbers]
+    if not loaded:
+        plates = any(walk.trial.loads is not None for walk in walks)
+        why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
+        return Line("look" if plates else "plain", f"Angles alone count, no moments: {why}.")
+    strides = {side: [complete_strides(walk, side) for walk in loaded] for side in SIDES}
+    valid = {side: sum(v for v, _ in found) for side, found in strides.items()}
+    total = {side: sum(n for _, n in found) for side, found in strides.items()}
+    told = [f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES]
+    words = f"Moments count throughout {told[0]} and {told[1]} strides."
+    mass = calibration.model.subject.mass
+    peaks = [peak for side in SIDES if (peak := _largest(loaded, side, mass)) is not None]
+    if peaks:
+        both = ", ".join(_peak(peak) for peak in peaks)
+        words += f" Peak external knee adduction moment: {both} N·m/kg (± standard error)."
+    else:
+        words += " No standard errors are known."
+    return Line("plain" if all(valid.values()) and peaks else "look", words)
+
+
+def _largest(walks: Sequence[GaitNumbers], side: str, mass: float) -> PeakError | None:
+    """The largest external adduction moment of a knee over all walks."""
+    found = [peak for walk in walks if (peak := peak_error(walk, f"{FIRST}_{side}", mass)) is not None]
+    return min(found, key=lambda peak: peak.value, default=None)
+
+
+def _peak(peak: PeakError) -> str:
+    side = coordinate_title(peak.name).split()[0].lower()
+    return f"{side} {number(-peak.value, 2)} ± {number(peak.error, 2)}"

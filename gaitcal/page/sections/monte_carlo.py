@@ -1,0 +1,156 @@
+"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors, boxplots behind a fold.
+
+The page is made before any draw. Blocks of a study carry a mark, so that a study that goes on replaces its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import pandas as pd
+
+from gaitcal.gait.words import SIDE_WORDS, capitalised
+from gaitcal.model.linkage import SIDES
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.montecarlo.settings import ReactionFrame, Varied
+from gaitcal.montecarlo.study import MonteCarloStudy
+from gaitcal.page.sections.blocks import Block, cell, fold, heading, named, number, pair, table, text, visible
+from gaitcal.page.sections.expected_errors import Expected, expected_errors
+from gaitcal.page.sections.monte_carlo_boxes import box_blocks, contribution_blocks
+
+PART: Final = "montecarlo"
+"""Mark of the blocks of a study."""
+PRESET: Final = "trust"
+FIRST: Final = "knee_adduction"
+SHOWN_SIDE: Final = "l"
+"""Of boxplots, as published."""
+
+
+def with_monte_carlo(
+    sheet: Mapping[str, Any],
+    study: MonteCarloStudy,
+    *,
+    marker_rms: float | None = None,
+    contributions: pd.DataFrame | None = None,
+) -> dict[str, Any]:
+    """The sheet with a study in it, in the place of an earlier one.
+
+    Parameters
+    ----------
+    marker_rms : mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
+    contributions : from `variance_contributions`: which parameter matters; None leaves that out.
+    """
+    sections = dict(sheet["sections"])
+    kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
+    new = [{**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)]
+    return {**sheet, "sections": {**sections, PRESET: [*kept, *new]}}
+
+
+def monte_carlo_blocks(
+    study: MonteCarloStudy, marker_rms: float | None = None, contributions: pd.DataFrame | None = None
+) -> list[Block]:
+    """What a study says, the knee's adduction moment first."""
+    return [
+        heading("What errors of model and markers do to the moments"),
+        *_explained(study),
+        *_ranked(study, marker_rms),
+        *([] if contributions is None else contribution_blocks(contributions, SHOWN_SIDE)),
+        *box_blocks(study, SHOWN_SIDE),
+    ]
+
+
+def _explained(study: MonteCarloStudy) -> list[Block]:
+    s = study.settings
+    out = [
+        text(
+            f"A Monte Carlo study of trial {named(study.case.name)}: this person's model and markers disturbed at "
+            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion fitted again each time. At "
+            f"a level of 100 % joint positions are off by up to {number(s.position_mm, 0)} mm, joint axes by up to "
+            f"{number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of inertia by up to "
+            f"{number(s.inertial_percent, 0)} %, and markers by waves of up to {number(s.noise_mm, 0)} mm. Errors are "
+            "RMS over the trial, in percent of body weight times height (%BW·H) and in N·m/kg."
+        )
+    ]
+    if not study.converged:
+        out.append(
+            text(
+                "More draws are needed: not every mean and spread stays within 2 % over the last tenth of the draws "
+                "(gaitcal montecarlo --until-converged).",
+                "warning",
+            )
+        )
+    if study.failed:
+        left = f"{number(study.failed, 0)} of {number(len(study.draws), 0)} draws"
+        out.append(text(f"{left} did not converge and are left out of every figure below.", "warning"))
+    return [*out, *(text(f"{note}.", "soft") for note in study.notes)]
+
+
+def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
+    """For each moment its sources, the largest expected error first."""
+    if marker_rms is None:
+        meaning = "Each source by itself, at the highest level of the study."
+    else:
+        meaning = (
+            f"The calibrated model meets the markers of pelvis and legs to {number(marker_rms)} mm. Joints and marker "
+            "noise stand here at the level at which each by itself would have made that error, masses and inertia, "
+            "which no marker error tells of, at the highest level of the study."
+        )
+    frames = {frame: _lists(study, marker_rms, frame) for frame in ReactionFrame}
+    found = frames[ReactionFrame.LAB]
+    if not found:
+        return []
+    out = [text(meaning)]
+    if first := found.pop(FIRST, None):
+        out += [heading(f"Expected error of your {TORQUE_WORDS[FIRST]} moment", 4), *first]
+    out.append(fold("Expected error of the other moments", _titled(found)))
+    carried = text(
+        "Ground reactions fixed in the laboratory, as above, stay where force plates measure them; carried with the "
+        "foot, they move where a disturbed model puts the foot. The published study does not say which it used.",
+        "soft",
+    )
+    title = "The same with the ground reactions carried along with the foot"
+    return [*out, fold(title, [carried, *_titled(frames[ReactionFrame.FOOT])])]
+
+
+def _titled(lists: Mapping[str, list[Block]]) -> list[Block]:
+    return [b for name, blocks in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)]
+
+
+def _lists(study: MonteCarloStudy, marker_rms: float | None, frame: ReactionFrame) -> dict[str, list[Block]]:
+    """Torque without its side -> right beside left."""
+    out = {}
+    for name in TORQUES:
+        sides = {side: expected_errors(study.statistics, f"{name}_{side}", frame, marker_rms) for side in SIDES}
+        tables = [[_list(study, side, errors)] for side, errors in sides.items() if errors]
+        if tables:
+            out[name] = [pair(*tables)] if len(tables) == 2 else tables[0]
+    return out
+
+
+def _list(study: MonteCarloStudy, side: str, errors: tuple[Expected, ...]) -> Block:
+    subject = study.case.subject
+    to_kg = subject.bwh / 100.0 / subject.mass
+    rows = [
+        [
+            cell(_source(study, e)),
+            number(e.average, 2),
+            number(to_kg * e.average, 3),
+            f"{number(e.low, 2)} to {number(e.high, 2)}",
+        ]
+        for e in errors
+    ]
+    head = [cell(capitalised(SIDE_WORDS[side]), side=side), "%BW·H", "N·m/kg", "10 to 90 %, %BW·H"]
+    return table(head, rows)
+
+
+def _source(study: MonteCarloStudy, e: Expected) -> str:
+    s = study.settings
+    share = e.level / 100.0
+    size = {
+        Varied.JP: f"up to {number(share * s.position_mm)} mm and {number(share * s.orientation_deg)} deg",
+        Varied.IP: f"up to {number(share * s.inertial_percent, 0)} %",
+        Varied.NOISE: f"waves of up to {number(share * s.noise_mm)} mm",
+    }[e.varied]
+    beyond = ", and more than that" if e.beyond else ""
+    return visible(f"{e.words}: {size}{beyond}")

@@ -1,0 +1,107 @@
+"""Boxplots of a Monte Carlo study, as figures 3 and 4 of the published one, and which parameter matters."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import pandas as pd
+
+from gaitcal.gait.words import SIDE_WORDS, capitalised, parameter_words
+from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.montecarlo.settings import ReactionFrame, Varied
+from gaitcal.montecarlo.statistics import levels_of
+from gaitcal.montecarlo.study import MonteCarloStudy
+from gaitcal.page.sections.blocks import Block, boxes, cell, fold, heading, number, number_rounded, table, text
+from gaitcal.page.sections.expected_errors import SOURCE_WORDS
+
+LEG_JOINTS: Final = ("hip", "knee", "talocrural", "subtalar")
+FIRST: Final = "knee_adduction"
+MOST: Final = 6
+"""Parameters that the ranked list names."""
+QUARTERS: Final = {"low": "p10", "q1": "p25", "median": "p50", "q3": "p75", "high": "p90"}
+FRAMES: Final = {ReactionFrame.LAB: "", ReactionFrame.FOOT: ", ground reactions carried with the foot"}
+MEASURES: Final = (
+    (
+        "rms",
+        "Size of the moment errors",
+        "RMS error of each moment, and marker distance, by cause and level; as figure 3 of the published study.",
+    ),
+    (
+        "mean",
+        "Direction of the moment errors",
+        "Mean error with its sign: errors that cancel over the trial stay near zero; as figure 4 of the published study.",
+    ),
+)
+READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines from 10 to 90 %."
+
+
+def box_blocks(study: MonteCarloStudy, side: str) -> list[Block]:
+    """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
+    leg = f"{SIDE_WORDS[side]} leg"
+    out = []
+    for frame, words in FRAMES.items():
+        for measure, title, told in MEASURES:
+            shown = [text(f"{told} {READ}", "soft"), *_boxes(study.statistics, frame, measure, side)]
+            out.append(fold(f"{title}, {leg}{words}: boxplots", shown))
+    return out
+
+
+def _boxes(statistics: pd.DataFrame, frame: ReactionFrame, measure: str, side: str) -> list[Block]:
+    out = []
+    for name in TORQUES:
+        if groups := _groups(statistics, f"{name}_{side}", frame, measure):
+            out.append(boxes("%BW·H", capitalised(TORQUE_WORDS[name]), groups))
+    if groups := _groups(statistics, f"markers_{side}", None, measure):
+        out.append(boxes("mm", "Marker distance", groups))
+    return out
+
+
+def _groups(statistics: pd.DataFrame, quantity: str, frame: ReactionFrame | None, measure: str) -> list[dict[str, Any]]:
+    groups = []
+    for varied in Varied:
+        rows = levels_of(statistics, varied, quantity, frame, measure)
+        shown = [
+            {"label": f"{row['level']:g} %"} | {key: number_rounded(row[of]) for key, of in QUARTERS.items()}
+            for row in rows[rows["draws"] > 0].to_dict("records")
+        ]
+        if shown:
+            groups.append({"label": capitalised(SOURCE_WORDS[varied]), "boxes": shown})
+    return groups
+
+
+def contribution_blocks(contributions: pd.DataFrame, side: str) -> list[Block]:
+    """Share of each parameter in the variance of each moment's error, the most important first."""
+    shares = _shares(contributions, ReactionFrame.LAB, side)
+    ranked = shares[f"{FIRST}_{side}"].sort_values(ascending=False, kind="stable").head(MOST)
+    rows = [[cell(words), number(value, 0)] for words, value in ranked.items()]
+    out = [
+        heading(f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[FIRST]} moment", 4),
+        table(["Parameter", "% of the variance"], rows),
+    ]
+    head = [cell(f"% of the variance, {SIDE_WORDS[side]}", side=side), *(TORQUE_WORDS[name] for name in TORQUES)]
+    for frame, words in ((ReactionFrame.LAB, "fixed in the laboratory"), (ReactionFrame.FOOT, "carried with the foot")):
+        every = _shares(contributions, frame, side)
+        cells = [[cell(name), *(number(row[f"{t}_{side}"], 0) for t in TORQUES)] for name, row in every.iterrows()]
+        caption = (
+            "Share of each parameter in the variance of each moment's error at 100 % of the bounds, linearised; ground "
+            f"reactions {words}."
+        )
+        title = f"Which parameter matters, every moment; ground reactions {words}"
+        out.append(table(head, cells, caption=caption, fold=title))
+    return out
+
+
+def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
+    """Rows: the leg's joint parameters in words, then the rest in groups; columns: its seven torques; per cent."""
+    rows = contributions[contributions["grf"] == frame.value]
+    wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
+    wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
+    inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
+    joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
+    of_leg = [name for name in wide.index if name.split(".")[0] in joints]
+    rest = {
+        "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
+        f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],
+    }
+    groups = pd.DataFrame({label: wide.loc[names].sum() for label, names in rest.items()}).T
+    return pd.concat([wide.loc[of_leg].rename(index=parameter_words), groups])

@@ -1,0 +1,137 @@
+"""Preset Trust: what speaks for and against the numbers.
+
+Verdict and reasons are data of the sheet itself; here is what they rest on.
+"""
+
+from __future__ import annotations
+
+from gaitcal.gait.moments import MomentNumbers
+from gaitcal.gait.words import coordinate_title, split_side
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.page.sections.blocks import (
+    Block,
+    Cell,
+    bullets,
+    cell,
+    curves,
+    fold,
+    heading,
+    intervals,
+    named,
+    number,
+    number_rounded,
+    table,
+    text,
+)
+from gaitcal.page.sections.error_bars import error_bar_blocks
+from gaitcal.page.sections.gait_numbers import GaitNumbers
+from gaitcal.person.parameter_words import blind_spots
+from gaitcal.person.result import Calibration
+
+NOT_CONVERGED = (
+    "Not converged: at least one phase of the calibration stopped before it reached its tolerance; see the table of "
+    "phases in the preset Provenance. Do not use these numbers before that is settled."
+)
+JUDGEMENTS = (
+    "Trustworthy: nothing speaks against the numbers beyond their error bars. Doubtful: they may be wrong by more than "
+    "that, for the reasons given. Refused: not to be used; no torque of what is refused counts as valid, and no error "
+    "bar is given. What is wrong with one leg concerns that leg alone, what is wrong with the static trial or an "
+    "isolated one concerns every walk."
+)
+RESIDUALS = (
+    "The measured ground forces should be all that moves the body. The force and moment that the model would still "
+    "need at its pelvis to follow the measured motion are the pelvis residuals: they collect the errors of motion, "
+    "masses and force plates. Common limits (Hicks et al., 2015) are 5 % of the peak net external force, and 1 % of "
+    "the height of the mass centre times that force."
+)
+
+
+def trust_blocks(calibration: Calibration) -> list[Block]:
+    """Of the whole result."""
+    out = [text("Every phase converged.") if calibration.converged else text(NOT_CONVERGED, "bad")]
+    if not calibration.phases:
+        out = []
+    out.append(fold("What the judgements mean", [text(JUDGEMENTS)]))
+    out.append(heading("What these trials do not determine"))
+    if blind := blind_spots(calibration):
+        out += [bullets(blind, "warning")]
+    elif calibration.joint is None:
+        out.append(text("Joint parameters were not calibrated."))
+    else:
+        out.append(text("Every joint parameter that was to be fitted is determined by the trials."))
+    out.append(text("What was assumed: preset Provenance. All parameters with their errors: preset Joints.", "soft"))
+    return out
+
+
+def trial_trust_blocks(model: SubjectModel, walk: GaitNumbers) -> list[Block]:
+    """Of one walk: pelvis residuals, what makes the error bars, and what calibration changed."""
+    return [*_residuals(walk), *error_bar_blocks(walk, model.subject.mass), *_changes(walk)]
+
+
+def _residuals(walk: GaitNumbers) -> list[Block]:
+    limits = walk.limits
+    if limits is None:
+        return []
+    rows: list[list[Cell]] = [
+        [
+            cell(stage.name),
+            number(stage.rms_force),
+            _held(stage.peak_force, limits.force, 0),
+            number(stage.rms_moment),
+            _held(stage.peak_moment, limits.moment, 1),
+        ]
+        for stage in walk.stages
+    ]
+    last: list[Cell] = ["common limit", "", number(limits.force, 0), "", number(limits.moment)]
+    head: list[Cell] = ["Model", "Force, N: RMS", "peak", "Moment, N·m: RMS", "peak"]
+    rests = (
+        "RMS over valid frames and the three components, peaks of the magnitude. The limits rest on a peak force of "
+        f"{number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
+    )
+    return [
+        heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
+        text(RESIDUALS),
+        curves(
+            ["residual_force", "residual_moment"],
+            {"residual_force": round(limits.force, 2), "residual_moment": round(limits.moment, 3)},
+        ),
+        table(head, [*rows, last], total=[len(rows)]),
+        text(rests, "soft"),
+    ]
+
+
+def _held(value: float, limit: float, digits: int) -> Cell:
+    """A peak against its limit, in words as well."""
+    words = "within" if value <= limit else "above"
+    return cell(f"{words}: {number(value, digits)}", tone="good" if value <= limit else "look")
+
+
+def _changes(walk: GaitNumbers) -> list[Block]:
+    if not walk.numbers:
+        return []
+    out = [
+        heading(f"What calibration changed, trial {named(walk.trial.name)}"),
+        text(
+            "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
+            "Where it is small against the effect you study, calibration did not matter for it.",
+            "soft",
+        ),
+        intervals("%BW·H", [_change(n) for n in walk.numbers]),
+    ]
+    rows = [
+        [cell(coordinate_title(n.name)), number(n.change_bwh, 2), number(n.change, 3), number(n.change_of_peak, 0)]
+        for n in walk.numbers
+    ]
+    return [*out, table(["RMS change", "%BW·H", "N·m/kg", "% of peak"], rows, fold="All changes as numbers")]
+
+
+def _change(n: MomentNumbers) -> dict[str, object]:
+    base, side = split_side(n.name)
+    return {
+        "label": coordinate_title(base),
+        "side": side,
+        "nominal": 0.0,
+        "fitted": number_rounded(n.change_bwh),
+        "se": None,
+        "truth": None,
+    }

@@ -1,0 +1,96 @@
+"""The page of a result folder: `result.html`, and what it is made of again, `scene.npz` and `page.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.snapshot import read_whole, sha256_of
+from gaitcal.page import FORMER, Scene, Shown, load_scene, page_html, redirect_html, save_scene
+from gaitcal.page.joining import with_trials
+from gaitcal.page.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
+from gaitcal.results.saved import MODEL
+
+PAGE: Final = "result.html"
+SCENE: Final = "scene.npz"
+DYNAMICS: Final = "dynamics"
+"""Folder of a result that `gaitcal dynamics` writes."""
+OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} now is"
+AGAIN: Final = "run it again"
+
+
+def write_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
+    """Write the page and its data into a folder that is being written."""
+    save_scene(scene, folder / SCENE)
+    rewrite_page(folder, scene, sheet)
+
+
+def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
+    """Write the page with another sheet; the scene is there already."""
+    write_sheet(sheet, folder / SHEET)
+    (folder / PAGE).write_text(page_html([Shown(scene, sheet)]), encoding="utf-8", newline="")
+
+
+def write_former_pages(folder: Path) -> None:
+    """Write what leads from the pages of earlier versions to the one of this."""
+    for name in FORMER:
+        (folder / name).write_text(redirect_html(PAGE), encoding="utf-8")
+
+
+def read_page(folder: Path) -> Shown:
+    """What a folder's page is made of; without a sheet, where an earlier version wrote it.
+
+    Raises
+    ------
+    InputError
+        It holds no page, or one that is damaged.
+    """
+
+    def read() -> Shown:
+        sheet = read_sheet(folder / SHEET) if (folder / SHEET).exists() else None
+        shown = Shown(load_scene(folder / SCENE), sheet, folder.resolve().name)
+        if sheet is not None and [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
+            raise InputError("tells of other trials than scene.npz; calibrate again", source=folder / SHEET)
+        return shown
+
+    shown, _ = read_whole(folder, (SCENE, SHEET), read)
+    return shown
+
+
+def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
+    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are stale or left out.
+
+    Raises
+    ------
+    InputError
+        As of `read_page`; what is wrong with the further trials is such a line.
+    """
+    shown = read_page(folder)
+    if shown.sheet is None or not (folder / DYNAMICS).is_dir():
+        return shown, ()
+    try:
+        further = read_page(folder / DYNAMICS)
+    except InputError:
+        return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
+    if further.sheet is None:
+        return shown, (f"{folder / DYNAMICS}: its page is of an earlier version; run its trials again to see them",)
+    stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / MODEL))
+    lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
+    taken = {trial.name for trial in shown.scene.trials}
+    names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
+    scene = with_trials(shown.scene, further.scene, names)
+    if scene is None:
+        return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
+    about = only(further.sheet, [t.name for t in further.scene.trials])
+    sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
+    return Shown(scene, followed_by(shown.sheet, sheet), shown.name), lines
+
+
+def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
+    """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
+    table = read_object(folder / MANIFEST).get("model_sha256")
+    digests = table if isinstance(table, dict) else {}
+    return tuple(name for name in trials if digests.get(name) != digest)

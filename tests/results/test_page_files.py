@@ -1,0 +1,281 @@
+"""`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from gaitcal.cli import app
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST
+from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
+from gaitcal.page import load_scene
+from gaitcal.page.sheet import read_sheet
+from gaitcal.person.calibrate import calibrate
+from gaitcal.results.calibration import write_results
+from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
+from gaitcal.study.study import Study
+from tests.synthetic_studies import write_synthetic_study
+
+RUNNER = CliRunner()
+SHEET = "page.json"
+
+
+def run(*words: object) -> Result:
+    return RUNNER.invoke(app, list(map(str, words)), catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result with one further trial, `walk2`."""
+    folder = tmp_path_factory.mktemp("made")
+    study = write_synthetic_study(folder / "study")
+    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+    assert run("dynamics", folder / "result", trial(folder, "walk2"), "-q").exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "made"))
+
+
+def trial(folder: Path, name: str) -> Path:
+    return Path(shutil.copy(folder / "study/walk.csv", folder / f"study/{name}.csv"))
+
+
+def results(page: Path) -> list[dict[str, Any]]:
+    """What the page holds."""
+    found = re.search(r'<script type="application/json" id="results">(.*?)</script>', page.read_text(encoding="utf-8"))
+    assert found is not None
+    held: list[dict[str, Any]] = json.loads(found.group(1))
+    return held
+
+
+def trials(page: Path) -> list[list[str]]:
+    """Names of the trials of each result in a page; bodies and curves must be of the same."""
+    out = []
+    for result in results(page):
+        names = [t["name"] for t in result["scene"]["trials"]]
+        assert names == [t["name"] for t in result["sheet"]["trials"]]
+        out.append(names)
+    return out
+
+
+def of_an_earlier_version(folder: Path) -> None:
+    """A folder as versions left it that knew no sheet."""
+    for name in (SHEET, PAGE):
+        (folder / name).unlink()
+    path = folder / MANIFEST
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    manifest["files"] = [name for name in manifest["files"] if name not in (SHEET, PAGE)]
+    for key in (HASHES, SELF):
+        del manifest[key]
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def with_another_model(result: Path) -> None:
+    with (result / "model.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n# by hand\n")
+
+
+def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
+    result = folder / "result"
+    assert {PAGE, SHEET, SCENE, "report.html", "view.html"} <= set(listed(result))
+    assert not (result / "figures").exists()
+    assert trials(result / PAGE) == [["walk"]]
+    [shown] = results(result / PAGE)
+    assert shown["sheet"] == read_sheet(result / SHEET)
+    assert {PAGE, SHEET, SCENE} <= set(listed(result / "dynamics"))
+    assert trials(result / "dynamics" / PAGE) == [["walk2"]]
+
+
+@pytest.mark.parametrize("name", ["report.html", "view.html"])
+def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
+    text = (folder / "result" / name).read_text(encoding="utf-8")
+    [script] = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}';" in text
+    assert script == 'location.replace("result.html" + location.hash);'
+    assert '<noscript><meta http-equiv="refresh" content="0; url=result.html"></noscript>' in text
+    assert '<a href="result.html">' in text and "for one release" in text and len(text) < 1000
+
+
+def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    calibration = calibrate(Study.load(made / "study/study.toml"))
+    folders = [write_results(calibration, tmp_path / name) for name in ("one", "two")]
+    assert len({sha256_of(folder / SCENE) for folder in folders}) == 1
+    one, two = (read_sheet(folder / SHEET) for folder in folders)
+    assert one | {"made": ""} == two | {"made": ""}
+    assert list(one) == list(two)
+    pages = [(folder / PAGE).read_text(encoding="utf-8") for folder in folders]
+    assert pages[0].replace(one["made"], "") == pages[1].replace(two["made"], "")
+
+
+def test_no_drawing_library_is_loaded(made: Path, tmp_path: Path) -> None:
+    """A fifth of a second of every command, and most of a calibration when it drew."""
+    words: Sequence[Sequence[str]] = (
+        ("calibrate", str(made / "study/study.toml"), "--out", str(tmp_path / "result"), "-q"),
+        ("dynamics", str(tmp_path / "result"), str(made / "study/walk2.csv"), "-q"),
+        ("view", str(tmp_path / "result"), "--html", str(tmp_path / "page.html"), "-q"),
+    )
+    code = f"""
+import sys
+from gaitcal import cli
+for words in {words!r}:
+    cli.app(list(words), standalone_mode=False)
+print([name for name in ("matplotlib", "jinja2", "meshcat") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
+
+
+# ---------------------------------------------------------------------------------------------------- further trials
+
+
+def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None:
+    result = folder / "result"
+    page = result / "dynamics" / PAGE
+    before = read_page(result / "dynamics")
+    run("dynamics", result, trial(folder, "walk3"), "-q")
+    assert trials(page) == [["walk2", "walk3"]]
+    after = read_page(result / "dynamics")
+    assert before.sheet is not None and after.sheet is not None
+    assert after.sheet["trials"][0] == before.sheet["trials"][0]
+    assert after.scene.trials[0].origins.tobytes() == before.scene.trials[0].origins.tobytes()
+    run("dynamics", result, folder / "study/walk2.csv", "-q")
+    assert trials(page) == [["walk3", "walk2"]], "as in summary.json"
+    summary = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))
+    assert list(summary["trials"]) == ["walk3", "walk2"]
+
+
+def test_its_verdict_is_on_all_of_them(folder: Path) -> None:
+    result = folder / "result"
+    sheet = read_sheet(result / "dynamics" / SHEET)
+    sheet["verdict"]["reasons"] = [
+        {"severity": "error", "cause": "odd", "evidence": "", "action": "", "trials": [name], "leg": "r"}
+        for name in ("walk2", "gone")
+    ]
+    sheet["trials"][0]["verdict"] = {"judgement": "doubtful", "r": "refused", "l": "trustworthy"}
+    (result / "dynamics" / SHEET).write_text(json.dumps(sheet), encoding="utf-8")
+    sign_anew(result / "dynamics")
+    run("dynamics", result, trial(folder, "walk3"), "-q")
+    verdict = read_sheet(result / "dynamics" / SHEET)["verdict"]
+    assert verdict["judgement"] == "doubtful"
+    assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == "odd"] == [["walk2"]]
+    assert verdict["sentence"].endswith("Refused: the right leg of walk2.")
+
+
+def sign_anew(folder: Path) -> None:
+    path = folder / MANIFEST
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    manifest[HASHES] = {name: sha256_of(folder / name) for name in manifest[HASHES]}
+    del manifest[SELF]
+    path.write_text(json.dumps(manifest | {SELF: self_hash(manifest)}), encoding="utf-8")
+
+
+def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
+    result = folder / "result"
+    with_another_model(result)
+    told = f"walk2: {OTHER_MODEL}; run it again"
+    assert told in run("view", result, "--html", folder / "own.html").stdout
+    [shown] = results(folder / "own.html")
+    assert shown["sheet"]["verdict"]["judgement"] == "doubtful"
+    assert ["walk2"] in [reason["trials"] for reason in shown["sheet"]["verdict"]["reasons"]]
+    for _ in range(2):
+        assert told in run("dynamics", result, trial(folder, "walk3")).stdout
+        verdict = read_sheet(result / "dynamics" / SHEET)["verdict"]
+        assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == OTHER_MODEL] == [["walk2"]]
+    assert told not in run("dynamics", result, folder / "study/walk2.csv").stdout
+    reasons = read_sheet(result / "dynamics" / SHEET)["verdict"]["reasons"]
+    assert not any(reason["cause"] == OTHER_MODEL for reason in reasons)
+
+
+@pytest.mark.parametrize("name", [SHEET, SCENE])
+def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
+    result = folder / "result"
+    path = result / "dynamics" / name
+    path.write_bytes(path.read_bytes()[:-1])
+    told = run("view", result, "--html", folder / "own.html").stdout
+    assert "its page is missing or damaged; run its trials again to see them" in told
+    assert trials(folder / "own.html") == [["walk"]]
+    told = run("dynamics", result, trial(folder, "walk3")).stdout
+    assert f"warning: walk2: {name} is damaged, or was edited: not as gaitcal wrote it: the page leaves" in told
+    assert trials(result / "dynamics" / PAGE) == [["walk3"]]
+    assert (result / "dynamics/motion/walk2.csv").exists(), "its tables stay"
+    assert "leaves this trial out" not in run("dynamics", result, folder / "study/walk2.csv").stdout
+    assert trials(result / "dynamics" / PAGE) == [["walk3", "walk2"]]
+
+
+def test_further_trials_of_an_earlier_version(folder: Path) -> None:
+    result = folder / "result"
+    of_an_earlier_version(result / "dynamics")
+    told = run("view", result, "--html", folder / "own.html").stdout
+    assert "its page is of an earlier version; run its trials again to see them" in told
+    (result / "dynamics" / SCENE).unlink()
+    told = run("dynamics", result, trial(folder, "walk3")).stdout
+    assert "warning: walk2: its run, of an earlier version, kept no page: the page leaves this trial out" in told
+    assert trials(result / "dynamics" / PAGE) == [["walk3"]]
+
+
+# ------------------------------------------------------------------------------------------------------------- view
+
+
+def test_the_view_of_a_result_has_all_of_its_trials(folder: Path) -> None:
+    result = folder / "result"
+    run("dynamics", result, folder / "study/walk.csv", "-q")
+    run("view", result, "--html", folder / "own.html")
+    assert trials(folder / "own.html") == [["walk", "walk2", "walk (dynamics)"]]
+    shown, lines = result_page(result)
+    assert lines == () and [t.name for t in shown.scene.trials] == trials(folder / "own.html")[0]
+    run("view", result / "dynamics", "--html", folder / "own.html")
+    assert trials(folder / "own.html") == [["walk2", "walk"]]
+
+
+def test_two_results_stand_side_by_side(folder: Path) -> None:
+    other = folder / "later/result"
+    shutil.copytree(folder / "result", other)
+    shutil.rmtree(other / "dynamics")
+    run("view", folder / "result", other, "--html", folder / "own.html")
+    assert trials(folder / "own.html") == [["walk", "walk2"], ["walk"]]
+    assert [shown["name"] for shown in results(folder / "own.html")] == ["made/result", "later/result"]
+
+
+def test_a_result_of_an_earlier_version_shows_its_body_alone(folder: Path) -> None:
+    other = Path(shutil.copytree(folder / "result", folder / "other"))
+    of_an_earlier_version(other)
+    told = run("view", other, "--html", folder / "own.html").stdout.splitlines()
+    alone = "of an earlier version, without page.json: the body alone; calibrate again for its curves"
+    assert told[0] == f"{other}: {alone}"
+    assert len(told) == 2 and results(folder / "own.html")[0]["sheet"] is None
+    for pair in ((folder / "result", other), (other, folder / "result")):
+        with pytest.raises(InputError, match=r"other: found no page\.json: .*calibrate again to compare it"):
+            run("view", *pair, "--html", folder / "none.html")
+    assert not (folder / "none.html").exists()
+
+
+def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:
+    result = folder / "result"
+    shutil.copy(result / "dynamics" / SHEET, result / SHEET)
+    manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
+    for key in (HASHES, SELF):
+        del manifest[key]
+    (result / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    with pytest.raises(InputError, match="tells of other trials"):
+        run("view", result, "--html", folder / "own.html")
+
+
+def test_the_scene_is_as_it_was_before_there_were_sheets(made: Path) -> None:
+    assert load_scene(made / "result" / SCENE).trials[0].name == "walk"
