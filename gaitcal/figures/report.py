@@ -16,7 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.curves import Curves, Trace, angle_chart, moment_chart, power_chart
-from gaitcal.figures.fit import RmsErrors, TrialFit, fit_chart
+from gaitcal.figures.fit import TrialFit, fit_chart
 from gaitcal.figures.forces import Forces, Residuals, Stage, forces_chart, residuals_chart
 from gaitcal.figures.parameters import moment_change_chart, parameters_chart
 from gaitcal.figures.sheet import SheetCurve, SheetTrial
@@ -24,6 +24,7 @@ from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.words import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.person.marker_fit import RmsErrors
 from gaitcal.person.parameter_words import Group, Row
 
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
@@ -177,7 +178,7 @@ def _groups(parameters: Sequence[Mapping[str, Any]]) -> tuple[Group, ...]:
 
 
 def _row(entry: Mapping[str, Any]) -> Row:
-    name, error = str(entry["name"]), float(entry["standard_error"])
+    name, error = str(entry["name"]), entry["standard_error"]
     return Row(
         name=name,
         words=parameter_words(name),
@@ -186,6 +187,6 @@ def _row(entry: Mapping[str, Any]) -> Row:
         unit=str(entry["unit"]),
         nominal=float(entry["nominal"]),
         fitted=float(entry["fitted"]),
-        error=error if math.isfinite(error) else None,
+        error=None if error is None or not math.isfinite(error) else float(error),
         status=str(entry["status"]),
     )
