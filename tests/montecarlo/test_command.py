@@ -14,8 +14,15 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.snapshot import Snapshot
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.settings import MonteCarloSettings, RefitSettings
+from gaitcal.page.sections.monte_carlo import PART
+from gaitcal.page.sheet import SHEET, calibration_sheet, read_sheet
+from gaitcal.results.page_files import PAGE, SCENE, write_page
+from tests.fake_result import fake_calibration
+from tests.page.people import walking_scene
 
 RUNNER = CliRunner()
+NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1} for trial in walking_scene().trials]
+"""Nothing is drawn here."""
 
 
 @pytest.fixture(autouse=True)
@@ -53,20 +60,26 @@ def test_a_study_and_its_tables(tmp_path: Path) -> None:
         run(tmp_path, *small, "--seed", 4)
 
 
-def test_the_report_beside_it_gets_a_section(
-    case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-    monkeypatch.setattr("gaitcal.commands.montecarlo.add_monte_carlo", lambda *a: asked.append(a) or True)
+def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path) -> None:
     small = ("--draws", 6, "--levels", "100", "--vary", "jp", "--jobs", 1)
-    assert "section Monte Carlo" not in run(tmp_path, *small) and not asked
-    (tmp_path / "report.html").write_text("page", encoding="utf-8")
-    assert "report.html, section Monte Carlo" in run(tmp_path, *small)
-    assert asked[-1][0].name == "report.html" and asked[-1][3] is None
+    assert "page:" not in run(tmp_path, *small)
+    whole = fake_calibration()
+    write_page(tmp_path, walking_scene(), calibration_sheet(whole) | {"trials": NO_TRIALS})
+    scene = (tmp_path / SCENE).read_bytes()
+    assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
+    before = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    assert [block for block in before if block.get("part") == PART]
     summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     run(tmp_path, *small)
-    assert asked[-1][3] == 5.8
+    after = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    assert [b for b in after if b.get("part") != PART] == [b for b in before if b.get("part") != PART]
+    assert "5.8 mm" in json.dumps([b for b in after if b.get("part") == PART])
+    assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert (tmp_path / SCENE).read_bytes() == scene
+    (tmp_path / SHEET).write_text("{}", encoding="utf-8")
+    assert "warning: the page was not brought up to date: " in (told := run(tmp_path, *small))
+    assert "tables and figures:" in told
 
 
 def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,10 +11,11 @@ import pytest
 from gaitcal.commands.console import _residuals
 from gaitcal.findings import Severity
 from gaitcal.gait.events import joined_events
-from gaitcal.page.report import report_html
+from gaitcal.page.sheet import calibration_sheet
 from gaitcal.recording.metadata import FootEvent
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
+from tests.page.page_words import page_words
 
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
@@ -35,7 +36,7 @@ def test_without_a_joint_there_is_no_joint_floor() -> None:
     out = cast(Any, trial_summary(trial, whole.verdict))
     assert "joint_floor_mm" not in out
     assert not [key for key in out["rms_mm"] if "joint_floor" in key]
-    assert "Joint floor" in report_html(replace(whole, trials=(trial,)))
+    assert "Joint floor" in page_words(replace(whole, trials=(trial,)))
 
 
 def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
@@ -62,10 +63,14 @@ def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() ->
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
-    page = report_html(fake_calibration())
-    assert page.count('class="source"') == 14, "seven torques a leg"
-    assert "nominal values 25 %" in page, "the largest part in words, as colour is never alone"
-    assert "What makes the error bar" not in report_html(fake_calibration(errors=False))
+    words = "What makes the error bar"
+    blocks = calibration_sheet(fake_calibration())["trials"][0]["sections"]["trust"]
+    (bars,) = (block for block in blocks if block["kind"] == "bars")
+    assert len(bars["rows"]) == 14, "seven torques a leg"
+    for row in bars["rows"]:
+        parts = {part["name"]: part["value"] / row["total"] for part in row["parts"]}
+        assert parts == pytest.approx({source.words: share for source, share in ERROR_SHARES.items()}, abs=1e-4)
+    assert words in page_words(fake_calibration()) and words not in page_words(fake_calibration(errors=False))
 
 
 def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:

@@ -248,12 +248,12 @@ def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: 
 def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = folder / "result"
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
-    monkeypatch.setattr(montecarlo_command, "add_monte_carlo", lambda page, *a: page.write_text("with draws") > 0)
-    assert "section Monte Carlo" in run("montecarlo", result, *DRAWS).stdout
-    assert (result / "report.html").read_text() == "with draws"
+    page = (result / "result.html").read_bytes()
+    assert "preset Trust" in run("montecarlo", result, *DRAWS).stdout
+    assert (result / "result.html").read_bytes() != page
     (result / "view.html").write_text("old")
     run("view", result, "--html", result / "view.html")
     hashes = listed(result)
-    assert {"report.html", "view.html", "model.toml"} <= set(hashes)
+    assert {"result.html", "page.json", "view.html", "model.toml"} <= set(hashes)
     assert all(sha256_of(result / name) == digest for name, digest in hashes.items())
     assert not list(result.rglob(".gaitcal-*")) and not list(folder.glob(".gaitcal-*"))

@@ -19,7 +19,7 @@ from gaitcal.figures.chart import Panel, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
 from gaitcal.figures.style import INK, TRUTH_DASHES, line_style
 from gaitcal.model.linkage import SIDES
-from gaitcal.page import report_html
+from gaitcal.page.sheet import calibration_sheet
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_comparison import with_truth
@@ -34,6 +34,7 @@ from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
 from gaitcal.synthetic.subject import synthesize
+from tests.page.page_words import page_words
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
 """deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the README, 0.02 deg, are RMS."""
@@ -135,12 +136,13 @@ def test_summary_has_every_curve_and_fitted_parameter(known: Calibration) -> Non
 
 
 def test_the_page_draws_and_tells_it(known: Calibration) -> None:
-    page = report_html(known)
-    assert 'id="truth"' in page
-    assert page.count("truth (known: this person is made up)") >= 3  # legends of parameters, angles, moments
-    (section,) = re.findall(r'<section id="truth">.*?</section>', page, re.S)
+    page = page_words(known)
+    assert "How near the truth" in page
     for total in sums(known, errors(known)):
-        assert total.words in section
+        assert total.words in page
+    gait = next(trial for trial in calibration_sheet(known)["trials"] if trial["name"] == "gait")
+    drawn = {(curve["base"], curve["side"], curve["kind"]) for curve in gait["curves"] if curve["truth"] is not None}
+    assert {("knee_angle", "r", "angle"), ("knee_adduction", "l", "moment")} <= drawn
 
 
 def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
@@ -174,7 +176,7 @@ def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration
 
 def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
     unknown = replace(known, truth=None)
-    page = report_html(unknown)
+    page = page_words(unknown)
     assert "truth" not in page.lower().replace("truth.csv", "").replace("truth/", "")
     assert "truth" not in summary(unknown)
     write_truth(unknown.truth, tmp_path)
@@ -227,12 +229,12 @@ def test_true_curves_of_other_times(known: Calibration) -> None:
     shifted = compared(motion=later(truth.motions["gait"], 10.0), moments=later(truth.moments["gait"], 10.0))
     assert not errors(shifted).trials
     assert "gait: not held against the truth" in shifted.notes[-1]
-    assert "Not compared: gait: its true curves (motion, 10.00 to" in report_html(shifted)
+    assert "Not compared: gait: its true curves (motion, 10.00 to" in page_words(shifted)
     half = compared(motion=later(truth.motions["gait"], 0.5), moments=later(truth.moments["gait"], 10.0))
     assert not errors(half).of("gait").forces
-    page = report_html(half)
+    page = page_words(half)
     assert re.search(r"RMS error over 3\d\d of 415 frames, those of the true curves", page)
-    assert "RMS error over all 415 frames" in report_html(known)
+    assert "RMS error over all 415 frames" in page_words(known)
     unknown = replace(truth, motions={}, moments=truth.moments | {"run": truth.moments["gait"]})
     del unknown.moments["gait"]  # type: ignore[attr-defined]
     none = with_truth(replace(known, study=replace(known.study, truth=unknown), truth=None))
@@ -251,7 +253,7 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     assert joints["joint positions, legs"].count == len(legs)
     assert joints["joint positions, legs"].fitted == pytest.approx(np.sqrt(np.mean([p.error**2 for p in legs])))
     assert two_marker_segments(known) == ("upper_arm_r", "forearm_hand_r", "upper_arm_l", "forearm_hand_l")
-    page = report_html(known)
+    page = page_words(known)
     assert "Two markers track upper arm r" in page
     assert "but for what its study file says: force_filter_hz: none" in page and "nodes" not in settings_sentence(known)
 

@@ -14,7 +14,6 @@ from gaitcal.commands.calibrate import run as run_calibrate
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.page.report import report_html
 from gaitcal.person.result import Calibration, withdrawn
 from gaitcal.person.tables import moment_table
 from gaitcal.results.saved import load_result
@@ -23,6 +22,7 @@ from gaitcal.results.table_file import REFUSED_HEADER
 from gaitcal.results.verdict import of_the_model, require_not_refused
 from gaitcal.verdict.verdict import judge
 from tests.fake_result import fake_calibration
+from tests.page.page_words import page_words
 from tests.synthetic_studies import write_synthetic_study
 
 
@@ -63,8 +63,8 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
         "severity": severity.value,
     }
     assert told["warnings"] == ["walk: the forces come late: by 60 ms; do"]
-    page = report_html(with_finding(severity, "walk"))
-    assert f"Verdict: {word}" in page and "the forces come late" in page
+    page = page_words(with_finding(severity, "walk"))
+    assert f"{word.capitalize()}. " in page and "the forces come late" in page
 
 
 @pytest.mark.parametrize("topic", ["forces", "clusters"])

@@ -1,0 +1,27 @@
+"""Everything that the page of a calibration says in words and formatted numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gaitcal.page.sheet import calibration_sheet
+from gaitcal.person.result import Calibration
+
+
+def page_words(calibration: Calibration) -> str:
+    """A line for each piece: verdict, top lines, sections of the result and of its trials."""
+    sheet = calibration_sheet(calibration)
+    parts = (sheet["verdict"], sheet["lines"], sheet["sections"], [trial["sections"] for trial in sheet["trials"]])
+    return "\n".join(_pieces(parts))
+
+
+def _pieces(data: Any) -> Iterator[str]:
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping):
+        for value in data.values():
+            yield from _pieces(value)
+    elif isinstance(data, list | tuple):
+        for value in data:
+            yield from _pieces(value)
