@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge; 130 af
 SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal --help` is there at once.
 """
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -30,6 +31,10 @@ app = typer.Typer(
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
+
+
+RARELY = (50_000, 20, 20)
+"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -287,6 +292,7 @@ def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
+    gc.set_threshold(*RARELY)
     told_in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))
 
 
