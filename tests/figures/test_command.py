@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,8 @@ from gaitcal.figures.paper import LINE, Strides, paper_charts
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.figures.sheet import SheetTrial, unpacked
 from gaitcal.figures.style import SIDE_COLOURS
+from gaitcal.files.atomic import atomic_directory
+from gaitcal.files.ownership import ResultKind, refuse_others
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.page.packing import lengths
@@ -252,6 +256,26 @@ def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(fol
     result = figures(tmp_path / "dynamics", "--out", tmp_path / "out", "--only", "knee_adduction")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "knee_adduction_moment.svg").exists()
+
+
+@pytest.mark.parametrize("kind", [ResultKind.CALIBRATION, ResultKind.DYNAMICS])
+def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path, kind: ResultKind) -> None:
+    with atomic_directory(tmp_path / "result", kind) as out:
+        (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
+    (tmp_path / "result" / "figures").mkdir()
+    (tmp_path / "result" / "figures" / "hip_power.svg").write_text("<svg/>", encoding="utf-8")
+    assert refuse_others(tmp_path / "result", kind) == ("figures",)
+    with atomic_directory(tmp_path / "result", kind) as out:
+        (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
+    assert (tmp_path / "result" / "figures" / "hip_power.svg").exists()
+
+
+def test_drawing_alone_loads_matplotlib() -> None:
+    """Every command waits for what it imports."""
+    named = "import sys, gaitcal.commands.calibrate, gaitcal.commands.dynamics, gaitcal.commands.view"
+    heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_stems_are_plain() -> None:
