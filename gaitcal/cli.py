@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge; 130 af
 SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal --help` is there at once.
 """
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -14,9 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.commands import options as told
+from gaitcal.commands.faults import told_in_a_line
 from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
-from gaitcal.errors import GaitcalError
-from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
@@ -32,8 +32,9 @@ app = typer.Typer(
     "and how far each can be trusted.",
 )
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+
+RARELY = (50_000, 20, 20)
+"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -234,6 +235,36 @@ def export(
 
 
 @command
+def figures(
+    talk: "Talk",
+    result: told.AnyResult,
+    out: told.FiguresFolder = None,
+    purpose: told.Purpose = "paper",
+    only: told.Only = None,
+    width: told.Width = None,
+    formats: told.Pictures = None,
+    normal: told.FigureBands = None,
+    convention: told.FigureSigns = None,
+    external: told.FigureExternal = False,
+    units: told.FigureUnits = None,
+) -> None:
+    """Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical"""
+    from gaitcal.commands.figures import Options, run
+
+    chosen = Options(
+        purpose=purpose,
+        only=only or (),
+        formats=formats,
+        width=width,
+        normal=normal,
+        signs=convention,
+        units=units,
+        external=external,
+    )
+    run(result, out, chosen, talk)
+
+
+@command
 def view(
     talk: "Talk",
     result: Result,
@@ -261,39 +292,8 @@ def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
-    verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
-    try:
-        with ended_by_signals():
-            app(standalone_mode=True)
-    except GaitcalError as error:
-        _say_error(str(error))
-        sys.exit(error.exit_code)
-    except InterruptedWork as ending:
-        _say_error(str(ending))
-        sys.exit(ending.exit_code)
-    except SystemExit as ending:
-        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
-            _say_error("interrupted; nothing was written")
-        raise
-    except KeyboardInterrupt:
-        _say_error("interrupted; nothing was written")
-        sys.exit(INTERRUPTED)
-    except Stopped as ending:
-        _say_error(f"ended by {ending.name}; what was being written is as it was before")
-        sys.exit(ending.exit_code)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except Exception as error:
-        if verbose:
-            raise
-        _say_error(f"internal error, please report it (-v shows where): {type(error).__name__}: {error}")
-        sys.exit(1)
-
-
-def _say_error(text: str) -> None:
-    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    sys.stderr.write(f"gaitcal: {line}\n")
+    gc.set_threshold(*RARELY)
+    told_in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ ORDER = (
     "montecarlo",
     "reproduce",
     "export",
+    "figures",
     "view",
 )
 FILES = (

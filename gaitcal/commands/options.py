@@ -47,6 +47,41 @@ Moments = Annotated[
 External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
 Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
 
+AnyResult = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate' or 'gaitcal dynamics'.")
+]
+FiguresFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/figures unless given.")]
+Purpose = Annotated[
+    str,
+    typer.Option(
+        "--for",
+        help="paper: a file a variable, mean and SD over strides; report: pages of panels, one trial each, with the "
+        "nominal model, forces, pelvis residuals, marker errors and parameters.",
+    ),
+]
+Only = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--only",
+        metavar="NAME",
+        help="Only these, by the words that their names begin or end with: knee_adduction, hip, moment. Repeatable.",
+    ),
+]
+Width = Annotated[str | None, typer.Option(help="For paper: 85mm (one column, unless given), 170mm, 17cm, 3.35in.")]
+Pictures = Annotated[
+    str | None,
+    typer.Option("--format", help="Comma-separated: svg, pdf, png (300 dpi); svg,pdf or, for report, png,svg."),
+]
+FigureBands = Annotated[
+    Path | None,
+    typer.Option("--normal", help="CSV of normal bands, or schwartz2008; else those of the result, if it has any."),
+]
+FigureSigns = Annotated[
+    str | None, typer.Option("--convention", help="For paper: signs, opensim (unless given) or clinical.")
+]
+FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: external instead of internal moments.")]
+FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
+
 Other = Annotated[
     Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
 ]

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.legend import Legend
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from gaitcal.figures.style import FONT, SCREEN, Key, Sizes, line_style
 
-from gaitcal.figures.style import FONT, NORMAL, Key, line_style
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
 LEGEND_INCHES = 0.32
 LABEL_INCHES = 0.15
-"""From the left edge of a panel to the foot of its vertical label, whatever the width of the numbers."""
+"""Place of the vertical label of a panel, whatever the width of its numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,8 @@ class Size:
     right: float = 0.1
     bottom: float = 0.36
     top: float = 0.24
+    label: float = LABEL_INCHES
+    """From the left edge to the foot of the vertical label."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,10 @@ class Chart:
     columns: int = 3
     subject: str = ""
     """The trial, where a chart shows one; data, not markup."""
+    sizes: Sizes = SCREEN
+    """Of the letters of the legend."""
+    legend_row: float = LEGEND_INCHES
+    """Height of a row of the legend, inches."""
 
 
 def panel_figure(panel: Panel) -> Figure:
@@ -74,8 +81,8 @@ def chart_figure(chart: Chart) -> Figure:
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
     heights = [max(p.size.height for p in row) for row in rows]
     width = max(sum(p.size.width for p in row) for row in rows)
-    columns = _legend_columns(chart.keys, width)
-    legend = LEGEND_INCHES * -(-len(chart.keys) // columns)
+    columns = _legend_columns(chart, width)
+    legend = chart.legend_row * -(-len(chart.keys) // columns)
     figure = new_figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
@@ -85,25 +92,25 @@ def chart_figure(chart: Chart) -> Figure:
             left += panel.size.width
         top -= height
     if chart.keys:
-        _legend(figure, chart.keys, columns)
+        _legend(figure, chart, columns)
     return figure
 
 
-def _legend(figure: Figure, keys: tuple[Key, ...], columns: int) -> Legend:
+def _legend(figure: Figure, chart: Chart, columns: int) -> Legend:
     return figure.legend(
-        handles=[_handle(key) for key in keys],
+        handles=[_handle(key) for key in chart.keys],
         loc="lower center",
         ncols=columns,
         frameon=False,
-        prop={"family": FONT, "size": NORMAL},
+        prop={"family": FONT, "size": chart.sizes.normal},
     )
 
 
-def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
+def _legend_columns(chart: Chart, width: float) -> int:
     """As many columns as fit a figure of that width (inches)."""
     figure = new_figure(width, 1.0)
-    for columns in range(len(keys), 1, -1):
-        legend = _legend(figure, keys, columns)
+    for columns in range(len(chart.keys), 1, -1):
+        legend = _legend(figure, chart, columns)
         if legend.get_window_extent().width <= figure.bbox.width:
             return columns
         legend.remove()
@@ -112,6 +119,9 @@ def _legend_columns(keys: tuple[Key, ...], width: float) -> int:
 
 def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
     """An empty white figure, inches, that knows the size of its texts."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -129,10 +139,13 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
         )
     )
     panel.draw(axes)
-    axes.yaxis.set_label_coords(-(size.left - LABEL_INCHES) / (size.width - size.left - size.right), 0.5)
+    axes.yaxis.set_label_coords(-(size.left - size.label) / (size.width - size.left - size.right), 0.5)
 
 
 def _handle(key: Key) -> Line2D | Patch:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
     if key.kind in ("band", "area"):
         return Patch(facecolor=key.colour, alpha=0.25 if key.kind == "band" else 1.0, label=key.label)
     if key.kind == "line":

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart, Panel
@@ -28,16 +28,14 @@ from gaitcal.figures.style import (
     line_style,
 )
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.moments import moment_names, moment_of
-from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import Layout
-from gaitcal.gait.variables import Kind, coordinate_of, kind_of
-from gaitcal.gait.words import SIDE_WORDS, coordinate_words, split_side
-from gaitcal.model.linkage import COORDINATES, is_translation
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.gait.words import SIDE_WORDS, capitalised, coordinate_words, split_side
 
-LEAST_ANGLE, LEAST_MOMENT = 10.0, 0.2
-"""Smallest range of a vertical axis (deg, N·m/kg), so that nothing small looks dramatic."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEAST_ANGLE, LEAST_MOMENT, LEAST_POWER = 10.0, 0.2, 0.5
+"""Smallest range of a vertical axis (deg, N·m/kg, W/kg), so that nothing small looks dramatic."""
 TRUTH_WIDTH = 1.1
 
 
@@ -48,9 +46,9 @@ class Trace:
     side: str
     value: Array
     """(nf,); NaN where it must not be drawn."""
-    nominal: Array
+    nominal: Array | None = None
     """(nf,) with the nominal model."""
-    error: Array | None
+    error: Array | None = None
     """(nf,) standard error."""
     truth: Array | None = None
     """(nf,) where it is known; in frames that are not valid, too."""
@@ -59,11 +57,13 @@ class Trace:
 NORMAL_COLOUR = "#CC79A7"
 """Okabe and Ito's purple, with dotted edges: the stance is grey."""
 NORMAL_KEY = Key(label="normal band (mean ±1 SD, dotted edges)", colour=NORMAL_COLOUR, kind="band")
+NOMINAL_KEY = Key(label="nominal model", colour=NOMINAL, width=0.9)
 BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
 
 
-def _keys(middle: str, *, bands: bool, truth: bool, normal: bool = False) -> tuple[Key, ...]:
-    """The legend; `middle` says what the curves without a side are of, `truth` whether it is drawn."""
+def _keys(middle: str, curves: Curves) -> tuple[Key, ...]:
+    """The legend; `middle` says what the curves without a side are of."""
+    traces = curves.traces.values()
     known = (
         Key(label=TRUTH_WORDS, colour=INK, dashes=TRUTH_DASHES["r"], width=TRUTH_WIDTH),
         Key(label="truth, left", colour=INK, dashes=TRUTH_DASHES["l"], width=TRUTH_WIDTH),
@@ -71,112 +71,95 @@ def _keys(middle: str, *, bands: bool, truth: bool, normal: bool = False) -> tup
     return (
         *SIDE_KEYS,
         Key(label=middle, colour=SIDE_COLOURS[""]),
-        *((BAND_KEY,) if bands else ()),
-        *((NORMAL_KEY,) if normal else ()),
-        Key(label="nominal model", colour=NOMINAL, width=0.9),
-        *(known if truth else ()),
+        *((BAND_KEY,) if any(trace.error is not None for trace in traces) else ()),
+        *((NORMAL_KEY,) if curves.bands else ()),
+        *((NOMINAL_KEY,) if any(trace.nominal is not None for trace in traces) else ()),
+        *(known if curves.truth else ()),
         Key(label="stance (toe-off: thin line)", colour=STANCE_KEY, kind="area"),
     )
 
 
-def angle_chart(
-    calibration: Calibration, trial: TrialResult, layout: Layout, stem: str, normal: Bands | None = None
-) -> Chart:
-    """Joint angles of a whole-body trial; `normal`: bands behind them, where it is drawn over the gait cycle."""
-    bands = _normal(calibration, layout, normal, Kind.ANGLE, 1.0)
-    frozen = set(calibration.model.frozen)
-    before, after = np.degrees(trial.nominal.q), np.degrees(trial.body.q)
-    known = calibration.truth.of(trial.name).coordinates if calibration.truth else {}
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    """What is drawn of one trial in one kind of chart."""
 
-    def trace(name: str) -> Trace:
-        column = trial.body.coordinates.index(name)
-        old = trial.nominal.coordinates.index(name)
-        error = None if trial.coordinate_errors is None else np.degrees(trial.coordinate_errors[:, column])
-        true = known[name].truth if name in known else None
-        return Trace(split_side(name)[1], after[:, column], before[:, old], error, true)
+    trial: str
+    """Its name; data, not markup."""
+    layout: Layout
+    traces: Mapping[str, Trace]
+    """Coordinate (`hip_flexion_r`) or joint of a power (`hip_r`) -> its curve, in deg, N·m/kg or W/kg."""
+    normal: Mapping[str, tuple[Array, Array]]
+    """Coordinate or joint, without a side -> mean and SD (101,) of healthy people, in the same unit."""
 
-    names = [n for n in COORDINATES if not is_translation(n) and n not in frozen]
+    @property
+    def truth(self) -> bool:
+        """Whether the truth of any of them is known."""
+        return any(trace.truth is not None for trace in self.traces.values())
+
+    @property
+    def bands(self) -> Mapping[str, tuple[Array, Array]]:
+        """Of healthy people, where the horizontal axis is one that they have."""
+        return self.normal if self.layout.by_cycle else {}
+
+
+def angle_chart(curves: Curves, stem: str) -> Chart:
+    """Joint angles of a whole-body trial."""
     return Chart(
         name=f"{stem}_angles",
         title="Joint angles",
         caption="The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are "
         "against the laboratory, trunk angles against the pelvis"
-        + (", over the right cycle." if layout.by_cycle else "."),
-        panels=_panels(names, trace, layout, "deg", LEAST_ANGLE, bands, moment=False),
-        keys=_keys(
-            "pelvis and trunk", bands=trial.coordinate_errors is not None, truth=bool(known), normal=bool(bands)
-        ),
-        subject=trial.name,
+        + (", over the right cycle." if curves.layout.by_cycle else "."),
+        panels=_panels(curves, "deg", LEAST_ANGLE, lambda base: coordinate_words(base).angle),
+        keys=_keys("pelvis and trunk", curves),
+        subject=curves.trial,
     )
 
 
-def moment_chart(
-    calibration: Calibration,
-    trial: TrialResult,
-    loads: LoadedTrial,
-    layout: Layout,
-    stem: str,
-    normal: Bands | None = None,
-) -> Chart:
-    """Joint moments per body mass; frames that are not valid stay empty. `normal`: as of the angles."""
-    mass = calibration.model.subject.mass
-    known = calibration.truth.of(trial.name).forces if calibration.truth else {}
-    bands = _normal(calibration, layout, normal, Kind.MOMENT, 1.0 / mass)
-
-    def trace(name: str) -> Trace:
-        value, nominal = (
-            np.where(loads.reactions.valid_for(name), moment_of(forces, name) / mass, np.nan)
-            for forces in (loads.final, loads.nominal)
-        )
-        errors = None if loads.errors is None else moment_of(loads.errors, name) / mass
-        true = known[name].truth / mass if name in known else None
-        return Trace(split_side(name)[1], value, nominal, errors, true)
-
-    names = moment_names(calibration.model)
+def moment_chart(curves: Curves, stem: str) -> Chart:
+    """Joint moments per body mass; frames that are not valid stay empty."""
     return Chart(
         name=f"{stem}_moments",
         title="Joint moments",
         caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
         "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
         "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one."
-        + (" The truth goes on through these." if known else ""),
-        panels=_panels(names, trace, layout, "N·m/kg", LEAST_MOMENT, bands, moment=True),
-        keys=_keys("trunk", bands=loads.errors is not None, truth=bool(known), normal=bool(bands)),
-        subject=trial.name,
+        + (" The truth goes on through these." if curves.truth else ""),
+        panels=_panels(curves, "N·m/kg", LEAST_MOMENT, lambda base: coordinate_words(base).moment),
+        keys=_keys("trunk", curves),
+        subject=curves.trial,
     )
 
 
-def _normal(
-    calibration: Calibration, layout: Layout, normal: Bands | None, kind: Kind, factor: float
-) -> dict[str, tuple[Array, Array]]:
-    """Coordinate, without a side -> mean and SD (101,) of healthy people, in the unit that is drawn.
+def power_chart(curves: Curves, stem: str) -> Chart:
+    """Joint powers per body mass."""
+    return Chart(
+        name=f"{stem}_powers",
+        title="Joint powers",
+        caption="Power of the net moment over all axes of a joint: above zero where muscles generate energy, below "
+        "where they absorb it. Curves are interrupted in frames that are not valid.",
+        panels=_panels(curves, "W/kg", LEAST_POWER, lambda base: "generated"),
+        keys=_keys("trunk", curves),
+        subject=curves.trial,
+    )
 
-    The whole body is drawn over the right stride, and both legs of healthy people are alike.
-    """
-    if not layout.by_cycle:
-        return {}
-    of_kind = {coordinate_of(name): band for name, band in (normal or {}).items() if kind_of(name) is kind}
-    found = {name: band.for_person(calibration.model.subject, "r") for name, band in of_kind.items()}
-    return {name: (factor * mean, factor * sd) for name, (mean, sd) in found.items()}
 
-
-def _panels(
-    names: list[str],
-    trace: Callable[[str], Trace],
-    layout: Layout,
-    unit: str,
-    least: float,
-    normal: Mapping[str, tuple[Array, Array]],
-    *,
-    moment: bool,
-) -> tuple[Panel, ...]:
-    """One panel a coordinate, right and left together."""
+def _panels(curves: Curves, unit: str, least: float, positive: Callable[[str], str]) -> tuple[Panel, ...]:
+    """One panel a coordinate, right and left together; `positive`: word for values above zero."""
     sides: dict[str, list[Trace]] = {}
-    for name in names:
-        sides.setdefault(split_side(name)[0], []).append(trace(name))
+    for name, trace in curves.traces.items():
+        sides.setdefault(split_side(name)[0], []).append(trace)
     return tuple(
-        _panel(words.title, unit, words.moment if moment else words.angle, traces, layout, least, normal.get(base))
-        for base, words, traces in ((base, coordinate_words(base), traces) for base, traces in sides.items())
+        _panel(
+            capitalised(coordinate_words(base).title),
+            unit,
+            positive(base),
+            traces,
+            curves.layout,
+            least,
+            curves.bands.get(base),
+        )
+        for base, traces in sides.items()
     )
 
 
@@ -194,7 +177,8 @@ def _panel(
         axes.axhline(0.0, color=FAINT, linewidth=0.5)
         drawn: list[Array] = []
         for trace in traces:
-            _stance(axes, layout, trace.side)
+            if layout.has(trace.side):
+                _stance(axes, layout, trace.side)
         if normal is not None:
             ends = (normal[0] - normal[1], normal[0] + normal[1])
             percent = np.arange(float(POINTS))
@@ -203,7 +187,8 @@ def _panel(
                 axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
             drawn += ends
         for trace in traces:
-            drawn += _trace(axes, layout, trace)
+            if layout.has(trace.side):
+                drawn += _trace(axes, layout, trace)
         axes.set_xlim(*layout.xlimits)
         axes.set_ylim(*limits(drawn, least))
         if layout.by_cycle:
@@ -220,10 +205,12 @@ def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
     colour, dashes = SIDE_COLOURS[trace.side], line_style(SIDE_DASHES[trace.side])
     for x, y in layout.others(trace.side, trace.value):
         axes.plot(x, y, color=colour, linewidth=0.6, alpha=0.35)
-    x, nominal = layout.lay(trace.side, trace.nominal)
-    axes.plot(x, nominal, color=NOMINAL, linewidth=0.9, linestyle=dashes)
     x, y = layout.lay(trace.side, trace.value)
-    drawn = [nominal, y]
+    drawn = [y]
+    if trace.nominal is not None:
+        x, nominal = layout.lay(trace.side, trace.nominal)
+        axes.plot(x, nominal, color=NOMINAL, linewidth=0.9, linestyle=dashes)
+        drawn.append(nominal)
     if trace.error is not None:
         spread = layout.lay(trace.side, trace.error)[1]
         axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.25, linewidth=0)

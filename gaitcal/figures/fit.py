@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
-from gaitcal.gait.words import segment_words
-from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
-from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.person.marker_fit import RmsErrors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 KEYS = (
     Key(label="nominal model", colour=NOMINAL, kind="ring"),
@@ -22,70 +22,31 @@ ROW, LEFT = 0.19, 1.42
 WIDTH = 3.6
 
 
-@dataclass(frozen=True, kw_only=True)
-class RmsErrors:
-    """RMS distance (mm) between measured and model markers; None where there are no markers."""
+@dataclass(frozen=True)
+class TrialFit:
+    """Marker errors of one trial."""
 
-    label: str
-    nominal: float | None
-    calibrated: float | None
-    floor: float | None
-    """Of rigid segments."""
-    joint_floor: float | None = None
-    """Of each joint by itself."""
-    rigid: bool = True
-    """False for one segment with fewer than three markers: whatever they do, it follows them nearly exactly."""
-
-    @property
-    def ratio(self) -> float | None:
-        """Calibrated over floor; None where the floor says nothing of the person."""
-        if self.calibrated is None or not self.floor or not self.rigid:
-            return None
-        return self.calibrated / self.floor
-
-    @property
-    def joint_ratio(self) -> float | None:
-        """Calibrated over what each joint by itself reaches; None for segments in no joint, or of few markers."""
-        if self.calibrated is None or not self.joint_floor or not self.rigid:
-            return None
-        return self.calibrated / self.joint_floor
+    overall: RmsErrors
+    isolated: bool
+    """Whether it shows one joint alone, whose segments are not told."""
+    legs: tuple[RmsErrors, ...]
+    """Segments of pelvis and legs that have markers."""
+    rest: tuple[RmsErrors, ...]
+    """Those of trunk and arms: on a scale of their own, which would squeeze the errors of legs to nothing."""
 
 
-def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
-    """Of one trial, over all its markers or those of some segments."""
-    nominal, calibrated, floor = trial.rms_mm(*segments)
-    rigid = len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
-    return RmsErrors(
-        label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
-        nominal=nominal,
-        calibrated=calibrated,
-        floor=floor,
-        joint_floor=trial.joint_floor_mm(*segments),
-        rigid=rigid,
-    )
-
-
-def leg_fit(trial: TrialResult) -> RmsErrors:
-    """Over the markers of pelvis and legs, whose joints the calibration moves."""
-    return trial_fit(trial, *LOWER_BODY)
-
-
-def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[RmsErrors]:
-    """Of each of these segments that has markers in this trial."""
-    return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
-
-
-def fit_chart(calibration: Calibration) -> Chart | None:
+def fit_chart(trials: Sequence[TrialFit]) -> Chart | None:
     """All trials, then the segments of each whole-body trial; None without any trial."""
-    if not calibration.trials:
+    if not trials:
         return None
-    overall = [trial_fit(trial) for trial in calibration.trials]
     panels = []
-    if len(overall) > 1 or calibration.trials[0].joint is not None:
-        panels.append(_panel(overall, "RMS marker error of each trial", "All trials"))
-    for trial in calibration.trials:
-        if trial.joint is None:
-            panels += [_panel(*part) for part in _parts(trial)]
+    if len(trials) > 1 or trials[0].isolated:
+        panels.append(_panel([t.overall for t in trials], "RMS marker error of each trial", "All trials"))
+    for trial in trials:
+        for title, fits in (("Pelvis and legs", trial.legs), ("Trunk and arms", trial.rest)):
+            if fits and not trial.isolated:
+                words = f"RMS marker error of each segment, {title.lower()}"
+                panels.append(_panel(list(fits), words, f"{title}, {plain(trial.overall.label, 12)}"))
     return Chart(
         name="marker_errors",
         title="Marker errors before and after calibration",
@@ -96,16 +57,6 @@ def fit_chart(calibration: Calibration) -> Chart | None:
         keys=KEYS,
         columns=2,
     )
-
-
-def _parts(trial: TrialResult) -> list[tuple[list[RmsErrors], str, str]]:
-    """Legs and the rest apart, each on a scale of its own: errors of arms would squeeze those of legs to nothing."""
-    parts = {"Pelvis and legs": LOWER_BODY, "Trunk and arms": tuple(s for s in SEGMENTS if s not in LOWER_BODY)}
-    return [
-        (fits, f"RMS marker error of each segment, {title.lower()}", f"{title}, {plain(trial.name, 12)}")
-        for title, segments in parts.items()
-        if (fits := segment_fits(trial, segments))
-    ]
 
 
 def _panel(fits: list[RmsErrors], label: str, title: str) -> Panel:

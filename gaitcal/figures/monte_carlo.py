@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from gaitcal.figures.chart import new_figure
 from gaitcal.figures.style import GRID, INK
@@ -21,6 +19,10 @@ from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SET_COLOURS = {Varied.JP: "#0072B2", Varied.IP: "#E69F00", Varied.BOTH: "#009E73", Varied.NOISE: "#CC79A7"}
 SET_WORDS = {
@@ -107,6 +109,8 @@ def _boxes(axes: Axes, rows: pd.DataFrame, colour: str) -> None:
 
 def _scale(row: np.ndarray, measure: str) -> None:
     """Distances begin at zero; signed errors get a zero line."""
+    from matplotlib.ticker import MaxNLocator
+
     for axes in row:
         axes.yaxis.set_major_locator(MaxNLocator(4))
     if measure == "rms":

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import FAINT, INK, SIDE_COLOURS, SMALL, TRUTH_WORDS, Key, dress, dress_rows
-from gaitcal.gait.moments import MomentNumbers
 from gaitcal.gait.words import coordinate_words, split_side
 from gaitcal.person.parameter_words import Group, Row
-from gaitcal.person.result import TrialResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ROW = 0.2
 OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}
@@ -78,18 +79,19 @@ def _panel(groups: tuple[Group, ...], title: str, unit: str, truth: Mapping[str,
 BAR, CHANGE_ROW = 0.36, 0.27
 
 
-def moment_change_chart(trial: TrialResult, numbers: tuple[MomentNumbers, ...], stem: str) -> Chart:
-    """A pair of bars for each joint moment."""
-    bases = list(dict.fromkeys(split_side(n.name)[0] for n in numbers))
+def moment_change_chart(trial: str, changes: Mapping[str, float], stem: str) -> Chart:
+    """A pair of bars for each joint moment; `changes`: coordinate -> % of body weight times height."""
+    bases = list(dict.fromkeys(split_side(name)[0] for name in changes))
     size = Size(width=4.4, height=0.7 + CHANGE_ROW * len(bases), left=1.32, right=0.15, bottom=0.38, top=0.26)
 
     def draw(axes: Axes) -> None:
         dress(axes, xlabel="RMS change (% of body weight × height)", title="Nominal to calibrated")
         for row, base in enumerate(bases):
-            sides = [n for n in numbers if split_side(n.name)[0] == base]
+            sides = [name for name in changes if split_side(name)[0] == base]
             offsets = np.linspace(-BAR / 2, BAR / 2, len(sides)) if len(sides) > 1 else np.zeros(1)
-            for number, offset in zip(sides, offsets, strict=True):
-                axes.barh(row + offset, number.change_bwh, height=BAR * 0.92, color=SIDE_COLOURS[number.side])
+            for name, offset in zip(sides, offsets, strict=True):
+                colour = SIDE_COLOURS[split_side(name)[1]]
+                axes.barh(row + offset, changes[name], height=BAR * 0.92, color=colour)
         dress_rows(axes, [coordinate_words(base).title for base in bases])
         axes.set_xlim(left=0.0)
 
@@ -104,8 +106,8 @@ def moment_change_chart(trial: TrialResult, numbers: tuple[MomentNumbers, ...], 
         keys=tuple(
             Key(label=label, colour=SIDE_COLOURS[side], width=4.5)
             for side, label in (("r", "right"), ("l", "left"), ("", "trunk"))
-            if any(n.side == side for n in numbers)
+            if any(split_side(name)[1] == side for name in changes)
         ),
         columns=1,
-        subject=trial.name,
+        subject=trial,
     )

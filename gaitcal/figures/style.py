@@ -1,7 +1,7 @@
 """Colours, line styles and axes that every figure shares.
 
 The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches matplotlib's global state:
-figures are drawn in threads and beside a user's own plots.
+figures are drawn in threads and beside a user's own plots. matplotlib is loaded when something is drawn, not before.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.font_manager import FontProperties, findfont, get_font
-from matplotlib.ticker import MaxNLocator
 
 from gaitcal.gait.words import SIDE_WORDS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RIGHT, LEFT, WHOLE = "#0072B2", "#D55E00", "#009E73"
 STEP = "#E69F00"
@@ -36,6 +36,20 @@ FONT = "DejaVu Sans"
 """Comes with matplotlib: the same figure on every machine."""
 SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
 LONGEST_NAME = 26
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Of letters, pt."""
+
+    small: float = SMALL
+    """Numbers at axes."""
+    normal: float = NORMAL
+    """Labels of axes, legends."""
+    title: float = TITLE
+
+
+SCREEN: Final = Sizes()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +80,8 @@ def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[f
 
 @lru_cache(maxsize=1)
 def _characters() -> frozenset[int]:
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
     return frozenset(get_font(findfont(FontProperties(family=FONT))).get_charmap())
 
 
@@ -82,21 +98,23 @@ def plain(text: str, limit: int = LONGEST_NAME) -> str:
     return "".join(shown).replace("$", r"\$")
 
 
-def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "") -> None:
+def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN) -> None:
     """Give axes their common look: labels in ink, no frame above and at the right, light grid lines."""
+    from matplotlib.ticker import MaxNLocator
+
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(FAINT)
         axes.spines[side].set_linewidth(0.6)
-    axes.tick_params(colors=INK, labelsize=SMALL, labelfontfamily=FONT, width=0.6, length=2.5, color=FAINT, pad=2)
+    axes.tick_params(colors=INK, labelsize=sizes.small, labelfontfamily=FONT, width=0.6, length=2.5, color=FAINT, pad=2)
     axes.grid(color=GRID, linewidth=0.5)
     axes.set_axisbelow(True)
     axes.set_facecolor("white")
-    axes.set_xlabel(xlabel, fontsize=NORMAL, family=FONT, color=INK, labelpad=2)
-    axes.set_ylabel(ylabel, fontsize=NORMAL, family=FONT, color=INK, labelpad=2)
+    axes.set_xlabel(xlabel, fontsize=sizes.normal, family=FONT, color=INK, labelpad=2)
+    axes.set_ylabel(ylabel, fontsize=sizes.normal, family=FONT, color=INK, labelpad=2)
     if title:
-        axes.set_title(title, fontsize=TITLE, family=FONT, color=INK, loc="left", fontweight="bold", pad=4)
+        axes.set_title(title, fontsize=sizes.title, family=FONT, color=INK, loc="left", fontweight="bold", pad=4)
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 

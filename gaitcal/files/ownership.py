@@ -36,8 +36,8 @@ class ResultKind(Enum):
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
-    ResultKind.CALIBRATION: ("montecarlo", "dynamics", "export"),
-    ResultKind.DYNAMICS: (),
+    ResultKind.CALIBRATION: ("montecarlo", "dynamics", "export", "figures"),
+    ResultKind.DYNAMICS: ("figures",),
     ResultKind.SYNTHETIC: ("montecarlo",),
     ResultKind.REPRODUCTION: (),
     ResultKind.EXPORT: (),

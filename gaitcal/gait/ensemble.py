@@ -166,11 +166,15 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     usable = np.where(counts, wide["value"].to_numpy(), np.nan)
     own, total = (wide[name].to_numpy() for name in ("se_stride", "se"))
     trials = wide.index.get_level_values("trial").to_numpy()
-    parts = []
-    for key in strides[list(GROUP)].drop_duplicates().itertuples(index=False, name=None):
+    columns: dict[str, list[Array]] = {name: [] for name in STATISTICS}
+    keys = list(strides[list(GROUP)].drop_duplicates().itertuples(index=False, name=None))
+    for key in keys:
         rows = rows_of[key]
         found = spread(usable[rows], trials[rows], own[rows], total[rows])
-        part = dict(zip(GROUP, key, strict=True)) | {"percent": percent}
-        part |= {name: getattr(found, name) for name in STATISTICS}
-        parts.append(pd.DataFrame(part | dict(zip(TOLD, told.get(str(key[-1]), ()), strict=False))))
-    return pd.concat(parts, ignore_index=True)
+        for name, values in columns.items():
+            values.append(getattr(found, name))
+    named = {name: np.repeat([key[k] for key in keys], len(percent)) for k, name in enumerate(GROUP)}
+    joined = {name: np.concatenate(values) for name, values in columns.items()}
+    words = [told.get(str(key[-1]), ()) for key in keys] if told else []
+    more = {name: np.repeat([of[k] for of in words], len(percent)) for k, name in enumerate(TOLD) if words}
+    return pd.DataFrame({**named, "percent": np.tile(percent, len(keys)), **joined, **more})

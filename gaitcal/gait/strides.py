@@ -50,9 +50,18 @@ class Layout:
         """Ends of the horizontal axis."""
         return (0.0, 100.0) if self.by_cycle else (float(self.time[0]), float(self.time[-1]))
 
+    def has(self, side: str) -> bool:
+        """Whether a side can be drawn: over the gait cycle its foot needs a complete one."""
+        return not self.by_cycle or bool(self.cycles[self._foot(side)])
+
+    def _foot(self, side: str) -> str:
+        """Over whose strides a side is drawn: the whole body over those of the right foot, if it has any."""
+        return side or ("r" if self.cycles["r"] else "l")
+
     def main(self, side: str) -> GaitCycle:
         """The stride that is drawn in full: the one with the largest share of frames valid for that leg."""
-        return best_cycle(self.cycles[side or "r"], self.time, self.valid_for(side or "r"))
+        foot = self._foot(side)
+        return best_cycle(self.cycles[foot], self.time, self.valid_for(foot))
 
     def valid_for(self, side: str) -> BoolArray:
         """(nf,) torques of a leg (`r`, `l`), or of the whole body (nothing), may be used."""
@@ -82,7 +91,7 @@ class Layout:
         if not self.by_cycle:
             return []
         main = self.main(side)
-        rest = [c for c in self.cycles[side or "r"] if c != main][:MOST_OTHERS]
+        rest = [c for c in self.cycles[self._foot(side)] if c != main][:MOST_OTHERS]
         return [(np.linspace(0.0, 100.0, POINTS), normalise(self.time, values, c)) for c in rest]
 
     def stances(self, side: str) -> list[tuple[float, float]]:

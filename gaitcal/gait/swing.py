@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from gaitcal.arrays import Array, BoolArray
 
@@ -49,7 +48,7 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
         return np.array([]), np.array([])
     padded = np.concatenate([[0.0], slower, [0.0]])
     least = max(SLOWEST_SWING, SMALLEST_SWING * float(slower.max()))
-    peaks = np.array([k - 1 for k in find_peaks(padded, height=least)[0] if _alone(padded, int(k))], dtype=np.int64)
+    peaks = np.array([k - 1 for k in _peaks(padded, least) if _alone(padded, int(k))], dtype=np.int64)
     inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
     strikes, offs = [], []
     for k in peaks:
@@ -65,6 +64,18 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
         if begin is not None:
             offs.append(_crossing(time, slower, begin, off * peak))
     return np.unique(strikes), np.unique(offs)
+
+
+def _peaks(values: Array, least: float) -> Array:
+    """Samples of at least that height that are higher than those beside them; of a flat top the middle one."""
+    turns = np.flatnonzero(np.diff(values))  # the last sample of each flat stretch, whose length is mostly one
+    starts = np.concatenate([[0], turns + 1])
+    ends = np.concatenate([turns, [len(values) - 1]])
+    height = values[starts]
+    top = np.zeros(len(height), dtype=bool)
+    top[1:-1] = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
+    out: Array = ((starts + ends) // 2)[top & (height >= least)]
+    return out
 
 
 def _alone(speed: Array, peak: int) -> bool:

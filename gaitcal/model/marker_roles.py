@@ -97,19 +97,26 @@ class MarkerSet:
 
     def _spelt(self, labels: Iterable[str]) -> tuple[str, ...]:
         """Labels as the set spells them: by its aliases, and where only the case differs and one label is meant."""
-        given = tuple(labels)
-        in_file, known = set(given), set(self.labels)
+        given, of_all = tuple(labels), self.labels
+        in_file, known = set(given), set(of_all)
         new_names: dict[str, str] = {}
         for label, others in self.aliases.items():
             there = [other for other in others if other in in_file]
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())
-        strangers = [label for label in given if label not in known and label not in new_names]
-        of_set = [label for label in self.labels if label not in taken]
-        for label in of_set:
-            same_in_file = [other for other in strangers if other.casefold() == label.casefold()]
-            same_in_set = [other for other in self.labels if other.casefold() == label.casefold()]
-            if len(same_in_file) == len(same_in_set) == 1:
+        strangers = _by_letters(label for label in given if label not in known and label not in new_names)
+        in_set = _by_letters(of_all)
+        for label in of_all:
+            same_in_file = strangers.get(label.casefold(), [])
+            if label not in taken and len(same_in_file) == len(in_set[label.casefold()]) == 1:
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
+
+
+def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
+    """Labels by what they are without regard to case."""
+    out: dict[str, list[str]] = {}
+    for label in labels:
+        out.setdefault(label.casefold(), []).append(label)
+    return out

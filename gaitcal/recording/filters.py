@@ -6,8 +6,16 @@ bilinear transform's w = tan(pi f / fs),
 
     1 / (1 + (w/wd)^4) = 2^(-1/2)   =>   wd = w / (sqrt(2) - 1)^(1/4)
 
-(Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, section 3.4.4.2). What is filtered is force
-and moment about the laboratory origin, both linear in the channels; never the centre of pressure, a quotient.
+(Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, section 3.4.4.2). One pass is the recursion
+
+    y_n + a1 y_(n-1) + a2 y_(n-2) = b0 x_n + b1 x_(n-1) + b2 x_(n-2),   d = 1 + sqrt(2) wd + wd^2,
+    b0 = b2 = b1 / 2 = wd^2 / d,   a1 = 2 (wd^2 - 1) / d,   a2 = (1 - sqrt(2) wd + wd^2) / d,
+
+a triangular band matrix, begun as if the first sample had been there for ever: y = x before it. That is SciPy's
+`butter` and `sosfiltfilt`, whose package takes as long to load as a short trial to calibrate.
+
+What is filtered is force and moment about the laboratory origin, both linear in the channels; never the centre of
+pressure, a quotient.
 """
 
 from __future__ import annotations
@@ -15,7 +23,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.linalg import lapack
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
@@ -36,8 +44,6 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
             field="filter cut-off",
         )
     warped = math.tan(math.pi * cutoff_hz / rate) / (math.sqrt(2.0) - 1.0) ** 0.25
-    design = math.atan(warped) / math.pi * rate
-    sections = butter(2, design, fs=rate, output="sos")
     out = np.array(values, dtype=np.float64)
     known = np.asarray(np.isfinite(out).all(axis=1))
     # Enough padding for the transient to die out, so that the ends do not ring; reflected about the end value.
@@ -45,7 +51,29 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
     for known_run in runs(known):
         pad = min(padding, known_run.stop - known_run.start - 1)
         if pad > 0:
-            out[known_run] = sosfiltfilt(sections, out[known_run], axis=0, padlen=pad)
+            out[known_run] = _both_ways(out[known_run], warped, pad)
+    return out
+
+
+def _both_ways(values: Array, warped: float, pad: int) -> Array:
+    """(n, k) values (n, k) passed forwards and backwards, with `pad` more samples at each end."""
+    before, after = 2.0 * values[0] - values[pad:0:-1], 2.0 * values[-1] - values[-2 : -pad - 2 : -1]
+    there = _pass(np.concatenate([before, values, after]), warped)
+    back = _pass(there[::-1], warped)[::-1]
+    return back[pad : pad + len(values)]
+
+
+def _pass(values: Array, warped: float) -> Array:
+    """(n, k) one pass over values (n, k)."""
+    d = 1.0 + math.sqrt(2.0) * warped + warped**2
+    b, a1, a2 = warped**2 / d, 2.0 * (warped**2 - 1.0) / d, (1.0 - math.sqrt(2.0) * warped + warped**2) / d
+    x = np.concatenate([values[:1], values[:1], values])
+    right = b * (x[2:] + 2.0 * x[1:-1] + x[:-2])
+    right[0] -= (a1 + a2) * values[0]
+    right[1] -= a2 * values[0]
+    band = np.empty((3, len(values)))
+    band[:] = np.array([[1.0], [a1], [a2]])
+    out: Array = lapack.dtbtrs(band, right, uplo="L")[0]
     return out
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,15 +11,18 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from gaitcal.dynamics.residual_limits import residual_limits
-from gaitcal.figures.calibration import charts_of, write_figures
 from gaitcal.figures.chart import Panel, chart_figure, panel_figure
 from gaitcal.figures.curves import NORMAL_KEY
-from gaitcal.figures.forces import forces_chart
+from gaitcal.figures.files import write_charts
+from gaitcal.figures.forces import Forces, forces_chart
 from gaitcal.figures.parameters import parameters_chart
+from gaitcal.figures.report import report_charts
+from gaitcal.figures.sheet import SheetTrial
 from gaitcal.figures.style import SIDE_COLOURS, plain
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.moments import moment_names, moment_of
+from gaitcal.gait.moments import moment_names, moment_numbers, moment_of
 from gaitcal.gait.normal_bands import NormalBand, Signs
+from gaitcal.gait.strides import layout
 from gaitcal.gait.words import coordinate_words, explained, joint_words, parameter_words, segment_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -29,9 +31,12 @@ from gaitcal.person.parameter_words import Group, Row
 from gaitcal.person.result import Calibration
 from gaitcal.results.summary import summary
 from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
+from tests.figures.told import charts, told
 
 SAME = 1e-9
 """Relative: the same sums in another order."""
+PACKED = 1 / 60_000
+"""Of the range of a curve: a sheet holds 16-bit integers."""
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +45,10 @@ def whole() -> Calibration:
 
 
 def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> None:
-    files = write_figures(whole, tmp_path / "figures")
-    stems = [c.name for c in charts_of(whole).all()]
-    assert [f.name for f in files] == [f"{s}.{suffix}" for s in stems for suffix in ("png", "svg")]
-    assert len(set(stems)) == len(stems) == 7
+    found = list(charts(whole).values())
+    files = write_charts(found, tmp_path / "figures")
+    assert [f.name for f in files] == [f"{c.name}.{suffix}" for c in found for suffix in ("png", "svg")]
+    assert len({c.name for c in found}) == len(found) == 7
     for file in files:
         if file.suffix == ".svg":
             assert ElementTree.parse(file).getroot().tag.endswith("svg")
@@ -52,21 +57,20 @@ def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> 
 
 
 def test_file_names_and_contents_ignore_what_a_trial_is_called(tmp_path: Path) -> None:
-    for file in write_figures(fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE)), tmp_path):
+    hostile = fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE))
+    for file in write_charts(report_charts(told(hostile)), tmp_path, ["svg"]):
         assert file.parent == tmp_path and file.name.isascii() and not set(file.name) & set("<>\"'$&/ ")
-        if file.suffix == ".svg":
-            tags = {str(e.tag).lower() for e in ElementTree.parse(file).getroot().iter()}
-            assert not [t for t in tags if t.endswith(("script", "image"))]
+        tags = {str(e.tag).lower() for e in ElementTree.parse(file).getroot().iter()}
+        assert not [t for t in tags if t.endswith(("script", "image"))]
 
 
 def test_frames_that_are_not_valid_stay_empty(whole: Calibration) -> None:
-    view = charts_of(whole).gait[0]
-    assert view.moments is not None
-    axes = panel_figure(view.moments.panels[0]).axes[0]
+    shown = SheetTrial(told(whole).sheet["trials"][0]).layout
+    axes = panel_figure(charts(whole)["moments"].panels[0]).axes[0]
     curves = [line for line in axes.lines if len(line.get_xdata()) == 101 and line.get_linewidth() > 1]
     assert len(curves) == 2
     for side, line in zip(("r", "l"), curves, strict=True):
-        cycle = view.layout.main(side)
+        cycle = shown.main(side)
         at = np.linspace(cycle.start, cycle.stop, 101)
         unknown = (at > 1.5 + 1e-6) & (at < 1.69 - 1e-6)
         values = np.asarray(line.get_ydata())
@@ -75,7 +79,7 @@ def test_frames_that_are_not_valid_stay_empty(whole: Calibration) -> None:
 
 
 def test_angles_have_the_band_of_their_standard_error(whole: Calibration) -> None:
-    chart = charts_of(whole).gait[0].angles
+    chart = charts(whole)["angles"]
     assert "±1 standard error" in [key.label for key in chart.keys]
     knee = next(p for p in chart.panels if p.label.startswith("Knee flexion"))
     bands = [c for c in panel_figure(knee).axes[0].collections if isinstance(c, PolyCollection)]
@@ -83,8 +87,8 @@ def test_angles_have_the_band_of_their_standard_error(whole: Calibration) -> Non
     for band in bands:
         corners = band.get_paths()[0].vertices
         at = np.isclose(corners[:, 0], 50.0)
-        assert np.ptp(corners[at, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-6)
-    without = charts_of(fake_calibration(errors=False)).gait[0].angles
+        assert np.ptp(corners[at, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=PACKED)
+    without = charts(fake_calibration(errors=False))["angles"]
     assert "±1 standard error" not in [key.label for key in without.keys]
 
 
@@ -98,20 +102,21 @@ def lines_of(panel: Panel, width: float) -> dict[str, np.ndarray]:
 def test_forces_are_percent_of_body_weight_along_their_axes(whole: Calibration) -> None:
     walk = whole.trial("walk")
     assert walk.loads is not None
-    wrench = walk.loads.reactions.wrench.copy()
-    wrench[:, 0, :3] = np.array([0.1, 1.0, -0.05]) * whole.model.subject.weight
-    loads = replace(walk.loads, reactions=replace(walk.loads.reactions, wrench=wrench))
-    for panel, percent in zip(forces_chart(whole, walk, loads, "w").panels, (100.0, 10.0, -5.0), strict=True):
+    force = np.zeros((len(walk.body.time), 2, 3))
+    force[:, 0] = 10.0, 100.0, -5.0
+    forces = Forces(trial="w", time=walk.body.time, force=force, valid_legs=walk.loads.reactions.valid_legs)
+    for panel, percent in zip(forces_chart(forces, "w").panels, (100.0, 10.0, -5.0), strict=True):
         assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(percent), panel.label
 
 
 def test_moments_are_per_body_mass(whole: Calibration) -> None:
-    view = charts_of(whole).gait[0]
-    assert view.moments is not None and view.trial.loads is not None
-    hip = next(p for p in view.moments.panels if p.label.startswith("Hip flexion"))
-    moment = moment_of(view.trial.loads.final, "hip_flexion_r") / whole.model.subject.mass
-    expected = view.layout.lay("r", np.where(view.trial.loads.reactions.valid_r, moment, np.nan))[1]
-    assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, nan_ok=True)
+    loads = whole.trial("walk").loads
+    assert loads is not None
+    hip = next(p for p in charts(whole)["moments"].panels if p.label.startswith("Hip flexion"))
+    moment = moment_of(loads.final, "hip_flexion_r") / whole.model.subject.mass
+    shown = SheetTrial(told(whole).sheet["trials"][0]).layout
+    expected = shown.lay("r", np.where(loads.reactions.valid_r, moment, np.nan))[1]
+    assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, abs=PACKED * np.ptp(moment), nan_ok=True)
 
 
 def test_a_moved_parameter_is_drawn_with_its_standard_error() -> None:
@@ -134,14 +139,14 @@ def test_a_moved_parameter_is_drawn_with_its_standard_error() -> None:
 
 
 def test_all_axes_have_units(whole: Calibration) -> None:
-    for chart in charts_of(whole).all():
+    for chart in charts(whole).values():
         for axes in chart_figure(chart).axes:
             assert axes.get_xlabel().endswith((")", "%)"))
             assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
 
 
 def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
-    for chart in charts_of(whole).all():
+    for chart in charts(whole).values():
         figure = chart_figure(chart)
         legend = figure.legends[0].get_window_extent()
         assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1, chart.name
@@ -150,23 +155,28 @@ def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
 
 
 def test_right_and_left_keep_their_colours(whole: Calibration) -> None:
-    view = charts_of(whole).gait[0]
-    for chart in (view.angles, view.moments, view.forces, view.change):
-        assert chart is not None
-        colours = {key.label: key.colour for key in chart.keys}
+    for kind in ("angles", "moments", "ground_reactions", "moment_change"):
+        colours = {key.label: key.colour for key in charts(whole)[kind].keys}
         assert (colours["right"], colours["left"]) == ("#0072B2", "#D55E00")
 
 
 def test_global_settings_of_matplotlib_stay(whole: Calibration) -> None:
     before = dict(matplotlib.rcParams)
-    chart_figure(charts_of(whole).all()[0])
+    chart_figure(charts(whole)["marker_errors"])
     assert dict(matplotlib.rcParams) == before
 
 
 def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
-    view = charts_of(whole).gait[0]
+    """Drawn, and as `gait/moments.py` computes them."""
     written = summary(whole)["trials"]["walk"]["torque_change_bwh"]  # type: ignore[index, call-overload]
-    assert {n.name: n.change_bwh for n in view.numbers} == pytest.approx(written, rel=SAME)
+    (panel,) = charts(whole)["moment_change"].panels
+    widths = sorted(bar.get_width() for bar in panel_figure(panel).axes[0].patches)
+    assert widths == pytest.approx(sorted(written.values()), rel=SAME)
+    walk = whole.trial("walk")
+    assert walk.loads is not None
+    drawn = layout(walk.body, walk.loads.reactions, walk.events)
+    numbers = moment_numbers(whole.model, drawn, walk.loads.final, walk.loads.nominal)
+    assert {n.name: n.change_bwh for n in numbers} == pytest.approx(written, rel=SAME)
 
 
 def test_limits_of_the_residuals(whole: Calibration) -> None:
@@ -215,17 +225,17 @@ def test_normal_bands_lie_behind_the_panels_of_their_variables(whole: Calibratio
         name: NormalBand(variable=name, unit=unit, **common)  # type: ignore[arg-type]
         for name, unit in (("knee_angle_moment", "N m/kg"), ("hip_flexion", "rad"))
     }
-    view = charts_of(whole, bands).gait[0]
-    for chart, title, low, high in (
-        (view.moments, "Knee flexion", -0.6, -0.4),
-        (view.angles, "Hip flexion", np.degrees(0.4), np.degrees(0.6)),
+    for kind, title, low, high in (
+        ("moments", "Knee flexion", -0.6, -0.4),
+        ("angles", "Hip flexion", np.degrees(0.4), np.degrees(0.6)),
     ):
-        assert chart is not None and NORMAL_KEY in chart.keys
+        chart = charts(whole, bands)[kind]
+        assert NORMAL_KEY in chart.keys
         for panel in chart.panels:
             (axes,) = panel_figure(panel).axes
             edges = [line.get_ydata() for line in axes.lines if line.get_linestyle() == ":"]
             assert bool(edges) == panel.label.startswith(title)
             if edges:
                 np.testing.assert_allclose(edges, [np.full(POINTS, low), np.full(POINTS, high)])
-    by_time = charts_of(fake_calibration(cycles=False), bands).gait[0]
-    assert NORMAL_KEY not in by_time.angles.keys
+    by_time = charts(fake_calibration(cycles=False), bands)["angles"]
+    assert NORMAL_KEY not in by_time.keys

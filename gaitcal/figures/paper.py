@@ -1,0 +1,244 @@
+"""Figures for papers: one file a variable, mean and SD over the strides of each foot, in a convention of choice.
+
+Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns wide. With a single stride the band is
+its standard error, and the legend says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
+from gaitcal.figures.chart import Chart, Panel, Size
+from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR
+from gaitcal.figures.report import HealthyBands
+from gaitcal.figures.style import FAINT, SIDE_COLOURS, SIDE_DASHES, Key, Sizes, dress, limits, line_style
+from gaitcal.gait.conventions import SENSES, TRUNK_SENSES, Convention
+from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.words import SIDE_WORDS, capitalised, coordinate_words, counted
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import Subject
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LETTERS: Final = Sizes(small=7.0, normal=8.0, title=8.0)
+LEGEND_ROW: Final = 0.175
+"""inches."""
+INCH: Final = 25.4
+"""mm."""
+TALLEST: Final = 80.0
+"""mm: a wide figure is no taller."""
+ASPECT: Final = 0.68
+LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
+BAND: Final = 0.22
+LEAST: Final = {Kind.ANGLE: LEAST_ANGLE, Kind.FORCE: 50.0}
+"""Smallest range of a vertical axis, in deg and N; of moments and powers in N·m/kg and W/kg."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strides:
+    """What is drawn."""
+
+    table: pd.DataFrame
+    """As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`."""
+    subject: Subject
+    offs: Mapping[str, float]
+    """Side -> mean end of stance, % of the stride."""
+    healthy: HealthyBands = field(default_factory=dict)
+
+
+def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[Chart]:
+    """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
+
+    Parameters
+    ----------
+    convention : signs, whose moments, unit; along the axes of the coordinates.
+    width : mm.
+    """
+    tables = strides.table.groupby("variable", sort=False)
+    return [_chart(str(name), table, strides, convention, width) for name, table in tables]
+
+
+def paper_name(variable: str) -> str:
+    """Name of the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`, `hip_power`."""
+    return f"{variable.removesuffix('_angle')}_angle" if kind_of(variable) is Kind.ANGLE else variable
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """One side of one variable."""
+
+    side: str
+    mean: Array
+    """(101,)"""
+    spread: Array
+    """(101,) SD over strides, or the standard error of a single one."""
+    strides: int
+    healthy: tuple[Array, Array] | None
+    """Mean and SD (101,)."""
+
+    @property
+    def label(self) -> str:
+        """In the legend."""
+        told = f"mean ± SD of {self.strides} strides" if self.strides > 1 else counted(self.strides, "stride")
+        error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
+        return f"{SIDE_WORDS[self.side]}, {told}{error}"
+
+
+def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
+    lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
+    kind, title = kind_of(variable), _title(variable)
+    # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
+    # OpenSim's have not.
+    bands = _different([line for line in lines if line.healthy is not None])
+
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel="gait cycle (%)", ylabel=_label(variable, convention), title=title, sizes=LETTERS)
+        axes.axhline(0.0, color=FAINT, linewidth=THIN)
+        drawn: list[Array] = []
+        for line in bands:
+            drawn += _healthy(axes, line)
+        for line in lines:
+            drawn += _mean(axes, line)
+            if line.side in strides.offs:
+                dashes = line_style(SIDE_DASHES[line.side])
+                colour = SIDE_COLOURS[line.side]
+                axes.axvline(strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes)
+        axes.set_xlim(0.0, 100.0)
+        axes.set_xticks([0, 20, 40, 60, 80, 100])
+        axes.set_ylim(*limits(drawn, _least(kind, convention, strides.subject)))
+        if not any(np.isfinite(values).any() for values in drawn):
+            axes.text(0.5, 0.5, "no valid strides", transform=axes.transAxes, ha="center", fontsize=LETTERS.normal)
+
+    inches = width / INCH
+    height = min(ASPECT * width, TALLEST) / INCH
+    size = Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
+    return Chart(
+        name=paper_name(variable),
+        title=title,
+        caption="",
+        panels=(Panel(f"{title} over the gait cycle, right and left", draw, size),),
+        keys=(*_side_keys(lines), *_band_keys(bands), *_off_keys(strides.offs)),
+        columns=1,
+        sizes=LETTERS,
+        legend_row=LEGEND_ROW,
+    )
+
+
+def _line(variable: str, side: str, table: pd.DataFrame, strides: Strides, convention: Convention) -> _Line | None:
+    rows = table[table["side"] == side].sort_values("percent")
+    if rows.empty:
+        return None
+
+    def told(values: Any) -> Array:
+        return _told(variable, np.asarray(values, dtype=np.float64), side, strides.subject, convention)
+
+    count = int(rows["n"].max())
+    band = strides.healthy.get(variable, {}).get(side)
+    return _Line(
+        side=side,
+        mean=told(rows["mean"]),
+        spread=np.abs(told(rows["sd" if count > 1 else "se"])),
+        strides=count,
+        healthy=None if band is None else (told(band[0]), np.abs(told(band[1]))),
+    )
+
+
+def _told(variable: str, values: Array, side: str, subject: Subject, convention: Convention) -> Array:
+    """Values of `cycles.csv` in a convention."""
+    base = coordinate_of(variable)
+    match kind_of(variable):
+        case Kind.MOMENT:
+            return convention.moment(base, values, subject)
+        case Kind.POWER:
+            return convention.power(values, subject)
+        case Kind.ANGLE:
+            return convention.angle(base, values, side)
+        case _:
+            return values
+
+
+def _different(lines: list[_Line]) -> list[_Line]:
+    """Those whose bands are not the band of another."""
+    out: list[_Line] = []
+    for line in lines:
+        if not any(np.array_equal(np.array(line.healthy), np.array(o.healthy), equal_nan=True) for o in out):
+            out.append(line)
+    return out
+
+
+def _healthy(axes: Axes, line: _Line) -> list[Array]:
+    if line.healthy is None:
+        return []
+    mean, sd = line.healthy
+    percent = np.arange(float(len(mean)))
+    axes.fill_between(percent, mean - sd, mean + sd, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
+    for edge in (mean - sd, mean + sd):
+        axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
+    return [mean - sd, mean + sd]
+
+
+def _mean(axes: Axes, line: _Line) -> list[Array]:
+    percent, colour = np.arange(float(len(line.mean))), SIDE_COLOURS[line.side]
+    ends = (line.mean - line.spread, line.mean + line.spread)
+    axes.fill_between(percent, *ends, color=colour, alpha=BAND, linewidth=0)
+    dashes = line_style(SIDE_DASHES[line.side])
+    axes.plot(percent, line.mean, color=colour, linewidth=LINE, linestyle=dashes)
+    return [line.mean, *ends]
+
+
+def _side_keys(lines: list[_Line]) -> Iterator[Key]:
+    for line in lines:
+        yield Key(label=line.label, colour=SIDE_COLOURS[line.side], dashes=SIDE_DASHES[line.side], width=LINE)
+
+
+def _band_keys(bands: list[_Line]) -> Iterator[Key]:
+    for line in bands:
+        whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
+        yield Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
+
+
+def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
+    if offs:
+        yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
+
+
+def _title(variable: str) -> str:
+    if variable == GROUND_REACTION:
+        return "Vertical ground reaction force"
+    kind, title = kind_of(variable), capitalised(coordinate_words(coordinate_of(variable)).title)
+    return title if kind is Kind.ANGLE else f"{title} {kind.words}"
+
+
+def _label(variable: str, convention: Convention) -> str:
+    """Unit, and what is positive."""
+    base = coordinate_of(variable)
+    match kind_of(variable):
+        case Kind.MOMENT:
+            unit = convention.unit.key.replace("Nm", "N·m").replace("*", "·")
+            if base not in {**SENSES, **TRUNK_SENSES}:
+                return unit
+            whose, sense = convention.positive_moment(base).split(", ", 1)
+            return f"{unit}\n({whose}, {sense} +)"
+        case Kind.POWER:
+            return f"{convention.unit.power}\n(generated +)"
+        case Kind.ANGLE:
+            senses = {side: convention.positive_angle(base, side) for side in SIDES}
+            return f"deg\n({senses['r']} +)"
+        case _:
+            return "N\n(upward +)"
+
+
+def _least(kind: Kind, convention: Convention, subject: Subject) -> float:
+    if kind in LEAST:
+        return LEAST[kind]
+    one = np.array([LEAST_MOMENT * subject.mass])
+    if kind is Kind.MOMENT:
+        return float(np.abs(convention.moment("", one, subject))[0])
+    return float(convention.power(one, subject)[0])

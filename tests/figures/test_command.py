@@ -1,0 +1,282 @@
+"""`gaitcal figures`: what is drawn is what the folder's files hold, and the same folder gives the same files."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner, Result
+
+from gaitcal.cli import app
+from gaitcal.commands.console import Talk
+from gaitcal.commands.figures import Options, chosen, run
+from gaitcal.errors import InputError, UsageError
+from gaitcal.figures import report
+from gaitcal.figures.chart import Chart, panel_figure
+from gaitcal.figures.paper import LINE, Strides, paper_charts
+from gaitcal.figures.report import Told, report_charts
+from gaitcal.figures.sheet import SheetTrial, unpacked
+from gaitcal.figures.style import SIDE_COLOURS
+from gaitcal.files.atomic import atomic_directory
+from gaitcal.files.ownership import ResultKind, refuse_others
+from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
+from gaitcal.gait.ensemble import ensemble
+from gaitcal.page.packing import lengths
+from gaitcal.page.sheet import SHEET, calibration_sheet, write_sheet
+from gaitcal.person.result import Calibration
+from gaitcal.person.tables import parameter_table
+from gaitcal.results.cycles import read_cycles
+from gaitcal.results.stride_files import write_stride_files
+from gaitcal.results.summary import summary
+from gaitcal.results.table_file import write_csv
+from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
+
+PACKED = 1 / 60_000
+"""Of the range of a curve: a sheet holds 16-bit integers."""
+AS_WRITTEN = 1e-6
+"""`cycles.csv` has six decimals."""
+
+
+@pytest.fixture(scope="module")
+def whole() -> Calibration:
+    return fake_calibration()
+
+
+@pytest.fixture(scope="module")
+def folder(whole: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(whole, tmp_path_factory.mktemp("result"))
+
+
+def written(calibration: Calibration, out: Path) -> Path:
+    """Those files of a result that figures are made of."""
+    write_sheet(calibration_sheet(calibration), out / SHEET)
+    write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
+    write_csv(parameter_table(calibration), out / "parameters.csv")
+    (out / "summary.json").write_text(json.dumps(summary(calibration)), encoding="utf-8")
+    return out
+
+
+def figures(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["figures", *map(str, arguments)])
+
+
+def options(**changes: object) -> Options:
+    plain: dict[str, object] = dict.fromkeys(("formats", "width", "normal", "signs", "units"))
+    return Options(**({"purpose": "paper", "only": (), "external": False} | plain | changes))  # type: ignore[arg-type]
+
+
+def mean_lines(chart: Chart) -> dict[str, np.ndarray]:
+    """Side -> its line over the cycle."""
+    sides = {colour: side for side, colour in SIDE_COLOURS.items()}
+    lines = [line for line in panel_figure(chart.panels[0]).axes[0].lines if line.get_linewidth() == LINE]
+    return {sides[str(line.get_color())]: np.asarray(line.get_ydata()) for line in lines}
+
+
+def charts(folder: Path, calibration: Calibration, convention: Convention) -> dict[str, Chart]:
+    strides = Strides(table=ensemble(read_cycles(folder)), subject=calibration.model.subject, offs={})
+    return {chart.name: chart for chart in paper_charts(strides, convention)}
+
+
+def test_a_line_is_the_mean_of_cycles_csv(folder: Path, whole: Calibration) -> None:
+    drawn = charts(folder, whole, Convention())
+    table = pd.read_csv(folder / "cycles.csv", comment="#")
+    table = table[table["valid"] == 1]
+    for name, variable in (
+        ("hip_flexion_angle", "hip_flexion"),
+        ("knee_adduction_moment", "knee_adduction_moment"),
+        ("ground_reaction_vertical", "ground_reaction_vertical"),
+    ):
+        for side, line in mean_lines(drawn[name]).items():
+            of_side = table[(table["variable"] == variable) & (table["side"] == side)]
+            expected = of_side.groupby("percent")["value"].mean().reindex(range(101))
+            np.testing.assert_allclose(line, expected, atol=AS_WRITTEN, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "convention, sign",
+    [
+        (Convention(unit=MomentUnit.NM_PER_KG), 1.0),
+        (Convention(unit=MomentUnit.NM_PER_KG, signs=Signs.CLINICAL), -1.0),
+        (Convention(unit=MomentUnit.NM_PER_KG, acting=Acting.EXTERNAL), -1.0),
+        (Convention(unit=MomentUnit.NM_PER_KG, acting=Acting.EXTERNAL, signs=Signs.CLINICAL), 1.0),
+    ],
+)
+def test_moments_are_told_in_the_convention(
+    folder: Path, whole: Calibration, convention: Convention, sign: float
+) -> None:
+    plain = mean_lines(charts(folder, whole, Convention())["knee_angle_moment"])
+    told = mean_lines(charts(folder, whole, convention)["knee_angle_moment"])
+    for side, line in told.items():
+        np.testing.assert_allclose(line, sign * plain[side] / whole.model.subject.mass)
+
+
+def first_strides(folder: Path) -> pd.DataFrame:
+    table = read_cycles(folder)
+    return table[table["stride"] == 1]
+
+
+def test_the_band_of_a_single_stride_is_its_standard_error(folder: Path, whole: Calibration) -> None:
+    strides = Strides(table=ensemble(first_strides(folder)), subject=whole.model.subject, offs={})
+    drawn = {chart.name: chart for chart in paper_charts(strides, Convention(signs=Signs.CLINICAL))}
+    chart = drawn["hip_flexion_angle"]
+    (axes,) = panel_figure(chart.panels[0]).axes
+    assert [key.label for key in chart.keys] == [f"{side}, 1 stride ± standard error" for side in ("right", "left")]
+    for band in axes.collections:
+        corners = band.get_paths()[0].vertices
+        assert np.ptp(corners[corners[:, 0] == 50.0, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-4)
+    assert drawn["ground_reaction_vertical"].keys[0].label == "right, 1 stride"
+
+
+def test_the_band_of_several_strides_is_their_sd(folder: Path, whole: Calibration) -> None:
+    table = first_strides(folder)
+    more = table.assign(stride=table["stride"] + 1, value=table["value"] + 3.0)
+    strides = Strides(table=ensemble(pd.concat([table, more])), subject=whole.model.subject, offs={"r": 60.0})
+    chart = next(c for c in paper_charts(strides, Convention()) if c.name == "hip_flexion_angle")
+    (axes,) = panel_figure(chart.panels[0]).axes
+    corners = axes.collections[0].get_paths()[0].vertices
+    assert np.ptp(corners[corners[:, 0] == 50.0, 1]) == pytest.approx(2 * 3.0 / np.sqrt(2.0))
+    assert next(key.label for key in chart.keys) == "right, mean ± SD of 2 strides"
+    assert any(line.get_xdata()[0] == 60.0 for line in axes.lines if len(line.get_xdata()) == 2)
+
+
+def test_the_same_folder_gives_the_same_files(folder: Path, tmp_path: Path) -> None:
+    for out in ("a", "b"):
+        result = figures(folder, "--out", tmp_path / out, "--only", "knee_adduction", "--format", "svg,pdf,png", "-q")
+        assert result.exit_code == 0, result.output
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert names == [f"knee_adduction_moment.{ending}" for ending in ("pdf", "png", "svg")]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    assert b"/Subtype /Type3" not in (tmp_path / "a" / "knee_adduction_moment.pdf").read_bytes()
+
+
+def test_a_figure_is_as_wide_as_asked_for(folder: Path, tmp_path: Path) -> None:
+    assert figures(folder, "--out", tmp_path, "--only", "hip_flexion_moment", "--width", "17cm").exit_code == 0
+    head = (tmp_path / "hip_flexion_moment.svg").read_text(encoding="utf-8")
+    points = float(head.split('width="')[1].split("pt")[0])
+    assert points == pytest.approx(170 / 25.4 * 72, abs=0.1)
+
+
+def test_only_takes_the_words_that_names_begin_or_end_with(folder: Path, whole: Calibration) -> None:
+    every = list(charts(folder, whole, Convention()).values())
+    names = [chart.name for chart in chosen(every, ["hip_flexion"])]
+    assert names == ["hip_flexion_angle", "hip_flexion_moment"]
+    assert {chart.name.rpartition("_")[2] for chart in chosen(every, ["moment,angle"])} == {"moment", "angle"}
+    with pytest.raises(UsageError, match="did you mean 'knee_adduction_moment'") as told:
+        chosen(every, ["knee_aduction"])
+    assert all(chart.name in str(told.value) for chart in every)
+
+
+def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> None:
+    assert figures(folder, "--for", "report", "--out", tmp_path, "--format", "svg").exit_code == 0
+    walk = ("angles", "moments", "ground_reactions", "pelvis_residuals", "moment_change")
+    expected = {"joint_parameters.svg", "marker_errors.svg", *(f"01_walk_{kind}.svg" for kind in walk)}
+    assert {path.name for path in tmp_path.iterdir()} == expected
+
+
+def test_a_report_draws_the_curves_of_the_sheet(whole: Calibration) -> None:
+    sheet = calibration_sheet(whole)
+    trial = SheetTrial(sheet["trials"][0])
+    curve = next(c for c in trial.of("moment") if c.name == "hip_flexion_r")
+    told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
+    moments = next(c for c in report_charts(told) if c.name.endswith("_moments"))
+    (axes,) = panel_figure(moments.panels[0]).axes
+    drawn = next(line for line in axes.lines if line.get_linewidth() == 1.5)
+    expected = trial.layout.lay("r", np.where(curve.valid, curve.value, np.nan) / whole.model.subject.mass)[1]
+    np.testing.assert_allclose(np.asarray(drawn.get_ydata()), expected)
+    body = whole.trial("walk")
+    assert body.loads is not None
+    column = body.body.coordinates.index("hip_flexion_r")
+    exact = body.loads.final.tau[:, column]
+    assert np.abs(curve.value - exact).max() < PACKED * np.ptp(exact)
+    np.testing.assert_allclose(trial.time, body.body.time, atol=AS_WRITTEN)
+
+
+def test_packed_curves_are_read_back() -> None:
+    values = np.array([1.5, np.nan, -3.0, 7.25, np.inf])
+    back = unpacked(lengths(values))
+    assert np.isnan(back[[1, 4]]).all()
+    np.testing.assert_allclose(back[[0, 2, 3]], values[[0, 2, 3]], atol=PACKED * 10.25)
+
+
+def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibration) -> None:
+    sheet = calibration_sheet(whole)
+    content = sheet["trials"][0]
+    content["strides"] = [stride for stride in content["strides"] if stride["side"] == "l"]
+    layout = SheetTrial(content).layout
+    assert layout.by_cycle and layout.has("l") and not layout.has("r") and layout.has("")
+    told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
+    for chart in report_charts(told):
+        for panel in chart.panels:
+            panel_figure(panel)
+
+
+def test_file_names_ignore_what_a_trial_is_called(tmp_path: Path) -> None:
+    source = written(fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE)), tmp_path)
+    out = tmp_path / "out"
+    assert figures(source, "--for", "report", "--out", out, "--format", "svg", "--only", "angles").exit_code == 0
+    (file,) = out.iterdir()
+    assert file.name.isascii() and not set(file.name) & set("<>\"'$&/ ")
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"purpose": "poster"}, "--for: found 'poster'"),
+        ({"formats": "jpg"}, "--format: found 'jpg'; allowed: png, svg, pdf"),
+        ({"formats": ","}, "--format: found ','"),
+        ({"width": "3mm"}, "--width: found '3mm'; allowed: 40mm to 400mm"),
+        ({"width": "wide"}, "--width: found 'wide'"),
+        ({"purpose": "report", "units": "Nm"}, "--units: found with --for report"),
+        ({"signs": "clincal"}, "--convention: found 'clincal'"),
+    ],
+)
+def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError) as told:
+        run(folder, tmp_path / "out", options(**changes), Talk(quiet=True, verbose=False))
+    assert str(told.value).startswith(message)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
+    for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
+        with pytest.raises(InputError, match=message):
+            run(folder, None, options(), Talk(quiet=True, verbose=False))
+
+
+def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:
+    for name, place in ((SHEET, tmp_path), ("cycles.csv", tmp_path / "dynamics")):
+        place.mkdir(exist_ok=True)
+        (place / name).write_bytes((folder / name).read_bytes())
+    result = figures(tmp_path / "dynamics", "--out", tmp_path / "out", "--only", "knee_adduction")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out" / "knee_adduction_moment.svg").exists()
+
+
+@pytest.mark.parametrize("kind", [ResultKind.CALIBRATION, ResultKind.DYNAMICS])
+def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path, kind: ResultKind) -> None:
+    with atomic_directory(tmp_path / "result", kind) as out:
+        (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
+    (tmp_path / "result" / "figures").mkdir()
+    (tmp_path / "result" / "figures" / "hip_power.svg").write_text("<svg/>", encoding="utf-8")
+    assert refuse_others(tmp_path / "result", kind) == ("figures",)
+    with atomic_directory(tmp_path / "result", kind) as out:
+        (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
+    assert (tmp_path / "result" / "figures" / "hip_power.svg").exists()
+
+
+def test_drawing_alone_loads_matplotlib() -> None:
+    """Every command waits for what it imports."""
+    named = "import sys, gaitcal.commands.calibrate, gaitcal.commands.dynamics, gaitcal.commands.view"
+    heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_stems_are_plain() -> None:
+    assert [report.stem(3, name) for name in ("Walk 1", "", "../../x")] == ["03_walk-1", "03", "03_x"]

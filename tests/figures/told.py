@@ -1,0 +1,31 @@
+"""What a result folder would tell of a calibration, without the folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+from gaitcal.figures.chart import Chart
+from gaitcal.figures.report import Told, report_charts
+from gaitcal.gait.normal_bands import Bands
+from gaitcal.page.sheet import calibration_sheet
+from gaitcal.person.result import Calibration
+from gaitcal.person.tables import parameter_table
+from gaitcal.results.summary import summary
+
+
+def told(calibration: Calibration, normal: Bands | None = None) -> Told:
+    subject, known = calibration.model.subject, calibration.truth
+    return Told(
+        sheet=calibration_sheet(calibration),
+        summary=json.loads(json.dumps(summary(calibration))),
+        parameters=parameter_table(calibration).to_dict("records"),
+        truth={p.name: p.truth for p in known.parameters} if known else {},
+        healthy={name: {s: band.for_person(subject, s) for s in "rl"} for name, band in (normal or {}).items()},
+    )
+
+
+def charts(calibration: Calibration, normal: Bands | None = None) -> Mapping[str, Chart]:
+    """Kind of a page (`angles`, `joint_parameters`) -> its chart; of calibrations with one walk."""
+    found = report_charts(told(calibration, normal))
+    return {chart.name.split("_", 2)[2] if chart.name[0].isdigit() else chart.name: chart for chart in found}
