@@ -55,13 +55,9 @@ class Chart:
     name: str
     """Stem of the file in `write_figures`: plain ASCII."""
     title: str
-    caption: str
-    """Whole sentences: what is drawn, signs, bands."""
     panels: tuple[Panel, ...]
     keys: tuple[Key, ...]
     columns: int = 3
-    subject: str = ""
-    """The trial, where a chart shows one; data, not markup."""
     sizes: Sizes = SCREEN
     """Of the letters of the legend."""
     legend_row: float = LEGEND_INCHES

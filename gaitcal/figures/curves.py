@@ -83,8 +83,6 @@ def _keys(middle: str, curves: Curves) -> tuple[Key, ...]:
 class Curves:
     """What is drawn of one trial in one kind of chart."""
 
-    trial: str
-    """Its name; data, not markup."""
     layout: Layout
     traces: Mapping[str, Trace]
     """Coordinate (`hip_flexion_r`) or joint of a power (`hip_r`) -> its curve, in deg, N·m/kg or W/kg."""
@@ -107,12 +105,8 @@ def angle_chart(curves: Curves, stem: str) -> Chart:
     return Chart(
         name=f"{stem}_angles",
         title="Joint angles",
-        caption="The word in brackets is the direction of positive values, the same for both sides. Pelvis angles are "
-        "against the laboratory, trunk angles against the pelvis"
-        + (", over the right cycle." if curves.layout.by_cycle else "."),
         panels=_panels(curves, "deg", LEAST_ANGLE, lambda base: coordinate_words(base).angle),
         keys=_keys("pelvis and trunk", curves),
-        subject=curves.trial,
     )
 
 
@@ -121,13 +115,8 @@ def moment_chart(curves: Curves, stem: str) -> Chart:
     return Chart(
         name=f"{stem}_moments",
         title="Joint moments",
-        caption="Internal, net moments: what muscles, ligaments and bone contact together exert on the distal segment. "
-        "The word in brackets is the action of positive values; external moments have the opposite sign. Curves are "
-        "interrupted in frames that are not valid: for a leg where its own foot rests beside plates, or shares one."
-        + (" The truth goes on through these." if curves.truth else ""),
         panels=_panels(curves, "N·m/kg", LEAST_MOMENT, lambda base: coordinate_words(base).moment),
         keys=_keys("trunk", curves),
-        subject=curves.trial,
     )
 
 
@@ -136,11 +125,8 @@ def power_chart(curves: Curves, stem: str) -> Chart:
     return Chart(
         name=f"{stem}_powers",
         title="Joint powers",
-        caption="Power of the net moment over all axes of a joint: above zero where muscles generate energy, below "
-        "where they absorb it. Curves are interrupted in frames that are not valid.",
         panels=_panels(curves, "W/kg", LEAST_POWER, lambda base: "generated"),
         keys=_keys("trunk", curves),
-        subject=curves.trial,
     )
 
 

@@ -50,9 +50,6 @@ def fit_chart(trials: Sequence[TrialFit]) -> Chart | None:
     return Chart(
         name="marker_errors",
         title="Marker errors before and after calibration",
-        caption="RMS distance between measured and model markers. The closer a filled dot is to its tick, the better "
-        "the joints explain the measured motion. A segment far above its floor is held back by a joint; a high floor "
-        "tells of moving skin or a loose marker.",
         panels=tuple(panels),
         keys=KEYS,
         columns=2,

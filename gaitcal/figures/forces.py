@@ -44,8 +44,6 @@ LEAST = 5.0
 class Forces:
     """Ground reactions of one trial."""
 
-    trial: str
-    """Its name; data, not markup."""
     time: Array
     """(nf,) s."""
     force: Array
@@ -59,11 +57,8 @@ def forces_chart(forces: Forces, stem: str) -> Chart:
     return Chart(
         name=f"{stem}_ground_reactions",
         title="Ground reaction forces",
-        caption="Force of the ground on each foot, in percent of body weight. In calm walking each step has two "
-        "vertical peaks of about 110 %.",
         panels=tuple(_panel(title, word, forces, k) for title, word, k in AXES),
         keys=(*SIDE_KEYS, LEG_KEY),
-        subject=forces.trial,
     )
 
 
@@ -118,8 +113,6 @@ class Stage:
 class Residuals:
     """Pelvis residuals of one trial with at least one valid frame."""
 
-    trial: str
-    """Its name; data, not markup."""
     time: Array
     """(nf,) s."""
     valid: BoolArray
@@ -161,8 +154,6 @@ def residuals_chart(residuals: Residuals, stem: str) -> Chart:
     return Chart(
         name=f"{stem}_pelvis_residuals",
         title="Pelvis residuals",
-        caption="Magnitude of the force and the moment at the pelvis that the measured motion needs and the measured "
-        "ground reactions do not supply. Perfect data and a perfect model would give zero.",
         panels=(
             panel("Residual force", "N", [s.force for s in steps], bounds[0]),
             panel("Residual moment", "N·m", [s.moment for s in steps], bounds[1]),
@@ -173,5 +164,4 @@ def residuals_chart(residuals: Residuals, stem: str) -> Chart:
             INVALID_KEY,
         ),
         columns=2,
-        subject=residuals.trial,
     )

@@ -122,7 +122,6 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     return Chart(
         name=paper_name(variable),
         title=title,
-        caption="",
         panels=(Panel(f"{title} over the gait cycle, right and left", draw, size),),
         keys=(*_side_keys(lines), *_band_keys(bands), *_off_keys(strides.offs)),
         columns=1,

@@ -38,9 +38,6 @@ def parameters_chart(groups: tuple[Group, ...], truth: Mapping[str, float] | Non
     return Chart(
         name="joint_parameters",
         title="How far each joint parameter moved",
-        caption="Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of "
-        "the named segment: forward, up, to the right."
-        + (" A ring around a dot: calibration found the truth; around zero: the nominal value was true." * bool(known)),
         panels=tuple(panels),
         keys=(
             *(Key(label=label, colour=SIDE_COLOURS[side], kind="dot") for side, label in shown.items()),
@@ -79,7 +76,7 @@ def _panel(groups: tuple[Group, ...], title: str, unit: str, truth: Mapping[str,
 BAR, CHANGE_ROW = 0.36, 0.27
 
 
-def moment_change_chart(trial: str, changes: Mapping[str, float], stem: str) -> Chart:
+def moment_change_chart(changes: Mapping[str, float], stem: str) -> Chart:
     """A pair of bars for each joint moment; `changes`: coordinate -> % of body weight times height."""
     bases = list(dict.fromkeys(split_side(name)[0] for name in changes))
     size = Size(width=4.4, height=0.7 + CHANGE_ROW * len(bases), left=1.32, right=0.15, bottom=0.38, top=0.26)
@@ -98,8 +95,6 @@ def moment_change_chart(trial: str, changes: Mapping[str, float], stem: str) -> 
     return Chart(
         name=f"{stem}_moment_change",
         title="Change of the joint moments",
-        caption="RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
-        "Where the bars are small against the effect you study, calibration did not matter for it.",
         panels=(
             Panel("RMS change of each joint moment, right and left, percent of body weight times height", draw, size),
         ),
@@ -109,5 +104,4 @@ def moment_change_chart(trial: str, changes: Mapping[str, float], stem: str) -> 
             if any(split_side(name)[1] == side for name in changes)
         ),
         columns=1,
-        subject=trial,
     )

@@ -86,7 +86,7 @@ def _of_walk(told: Told, trial: SheetTrial, name: str) -> Iterator[Chart | None]
     yield _residuals(trial, name)
     if changes := told.about(trial.name).get("torque_change_bwh"):
         by_base = sorted(changes, key=lambda n: [c.name for c in moments].index(n))
-        yield moment_change_chart(trial.name, {n: float(changes[n]) for n in by_base}, name)
+        yield moment_change_chart({n: float(changes[n]) for n in by_base}, name)
 
 
 def _curves(told: Told, trial: SheetTrial, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
@@ -110,7 +110,7 @@ def _curves(told: Told, trial: SheetTrial, curves: list[SheetCurve], kind: Kind,
         for name, sides in told.healthy.items()
         if kind_of(name) is kind
     }
-    return Curves(trial=trial.name, layout=trial.layout, traces=traces, normal=normal)
+    return Curves(layout=trial.layout, traces=traces, normal=normal)
 
 
 def _forces(told: Told, trial: SheetTrial, name: str) -> Chart | None:
@@ -123,7 +123,7 @@ def _forces(told: Told, trial: SheetTrial, name: str) -> Chart | None:
     # Packed to 1/65534 of its range, no force is exactly none.
     unloaded = np.abs(force[:, :, 1]) <= np.abs(force[:, :, 1]).max() / 2**16
     force[np.broadcast_to(unloaded[:, :, None], force.shape)] = 0.0
-    return forces_chart(Forces(trial=trial.name, time=trial.time, force=percent * force, valid_legs=legs), name)
+    return forces_chart(Forces(time=trial.time, force=percent * force, valid_legs=legs), name)
 
 
 def _residuals(trial: SheetTrial, name: str) -> Chart | None:
@@ -134,7 +134,7 @@ def _residuals(trial: SheetTrial, name: str) -> Chart | None:
     stages = [Stage("calibrated model", force.value, moment.value)]
     if force.nominal is not None and moment.nominal is not None:
         stages.insert(0, Stage("nominal model", force.nominal, moment.nominal))
-    shown = Residuals(trial=trial.name, time=trial.time, valid=force.valid, stages=tuple(stages), limit=trial.limit())
+    shown = Residuals(time=trial.time, valid=force.valid, stages=tuple(stages), limit=trial.limit())
     return residuals_chart(shown, name)
 
 

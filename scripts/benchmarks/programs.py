@@ -28,6 +28,7 @@ def section_startup() -> list[Timing]:
     return [
         Timing("gaitcal --help", _python("-m", "gaitcal.cli", "--help")),
         Timing("import gaitcal", _python("-c", "import gaitcal")),
+        Timing("import of what calibrate needs", _python("-c", "import gaitcal.commands.calibrate"), "below 0.9 s"),
         Timing("python alone", _python("-c", "pass")),
     ]
 
@@ -52,8 +53,16 @@ def section_calibrate_study() -> list[Timing]:
             "-m", "gaitcal.cli", "calibrate", "-q", str(folder / "study" / "study.toml"), "--out", str(out)
         )()
 
-    said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, report, view, exports; its own process"
-    return [Timing("gaitcal calibrate study.toml", calibrate, said)]
+    def draw() -> object:
+        return _python("-m", "gaitcal.cli", "figures", "-q", str(folder / "result0"))()
+
+    study = str(folder / "study" / "study.toml")
+    said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, page, exports; its own process"
+    return [
+        Timing("gaitcal calibrate study.toml", calibrate, said),
+        Timing("gaitcal check study.toml", _python("-m", "gaitcal.cli", "check", "-q", study), "its own process"),
+        Timing("gaitcal figures result", draw, "one stride of each foot, a file a variable; 1 run", runs=1),
+    ]
 
 
 def section_montecarlo() -> list[Timing]:

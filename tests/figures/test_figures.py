@@ -104,7 +104,7 @@ def test_forces_are_percent_of_body_weight_along_their_axes(whole: Calibration) 
     assert walk.loads is not None
     force = np.zeros((len(walk.body.time), 2, 3))
     force[:, 0] = 10.0, 100.0, -5.0
-    forces = Forces(trial="w", time=walk.body.time, force=force, valid_legs=walk.loads.reactions.valid_legs)
+    forces = Forces(time=walk.body.time, force=force, valid_legs=walk.loads.reactions.valid_legs)
     for panel, percent in zip(forces_chart(forces, "w").panels, (100.0, 10.0, -5.0), strict=True):
         assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(percent), panel.label
 
