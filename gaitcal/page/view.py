@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 SCRIPTS = (
     "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
     "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
-    "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "curves.js",
+    "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "papers.js",
+    "curves.js",
     "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js",
     "page.js",
 )  # fmt: skip

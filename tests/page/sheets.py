@@ -1,116 +1,103 @@
-"""Sheets of made-up curves: several strides of each leg, some that turn, stretches that are not valid."""
+"""A sheet to go with the walking scene of `people.py`: what the page asks of one, with numbers made up."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import copy
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from gaitcal.gait.cycles import GaitCycle, normalise
-from gaitcal.model.subject_model import Subject
 from gaitcal.page import Scene
-from gaitcal.page.packing import floats
-from gaitcal.page.sheet import sheet_rows
-from gaitcal.page.sheet.sheet import FORMAT
-from gaitcal.page.sheet.trial_curves import Curve, packed_curves
-from tests.page.people import walking_scene
+from gaitcal.page.packing import base64_of, floats, lengths
+from gaitcal.page.scene import TrialScene
+from gaitcal.page.view import Shown, page_html
 
-SUBJECT = Subject("Built-in subject", 69.4, 1.70, "male")
-UNITS = {"angle": "deg", "moment": "N m", "power": "W", "force": "N"}
-SIZE = {"angle": 20.0, "moment": 40.0, "power": 80.0, "force": 300.0}
-CURVES = (
-    *((base, kind, True) for base in ("hip_flexion", "knee_angle", "knee_adduction") for kind in ("angle", "moment")),
-    ("hip", "power", True), ("ankle_angle", "angle", True), ("ground_reaction_vertical", "force", True),
-    ("pelvis_tilt", "angle", False), ("pelvis_list", "angle", False), ("lumbar_bending", "moment", False),
-)  # fmt: skip
-"""Base, kind, and whether each leg has one."""
-VARIABLE = {"angle": "", "moment": "_moment", "power": "_power", "force": ""}
-"""What `cycles.csv` adds to a base."""
-
-
-def long_walks(trials: int = 3, repeat: int = 1) -> Scene:
-    """The built-in person's walk several times, each of so many times as many frames."""
-    scene = walking_scene()
-    walk = scene.trials[0]
-
-    def more(array: np.ndarray) -> np.ndarray:
-        return np.concatenate([array] * repeat)
-
-    step = float(np.diff(walk.time).mean())
-    frames = ("origins", "turns", "measured", "forces", "pressure_centres", "valid", "valid_legs")
-    longer = {name: more(getattr(walk, name)) for name in frames} | {"time": step * np.arange(repeat * len(walk.time))}
-    walks = (replace(walk, name=f"walk{k}", recorded=repeat * walk.recorded, **longer) for k in range(trials))
-    return replace(scene, trials=tuple(walks))
+EVENTS = {
+    "r": [("foot strike", 0.05), ("foot off", 0.65), ("foot strike", 1.0)],
+    "l": [("foot off", 0.1), ("foot strike", 0.5)],
+}
+"""s from the begin of the walk."""
+_ROW = {
+    "base": "hip_flexion",
+    "title": "Hip flexion",
+    "angle": ["flexion", "extension"],
+    "moment": ["flexion", "extension"],
+    "actor": "flexor",
+    "flips": True,
+    "pelvis": {},
+}
 
 
-def stridden(
-    scene: Scene, strides: dict[int, dict[str, list[float]]], seed: int = 4
-) -> tuple[dict[str, Any], pd.DataFrame]:
-    """A sheet of a scene, and the same strides as a table like `cycles.csv`.
-
-    Parameters
-    ----------
-    strides : trial -> side -> strikes (s), so that each two are a stride; the second stride of a leg turns.
-    """
-    rng = np.random.default_rng(seed)
-    rows, trials = [], []
-    for t, trial in enumerate(scene.trials):
-        time = trial.time - trial.time[0]
-        curves = tuple(_curve(rng, time, *of, side) for of in CURVES for side in ("rl" if of[2] else [""]))
-        made = [
-            {"side": side, "number": n + 1, "start": a, "stop": b, "off": a + 0.6 * (b - a), "turns": n == 1}
-            for side, strikes in strides.get(t, {}).items()
-            for n, (a, b) in enumerate(zip(strikes[:-1], strikes[1:], strict=True))
-        ]
-        for stride in made:
-            for curve in curves:
-                if curve.side in (stride["side"], ""):
-                    rows.append(_rows(trial.name, stride, curve, time))
-        trials.append(_trial(trial.name, time, curves, made))
-    person = {key: getattr(SUBJECT, key) for key in ("name", "session", "mass", "height", "sex", "weight", "bwh")}
-    verdict = {"judgement": "trustworthy", "sentence": "", "reasons": []}
-    sheet = {
-        "format": FORMAT, "program": "gaitcal", "made": "", "person": person, "verdict": verdict, "lines": [],
-        "rows": sheet_rows(), "measures": [], "bands": [], "sections": {}, "trials": trials,
-    }  # fmt: skip
-    return sheet, pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
+def page_of(scene: Scene, *more: Shown) -> str:
+    """The page of a scene with its sheet, and of further results."""
+    return page_html([Shown(scene, sheet_of(scene), "before"), *more])
 
 
-def _curve(rng: np.random.Generator, time: np.ndarray, base: str, kind: str, sided: bool, side: str) -> Curve:
-    waves = rng.standard_normal((4, 2))
-    phases = 2 * np.pi * np.outer(np.arange(1, 5), time) / 0.5
-    value = SIZE[kind] * (waves[:, :1] * np.sin(phases) + waves[:, 1:] * np.cos(phases)).sum(axis=0)
-    value = value + 0.2 * SIZE[kind] * rng.standard_normal() * time
-    error = SIZE[kind] * (0.1 + 0.05 * np.sin(7 * time))
-    hole = rng.uniform(0.0, time[-1])
-    valid = (np.abs(time - hole) > 0.06) if kind == "moment" else np.ones(len(time), dtype=bool)
-    return Curve(
-        base=base, side=side, kind=kind, unit=UNITS[kind], value=value, valid=valid, error=error, own=0.6 * error,
-        nominal=value + 0.1 * SIZE[kind],
-    )  # fmt: skip
-
-
-def _rows(name: str, stride: dict[str, Any], curve: Curve, time: np.ndarray) -> pd.DataFrame:
-    cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
-    laid = [normalise(time, values, cycle) for values in (curve.value, curve.error, curve.own)]
-    usable = normalise(time, np.where(curve.valid, 1.0, np.nan), cycle)
-    columns = {"person": SUBJECT.name, "session": "", "trial": name, "side": stride["side"], "stride": stride["number"]}
-    columns |= {"percent": np.arange(101), "variable": f"{curve.base}{VARIABLE[curve.kind]}"}
-    columns |= dict(zip(("value", "se", "se_stride"), laid, strict=True)) | {"valid": np.isfinite(usable).astype(int)}
-    return pd.DataFrame(columns | {"turn": 40.0 if stride["turns"] else 0.0})
-
-
-def _trial(name: str, time: np.ndarray, curves: tuple[Curve, ...], strides: list[dict[str, Any]]) -> dict[str, Any]:
-    events = [
-        {"side": s["side"], "kind": kind, "time": when, "source": "motion"}
-        for s in strides
-        for kind, when in (("foot strike", s["start"]), ("foot off", s["off"]))
-    ]
+def sheet_of(scene: Scene) -> dict[str, Any]:
+    """Right and left hip flexion of every trial; events and a stride in the first."""
+    trials = [_trial(trial, events=k == 0) for k, trial in enumerate(scene.trials)]
     return {
-        "name": name, "role": "walking", "joint": None, "refused": [], "verdict": None, "start": 0.0,
-        "duration": float(time[-1]), "frames": len(time), "every": 1, "time": floats(time), **packed_curves(curves, 1),
-        "events": sorted(events, key=lambda event: event["time"]), "strides": strides, "measures": [], "line": 0.0,
-        "relative": False, "sections": {},
-    }  # fmt: skip
+        "format": 1,
+        "program": "gaitcal",
+        "made": "2026-01-01",
+        "person": {
+            "name": scene.subject,
+            "session": "",
+            "mass": scene.mass,
+            "height": scene.height,
+            "sex": "male",
+            "weight": 9.81 * scene.mass,
+            "bwh": 9.81 * scene.mass * scene.height,
+        },
+        "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against it.", "reasons": []},
+        "lines": [],
+        "rows": [{"joint": "hip", "title": "Hip", "power": "hip", "rows": [copy.deepcopy(_ROW)]}],
+        "measures": [],
+        "bands": [],
+        "sections": {},
+        "trials": trials,
+    }
+
+
+def _trial(trial: TrialScene, *, events: bool) -> dict[str, Any]:
+    time = trial.time - trial.time[0]
+    valid = np.ones(len(time), dtype="<u1")
+    wave = np.sin(6.0 * time)
+
+    def curve(side: str, kind: str, unit: str) -> dict[str, Any]:
+        return {
+            "base": "hip_flexion",
+            "side": side,
+            "joint": "hip",
+            "kind": kind,
+            "unit": unit,
+            "valid": 0,
+            "value": lengths(30.0 * wave + (side == "l")),
+            "se": lengths(1.0 + 0.0 * wave),
+            "own": None,
+            "nominal": lengths(29.0 * wave),
+            "truth": None,
+        }
+
+    found = [{"side": s, "kind": k, "time": t, "source": "motion"} for s in EVENTS for k, t in EVENTS[s]]
+    stride = {"side": "r", "number": 1, "start": 0.05, "stop": 1.0, "off": 0.65, "turns": False}
+    return {
+        "name": trial.name,
+        "role": "walking",
+        "joint": None,
+        "refused": [],
+        "verdict": None,
+        "start": float(trial.time[0]),
+        "duration": float(time[-1]),
+        "frames": len(time),
+        "every": 1,
+        "time": floats(time),
+        "masks": [base64_of(valid)],
+        "curves": [curve(s, kind, unit) for kind, unit in (("angle", "deg"), ("moment", "N m")) for s in ("r", "l")],
+        "events": found if events else [],
+        "strides": [stride] if events else [],
+        "measures": [],
+        "line": 0.0,
+        "relative": False,
+        "sections": {},
+    }

@@ -17,7 +17,7 @@ from gaitcal.gait.conventions import SENSES, TRUNK_SENSES, Acting, Convention, M
 from gaitcal.page.sheet import sheet_rows
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
-from tests.page.sheets import SIZE, SUBJECT, VARIABLE, long_walks, stridden
+from tests.page.stridden import SIZE, SUBJECT, VARIABLE, long_walks, stridden
 from tests.page.test_page import HOSTILE
 
 pytestmark = pytest.mark.browser
@@ -37,6 +37,7 @@ STRIDES = {
     2: {"l": [0.1, 0.6]},
 }
 """Trial 0 has a right stride that turns, trial 2 no right stride."""
+CONVENTIONS = "gaitcal.curves.conventions"
 Visit = Callable[..., Page]
 
 
@@ -114,7 +115,8 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
         for base, side in itertools.product(bases, "rl"):
             told = page.run(f"""((c) => [c.factor('{base}', 'moment', '{side}'), c.factor('{base}', 'angle', '{side}'),
                 c.factor('{base}', 'power', '{side}'), c.positive('{base}', 'moment', '{side}'),
-                c.positive('{base}', 'angle', '{side}')])(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
+                c.positive('{base}', 'angle', '{side}')]
+                )(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
             one = np.ones(1)
             assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT)[0]), rel=1e-12)
             assert told[1] == float(convention.angle(base, one, side)[0])
@@ -151,7 +153,8 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
 
 def standing(page: Page, at: str, side: str) -> float:
     """Where a cursor stands on its axis."""
-    return float(page.run(f"""(p => {{ const px = Number(/translateX\\(([-\\d.]+)px/.exec(p.cursors['{side}'].style.transform)[1]);
+    return float(page.run(f"""(p => {{
+        const px = Number(/translateX\\(([-\\d.]+)px/.exec(p.cursors['{side}'].style.transform)[1]);
         return p.span.min + px / p.span.wide * (p.span.max - p.span.min); }})({at})"""))  # fmt: skip
 
 
@@ -177,7 +180,7 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
 
 
 def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
-    _, sheet, table = walked
+    _, _, table = walked
     page.run("gaitcal.state.set({ unit: 'Nm', signs: 'clinical' })")
     at = panel("knee_adduction", "moment")
     page.move(*place(page, at, 0.2))
@@ -247,12 +250,46 @@ def test_a_trial_without_strides_is_shown_over_time(visit: Visit, tmp_path: Path
 
 def test_what_is_off_takes_no_part(page: Page) -> None:
     page.run("gaitcal.state.set({ spread: 'mean' })")
-    count = f"Math.max(...new Gaitcal.Traces({panel('hip_flexion', 'angle')}.subject, gaitcal.curves.strides, gaitcal.curves.conventions).main('l').counts)"
+    traces = f"new Gaitcal.Traces({panel('hip_flexion', 'angle')}.subject, gaitcal.curves.strides, {CONVENTIONS})"
+    count = f"Math.max(...{traces}.main('l').counts)"
     assert page.run(count) == 3
     page.run("gaitcal.state.set({ off: new Set(['0/0/l/1']) })")
     assert page.run(count) == 2
     page.run("gaitcal.state.set({ off: new Set(['0/0/l/1', '0/1']) })")
-    assert page.run(count.replace("Math.max(...", "(").replace(".counts)", ".n)")) == 1
+    assert page.run(f"{traces}.main('l').n") == 1
+
+
+def test_peaks_are_those_of_the_strides(page: Page, walked: Any) -> None:
+    """Mean and SD over straight strides of each one's highest and lowest valid value."""
+    _, _, table = walked
+    page.run("gaitcal.state.set({ unit: 'Nm' })")
+    rows = table[(table.variable == "hip_flexion_moment") & (table.turn == 0.0) & (table.valid == 1)]
+    for side, most in itertools.product("rl", ("max", "min")):
+        peaks = rows[rows.side == side].groupby(["trial", "stride"])["value"].agg(most)
+        part = "high" if most == "max" else "low"
+        told = page.run(f"""gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }}, '{side}')
+            .map((peak) => peak.{part}.value)""")
+        assert np.mean(told) == pytest.approx(peaks.mean(), abs=PACKED * SIZE["moment"])
+        text = (
+            page.run(f"""gaitcal.curves.peaks.cell(gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }},
+            '{side}'), '{part}', 3)[0]""")
+            .replace("\u2212", "-")
+            .removesuffix(" *")
+        )
+        mean, sd = map(float, text.split(" \u00b1 "))
+        assert (mean, sd) == pytest.approx((peaks.mean(), peaks.std()), abs=PACKED * SIZE["moment"])
+
+
+def test_what_is_not_valid_is_pale_and_said(page: Page, walked: Any) -> None:
+    """A stretch without validity is no part of the curve that counts; the cursor says so."""
+    _, _, table = walked
+    rows = table[(table.trial == "walk0") & (table.side == "l") & (table.variable == "hip_flexion_moment")]
+    gaps = rows[rows.valid == 0].percent.to_numpy()
+    assert len(gaps)
+    percent = float(gaps[len(gaps) // 2])
+    told = page.run(f"""(p => [p.traces.main('l').valid[{percent}], p.traces.at('l', {percent}).valid,
+        p.value('l', {{ percent: {percent} }})])({panel("hip_flexion", "moment")})""")
+    assert told == [0, False, "not valid"]
 
 
 def test_names_are_text(visit: Visit, walked: Any, tmp_path: Path) -> None:
@@ -286,12 +323,7 @@ def test_paper_has_all_panels_twice_as_dense_and_the_screen_comes_back(page: Pag
     dense = """[...document.querySelectorAll('.curve-papers canvas')].map((c) =>
         c.width / c.closest('.curve-plot').clientWidth / devicePixelRatio)"""
     page.run(f"gaitcal.curves.forPrint(true); {STEADY}")
-    assert (
-        page.run(
-            "document.querySelectorAll('.curve-paper.kinematics .curve-panel, .curve-paper.kinetics .curve-panel').length"
-        )
-        > 8
-    )
+    assert page.run("document.querySelectorAll('.curve-paper:is(.kinematics, .kinetics) .curve-panel').length") > 8
     assert page.run(dense) and all(1.9 < ratio < 2.1 for ratio in page.run(dense))
     page.run(f"gaitcal.curves.forPrint(false); {STEADY}")
     assert page.run("document.querySelectorAll('.curve-papers').length") == 0
@@ -301,7 +333,7 @@ def test_paper_has_all_panels_twice_as_dense_and_the_screen_comes_back(page: Pag
 
 
 def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
-    """Five trials of as many frames as a page holds: a tick moves cursors alone, and a curve keeps its peaks in few points."""
+    """Five trials with all frames that a page holds: a tick moves cursors alone; few points keep a curve's peaks."""
     scene = long_walks(5, 16)
     ends = float(scene.trials[0].time[-1])
     strikes = np.arange(0.1, ends, 0.9).tolist()
@@ -323,7 +355,8 @@ def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
 def test_a_phone_shows_one_kind_in_one_column(visit: Visit, walked: Any, tmp_path: Path) -> None:
     scene, sheet, _ = walked
     page = shown(visit, tmp_path, Shown(scene, sheet), width=390, phone=True)
-    kinds = "[...new Set([...document.querySelectorAll('.curve-panel')].filter((p) => p.offsetParent).map((p) => p.dataset.kind))]"
+    kinds = """[...new Set([...document.querySelectorAll('.curve-panel')]
+        .filter((p) => p.offsetParent).map((p) => p.dataset.kind))]"""
     assert page.run(kinds) == ["angle"]
     page.run(f"document.querySelector('.curve-kinds input[value=moment]').click(); {STEADY}")
     assert set(page.run(kinds)) == {"moment", "force"}

@@ -43,7 +43,7 @@ Gaitcal.Address = class {
     const usual = state.defaults();
     const said = new URLSearchParams();
     const layers = Gaitcal.PRESETS.find(({ name }) => name === state.preset).layers;
-    const shown = this.page.bare ? [...usual.layers] : layers;
+    const shown = [...(this.page.bare ? usual.layers : layers), ...state.lent];
     for (const field of Object.keys(this.fields)) {
       const text = Gaitcal.addressText(state[field]);
       const normal = field === "layers" ? Gaitcal.addressText(new Set(shown)) : Gaitcal.addressText(usual[field]);

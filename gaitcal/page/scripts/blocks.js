@@ -103,6 +103,9 @@ Gaitcal.cell = (cell, node) => {
   return node;
 };
 
+// Columns that a sheet of paper has no room for unless words are broken.
+Gaitcal.MANY = 10;
+
 Gaitcal.table = ({ head = [], rows, caption = null, total = [] }, label = "") => {
   const texts = head.map((cell) => cell?.align === "text");
   const align = (cell, column) => (texts[column] || cell?.align === "text" || !head.length ? "text" : null);
@@ -121,7 +124,7 @@ Gaitcal.table = ({ head = [], rows, caption = null, total = [] }, label = "") =>
   );
   return Gaitcal.make(
     "table",
-    { "aria-label": caption || !label ? null : label },
+    { "aria-label": caption || !label ? null : label, class: head.length > Gaitcal.MANY ? "many" : null },
     caption ? Gaitcal.make("caption", {}, Gaitcal.make("span", {}, Gaitcal.visible(caption))) : null,
     top.length ? Gaitcal.make("thead", {}, Gaitcal.make("tr", {}, ...top)) : null,
     Gaitcal.make("tbody", {}, ...body),

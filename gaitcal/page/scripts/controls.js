@@ -17,10 +17,21 @@ Gaitcal.Controls = class {
     this.state.on(["speed"], () => (get("speed").value = String(this.state.speed)));
     this.state.on(["result"], () => this.trials());
     this.state.on(["result", "trial"], () => this.chosen());
+    this.measured();
     this.trials();
     this.chosen();
     this.playing();
     get("speed").value = String(this.state.speed);
+  }
+
+  // The body fills what header and footer leave of the window; how high these are follows from what is in them.
+  measured() {
+    const root = document.documentElement.style;
+    const heights = new ResizeObserver(() => {
+      root.setProperty("--above", `${this.get("top").offsetHeight}px`);
+      root.setProperty("--below", `${this.get("controls").offsetHeight}px`);
+    });
+    for (const id of ["top", "controls"]) heights.observe(this.get(id));
   }
 
   legend(open) {

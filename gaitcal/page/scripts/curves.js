@@ -5,6 +5,7 @@
 Gaitcal.DRAWN_FOR = ["result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second"];
 // ms between the numbers above panels that nobody points at.
 Gaitcal.READ_EVERY = 120;
+Gaitcal.POINT_AT = "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
 
 Gaitcal.Curves = class {
   constructor(host, page) {
@@ -51,7 +52,7 @@ Gaitcal.Curves = class {
     this.place("ground", "Ground reactions", ground.filter((subject) => this.has(subject)), "flow");
     this.top = element("div", "curve-top");
     this.top.append(this.legend.root, this.sentence);
-    this.host.append(this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
+    this.host.append(element("h2", "unseen", "Curves"), this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
     for (const panel of this.panels) this.watch.observe(panel.root);
     this.enlarge(false);
     this.refresh();
@@ -138,7 +139,10 @@ Gaitcal.Curves = class {
     this.stances = ["r", "l"].flatMap((side) => strides.trial.stances(side).map(([from, to]) => ({ side, from, to })));
     this.held = this.current();
     this.now = this.moment();
-    for (const panel of this.panels) panel.dirty = true;
+    for (const panel of this.panels) {
+      panel.dirty = true;
+      panel.name();
+    }
     this.legend.write();
     this.schedule();
     clearTimeout(this.writing);
@@ -153,8 +157,14 @@ Gaitcal.Curves = class {
   }
 
   flush() {
-    for (const panel of this.panels) if (panel.dirty && panel.visible) panel.draw();
+    this.draw(this.panels.filter((panel) => panel.dirty && panel.visible));
     this.readings();
+  }
+
+  // All sizes are read before the first is drawn: to draw in between would lay the page out each time.
+  draw(panels) {
+    const sizes = panels.map((panel) => panel.size());
+    for (const [i, panel] of panels.entries()) if (sizes[i]) panel.draw(sizes[i]);
   }
 
   seen(entries) {
@@ -194,8 +204,9 @@ Gaitcal.Curves = class {
   tick() {
     if (!this.strides.sheet || this.host.hidden) return;
     const held = this.current();
-    if (held.some((stride, i) => stride !== this.held[i])) {
-      this.held = held;
+    const others = held.some((stride, i) => stride !== this.held[i]);
+    this.held = held;
+    if (others && this.state.spread !== "mean") {
       for (const panel of this.panels) panel.dirty = true;
       this.schedule();
     }
@@ -215,7 +226,7 @@ Gaitcal.Curves = class {
     this.reading = null;
     this.readAt = performance.now();
     for (const panel of this.panels) if (panel.visible && !panel.dirty) panel.read(this.now);
-    this.sentence.textContent = this.pointed?.sentence(this.now) ?? "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
+    this.sentence.textContent = this.pointed?.sentence(this.now) || Gaitcal.POINT_AT;
   }
 
   point(panel) {
@@ -224,6 +235,11 @@ Gaitcal.Curves = class {
     this.pointed = panel;
     panel.root.classList.add("pointed");
     this.readings();
+  }
+
+  // What a result is called.
+  named(i) {
+    return this.page.results[i].name || this.strides.sheets[i].person.name;
   }
 
   summary({ subject }) {
@@ -255,7 +271,8 @@ Gaitcal.Curves = class {
         if (side) panel.lead = side;
         if (panel.title.type === "button") panel.title.setAttribute("aria-pressed", String(chosen));
       }
-      if (chosen && move) {
+      // Where the body stands above the curves, it would be scrolled away.
+      if (chosen && move && window.matchMedia("(min-width: 761px)").matches) {
         const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
         group.root.scrollIntoView({ block: "nearest", behavior: still ? "auto" : "smooth" });
       }
@@ -269,30 +286,15 @@ Gaitcal.Curves = class {
     this.density = on ? 2 : 1;
     this.host.classList.toggle("for-print", on);
     this.papers?.remove();
-    if (on) this.papers = this.onPaper();
-    else for (const group of this.groups) group.cells.append(...group.panels.map(({ root }) => root));
+    if (on) {
+      this.papers = Gaitcal.curvePapers(this.panels);
+      this.grid.before(this.papers);
+    } else for (const group of this.groups) group.cells.append(...group.panels.map(({ root }) => root));
     this.refresh();
     for (const panel of this.panels) {
       panel.plot?.destroy();
       panel.plot = null;
-      if (on && panel.root.offsetParent) panel.draw();
     }
-    if (on) this.readings();
-  }
-
-  // Kinematics on one page, kinetics on the other.
-  onPaper() {
-    const papers = Gaitcal.curvePart("div", "curve-papers");
-    for (const [name, title, kinds] of [["kinematics", "Kinematics", ["angle"]], ["kinetics", "Kinetics", ["moment", "power", "force"]]]) {
-      const section = Gaitcal.curvePart("section", `curve-paper ${name}`);
-      const cells = Gaitcal.curvePart("div", "curve-cells");
-      const paper = this.panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
-      const shown = kinds.flatMap((kind) => paper.filter(({ subject }) => subject.kind === kind));
-      cells.append(...shown.map(({ root }) => root));
-      section.append(Gaitcal.curvePart("h2", "", title), cells);
-      papers.append(section);
-    }
-    this.grid.before(papers);
-    return papers;
+    if (on) this.draw(this.panels);
   }
 };

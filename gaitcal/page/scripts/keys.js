@@ -9,6 +9,7 @@ Gaitcal.Keys = class {
     this.dialog = document.getElementById("keys");
     document.getElementById("help").addEventListener("click", () => this.dialog.showModal());
     document.getElementById("keys-close").addEventListener("click", () => this.dialog.close());
+    this.single = document.getElementById("keys-on"); // who speaks to the computer may not want keys of one letter
     this.bound = this.bindings();
     this.write();
     window.addEventListener("keydown", (event) => this.pressed(event));
@@ -56,7 +57,7 @@ Gaitcal.Keys = class {
   pressed(event) {
     if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || this.dialog.open) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (this.taken(event.target, key)) return;
+    if (this.taken(event.target, key) || (key.length === 1 && key !== " " && !this.single.checked)) return;
     const [, , , action] = this.bound.find(([keys]) => keys.includes(key)) ?? [];
     if (!action) return;
     action(event);

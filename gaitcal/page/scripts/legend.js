@@ -9,13 +9,12 @@ Gaitcal.CurveLegend = class {
   }
 
   write() {
-    const { strides, state, conventions } = this.curves;
+    const { strides, state } = this.curves;
     const percent = strides.percent;
     const counts = ["r", "l"].map((side) => strides.on(state.result, side).straight.length);
     const means = percent && state.spread === "mean" && Math.max(...counts) > 1;
     const has = (part) => strides.sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.side !== undefined && curve.joint));
     const second = state.second && strides.sheets[1 - state.result];
-    const name = (i) => this.curves.page.results[i].name || conventions[i].sheet.person.name;
     const items = [
       ["right", "right", true],
       ["left", "left", true],
@@ -29,7 +28,7 @@ Gaitcal.CurveLegend = class {
       ["invalid", "not valid", true],
       ["off", "toe-off", percent],
       ["stance", "foot on the ground", !percent],
-      ["second", second ? name(1 - state.result) : "", Boolean(second)],
+      ["second", second ? this.curves.named(1 - state.result) : "", Boolean(second)],
     ];
     this.root.replaceChildren(
       ...items.filter(([, , shown]) => shown).map(([key, text]) => {

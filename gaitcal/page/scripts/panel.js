@@ -8,6 +8,9 @@ Gaitcal.curvePart = (name, classes = "", text = null) => {
   return made;
 };
 
+// Between ticks: 1, 2, 5, 10, ...
+Gaitcal.STEPS = [-4, -3, -2, -1, 0, 1, 2, 3, 4].flatMap((power) => [1, 2, 5].map((digit) => Number(`${digit}e${power}`)));
+
 // px: a pointer that moved less has pressed, not dragged.
 Gaitcal.DRAGGED = 5;
 
@@ -53,25 +56,32 @@ Gaitcal.Panel = class {
     this.root.addEventListener("focus", () => this.curves.point(this));
   }
 
-  // Axes and curves as they are chosen now.
-  draw() {
-    this.dirty = false;
+  // Its words in the chosen convention.
+  name() {
     const { base, kind } = this.subject;
     const convention = this.curves.conventions[this.state.result];
+    this.title.textContent = convention.title(base, kind);
+    this.unit.textContent = convention.words(base, kind, this.strides.percent ? "r" : "");
+    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}`);
+  }
+
+  // How large its plot is; null while it is hidden.
+  size() {
+    const [width, height] = [this.place.clientWidth, this.place.clientHeight];
+    return width && height ? [width, height] : null;
+  }
+
+  // Axes and curves as they are chosen now.
+  draw(size) {
+    this.dirty = false;
     this.traces = new Gaitcal.Traces(this.subject, this.strides, this.curves.conventions);
     this.traces.offs = this.traces.percent ? this.curves.offs : [];
     this.traces.stances = this.traces.percent ? [] : this.curves.stances;
-    const side = this.traces.percent ? "r" : "";
-    this.title.textContent = convention.title(base, kind);
-    this.unit.textContent = convention.words(base, kind, side);
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}. ${this.curves.summary(this)}`);
-    const [width, height] = [this.place.clientWidth, this.place.clientHeight].map((size) => size * this.curves.density);
-    if (!width || !height) {
-      this.dirty = true;
-      return;
-    }
+    const [width, height] = size.map((length) => length * this.curves.density);
+    this.place.classList.toggle("empty", !this.traces.lines.length);
     const data = [this.traces.x, this.traces.y];
-    if (this.plot && this.plot.density === this.curves.density && this.plot.percent === this.traces.percent) {
+    if (this.plot && this.plot.density === this.curves.density) {
       if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
       this.plot.setData(data);
     } else this.create(width, height, data);
@@ -91,8 +101,8 @@ Gaitcal.Panel = class {
         width, height, legend: { show: false }, cursor: { show: false }, padding: [4 * density, 12 * density, 0, 0],
         scales: { x: { time: false, range: () => this.traces.x }, y: { range: () => this.traces.y } },
         axes: [
-          { ...axis, values, size: 16 * density, space: 38 * density, incrs: this.traces.percent ? [25] : undefined },
-          { ...axis, size: 36 * density, space: 24 * density, values },
+          { ...axis, values, size: 16 * density, space: 38 * density, incrs: () => (this.traces.percent ? [25] : Gaitcal.STEPS) },
+          { ...axis, size: 36 * density, space: 24 * density, values, incrs: Gaitcal.STEPS },
         ],
         series: [{}, { paths: () => null, points: { show: false } }],
         hooks: { drawAxes: [(plot) => this.paint(plot)] },
@@ -101,13 +111,12 @@ Gaitcal.Panel = class {
       this.place,
     );
     this.plot.density = density;
-    this.plot.percent = this.traces.percent;
     this.plot.over.append(...Object.values(this.cursors), this.looped);
     this.listen(this.plot.over);
   }
 
   paint(plot) {
-    const ratio = plot.bbox.width / plot.over.clientWidth || 1;
+    const ratio = uPlot.pxRatio;
     new Gaitcal.Pen(plot, this.curves.colours, ratio * this.curves.density).draw(this.traces, this.state);
     // Where x lies, in px of the page, for cursors that move without any drawing.
     const { min, max } = plot.scales.x;
@@ -148,9 +157,9 @@ Gaitcal.Panel = class {
   }
 
   // "0.62 ± 0.04" of a side at a moment; nothing where there is no curve.
-  value(side, now) {
+  value(side, now, second = false) {
     const x = this.traces.percent ? now.percent : now[""];
-    const read = x === null ? null : this.traces.at(side, x);
+    const read = x === null ? null : this.traces.at(side, x, second);
     if (!read || Number.isNaN(read.value)) return "";
     if (!read.valid) return "not valid";
     const digits = this.curves.conventions[this.state.result].digits(this.subject.kind);
@@ -161,11 +170,19 @@ Gaitcal.Panel = class {
   // The same in full: "Knee adduction moment: right 0.62 ± 0.04, left 0.58 ± 0.05 N·m/kg at 43 % / 1.23 s".
   sentence(now) {
     if (!this.traces) return "";
-    const told = ["r", "l", ""].map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now)]).filter(([, text]) => text);
+    const sides = (second) =>
+      ["r", "l", ""]
+        .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now, second)])
+        .filter(([, text]) => text)
+        .map(([side, text]) => `${side} ${text}`.trim())
+        .join(", ");
     const unit = this.curves.conventions[this.state.result].unit(this.subject.kind);
     const at = this.traces.percent && now.percent !== null ? `${Gaitcal.number(now.percent, 0)} % / ` : "";
-    const values = told.map(([side, text]) => `${side} ${text}`.trim()).join(", ");
-    return `${this.title.textContent}: ${values || "nothing"} ${unit} at ${at}${Gaitcal.number(this.state.seconds, 2)} s`;
+    const counts = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean").map(({ n }) => n);
+    const spread = counts.length ? ` (mean \u00b1 SD of ${[...new Set(counts)].join(" and ")} strides)` : "";
+    const other = sides(true);
+    const second = other ? `; ${this.curves.named(1 - this.state.result)}: ${other}` : "";
+    return `${this.title.textContent}: ${sides(false) || "nothing"} ${unit}${spread} at ${at}${Gaitcal.number(this.state.seconds, 2)} s${second}`;
   }
 
   // The stretch of time that is looped.
@@ -261,6 +278,6 @@ Gaitcal.Panel = class {
 // As many digits as tell the ticks apart.
 Gaitcal.ticks = (splits) => {
   const step = splits.length > 1 ? splits[1] - splits[0] : 1;
-  const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return splits.map((value) => Gaitcal.number(value, Math.min(digits, 4)));
 };

@@ -16,7 +16,7 @@ Gaitcal.Print = class {
     this.host.classList.add("for-print");
     this.host.append(
       Gaitcal.make("section", { class: "leaf" }, this.head(sheet), ...curves.legend, ...curves.kinematics),
-      Gaitcal.make("section", { class: "leaf" }, ...curves.kinetics, ...Gaitcal.stepsParts(this.page), ...curves.notes),
+      Gaitcal.make("section", { class: "leaf" }, ...curves.kinetics, this.steps(curves.notes)),
       Gaitcal.make("section", { class: "appendix" }, ...curves.peaks, ...this.appendix(sheet)),
     );
     // What a reader has unfolded is printed.
@@ -50,6 +50,14 @@ Gaitcal.Print = class {
       ),
       this.body(),
     );
+  }
+
+  // The table, and beside it what is said of it and of the curves.
+  steps(notes) {
+    const parts = Gaitcal.stepsParts(this.page);
+    const words = parts.filter((part) => part.tagName === "P");
+    const tables = parts.filter((part) => part.tagName !== "P");
+    return Gaitcal.make("div", { class: "leaf-steps" }, ...tables, Gaitcal.make("div", { class: "words" }, ...words, ...notes));
   }
 
   // A copy of what the stage shows, on white.

@@ -28,6 +28,7 @@ Gaitcal.Stage = class {
     });
     this.slow = 0;
     this.eased = false;
+    this.before = null;
     this.painted();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.painted());
     this.views();
@@ -43,6 +44,7 @@ Gaitcal.Stage = class {
     else this.pose();
     if (changed.has("joint")) this.look(...this.front(), true);
     if (this.state.playing) this.ease(performance.now());
+    else this.before = null;
   }
 
   // Colours of the page's scheme.
@@ -127,7 +129,8 @@ Gaitcal.Stage = class {
 
   // Where drawing is slow, as without a graphics card, shadows and fine pixels go.
   ease(now) {
-    this.slow = now - (this.before ?? now) > 90 ? this.slow + 1 : Math.max(0, this.slow - 1);
+    const took = now - (this.before ?? now);
+    this.slow = Math.max(0, this.slow + (took > 250 ? 3 : took > 90 ? 1 : -1));
     this.before = now;
     if (this.slow < 8 || this.eased) return;
     this.eased = true;

@@ -27,6 +27,7 @@ Gaitcal.State = class {
   constructor(results) {
     this.results = results;
     this.listeners = [];
+    this.lent = [];
     Object.assign(this, this.defaults());
   }
 
@@ -82,14 +83,22 @@ Gaitcal.State = class {
       next.seconds ??= 0;
       next.window ??= null;
     }
-    if ("seconds" in next) {
-      const trial = this.results[result].trials[next.trial ?? this.trial].open();
-      next.seconds = Math.min(trial.duration, Math.max(0, next.seconds));
-    }
+    const { duration } = this.results[result].trials[next.trial ?? this.trial].open();
+    const inside = (seconds) => Math.min(duration, Math.max(0, seconds));
+    if ("seconds" in next) next.seconds = inside(next.seconds);
+    if (next.window) next.window = inside(next.window[1]) > inside(next.window[0]) ? next.window.map(inside) : null;
     if (next.preset && next.preset !== this.preset) {
-      next.layers ??= new Set(Gaitcal.PRESETS.find(({ name }) => name === next.preset).layers);
-    }
+      next.layers ??= this.near(new Set(Gaitcal.PRESETS.find(({ name }) => name === next.preset).layers), next);
+    } else if ("joint" in next && Boolean(next.joint) !== Boolean(this.joint)) next.layers ??= this.near(this.layers, next);
     return next;
+  }
+
+  // A joint that is looked at shows its axes too, and they go again with it.
+  near(layers, { joint = this.joint }) {
+    const axes = ["nominal", "fitted", "uncertainty"];
+    const own = [...layers].filter((layer) => joint !== null || !this.lent.includes(layer));
+    this.lent = joint === null ? [] : axes.filter((layer) => !layers.has(layer));
+    return new Set([...own, ...this.lent]);
   }
 };
 

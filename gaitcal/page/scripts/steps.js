@@ -58,7 +58,7 @@ Gaitcal.stepsTable = (rows) => {
   return Gaitcal.scroller(Gaitcal.table(table, "Steps and phases"), "Steps and phases");
 };
 
-Gaitcal.STEPS =
+Gaitcal.STEP_WORDS =
   "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows a " +
   "part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
   "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that ends " +
@@ -84,7 +84,7 @@ Gaitcal.stepsParts = (page) => {
     ...(results.length > 1 ? [Gaitcal.make("h3", {}, Gaitcal.named(result.name))] : []),
     Gaitcal.stepsTable(rows),
   ]);
-  return [Gaitcal.make("h2", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEPS)];
+  return [Gaitcal.make("h2", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEP_WORDS)];
 };
 
 Gaitcal.Steps = class {

@@ -121,13 +121,13 @@ Gaitcal.Traces = class {
   }
 
   // The line that a cursor reads on a side.
-  main(side) {
-    return this.lines.find((line) => !line.second && line.side === side && (line.weight === "main" || line.weight === "mean")) ?? null;
+  main(side, second = false) {
+    return this.lines.find((line) => line.second === second && line.side === side && (line.weight === "main" || line.weight === "mean")) ?? null;
   }
 
-  // Value, its error and validity of a side's line at x.
-  at(side, x) {
-    const line = this.main(side);
+  // Value, its error and validity of a side's line at x; of the second result where that is asked for.
+  at(side, x, second = false) {
+    const line = this.main(side, second);
     if (!line) return null;
     let [low, high] = [0, line.x.length - 1];
     while (high - low > 1) {

@@ -33,6 +33,8 @@ from gaitcal.page.sections.gait_numbers import GaitNumbers
 
 FIRST = "knee_adduction"
 """The moment that is told in full; the others are folded."""
+LITTLE = 0.005
+"""Of the variance: sources below it are told together."""
 SENSES = {"knee_adduction": ("external adduction", -1.0)}
 """Moment -> which of its peaks is meant, and its sign: the external moment is the opposite of the internal one."""
 
@@ -139,7 +141,10 @@ def _peak_table(peak: PeakError) -> Block:
     rows = [
         [cell(source.words), f"± {number(peak.alone(share), 3)}", number(100.0 * share, 0)]
         for source, share in peak.sources
+        if share >= LITTLE
     ]
+    if (rest := sum(share for _, share in peak.sources if share < LITTLE)) > 0.0:
+        rows.append(["all others", f"± {number(peak.alone(rest), 3)}", number(100.0 * rest, 0)])
     rows.append(["all together", f"± {number(peak.error, 3)}", "100"])
     head: list[Cell] = [cell(coordinate_title(peak.name), side=peak.side), "error alone, N·m/kg", "% of the variance"]
     return table(head, rows, caption=f"{words}, at {number(peak.time, 2)} s", total=[len(rows) - 1])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
+from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import expect, levels_of
+from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
 
 SOURCE_WORDS: Final = {
     Varied.JP: "joint positions and axes",
@@ -41,46 +43,54 @@ class Expected:
         return SOURCE_WORDS[self.varied]
 
 
-def expected_errors(
-    statistics: pd.DataFrame, torque: str, frame: ReactionFrame, marker_rms: float | None
-) -> tuple[Expected, ...]:
-    """Of one torque (`knee_adduction_l`); sources that the study did not disturb are left out.
-
-    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as was studied.
-    """
-    found = {} if marker_rms is None else _by_marker_error(statistics, torque, frame, marker_rms)
-    out = [e for varied in SOURCES if (e := found.get(varied) or _highest(statistics, torque, frame, varied))]
-    return tuple(sorted(out, key=lambda e: -e.average))
+Quantity = tuple[Varied, str, str, str]
+"""What was varied; torque or markers; ground-reaction frame (empty for markers); measure."""
 
 
-def _by_marker_error(
-    statistics: pd.DataFrame, torque: str, frame: ReactionFrame, marker_rms: float
-) -> dict[Varied, Expected]:
-    out = {}
-    for cause in expect(statistics, marker_rms, torque[-1]):
-        of = cause.torques
-        row = of[(of["torque"] == torque) & (of["grf"] == frame.value)].iloc[0]
-        out[cause.varied] = Expected(
-            varied=cause.varied,
-            level=cause.level,
-            beyond=cause.beyond,
-            average=float(row["average"]),
-            low=float(row["p10"]),
-            high=float(row["p90"]),
-        )
+def levels_by_quantity(statistics: pd.DataFrame) -> dict[Quantity, list[dict[str, Any]]]:
+    """The rows of each quantity with any draws, ordered by level."""
+    out: dict[Quantity, list[dict[str, Any]]] = {}
+    known = statistics[statistics["draws"] > 0].sort_values("level", kind="stable")
+    for row in known.to_dict("records"):
+        out.setdefault((Varied(row["set"]), row["quantity"], row["grf"], row["measure"]), []).append(row)
     return out
 
 
-def _highest(statistics: pd.DataFrame, torque: str, frame: ReactionFrame, varied: Varied) -> Expected | None:
-    rows = levels_of(statistics, varied, torque, frame)
-    rows = rows[rows["draws"] > 0]
-    if rows.empty:
-        return None
-    row = rows.iloc[-1]
+def expected_errors(
+    statistics: pd.DataFrame, marker_rms: float | None, side: str
+) -> dict[tuple[str, ReactionFrame], tuple[Expected, ...]]:
+    """Torque (`knee_adduction_l`) of one leg and frame -> its sources; those that were not disturbed are left out.
+
+    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as was studied.
+    """
+    levels = levels_by_quantity(statistics)
+    causes = {} if marker_rms is None else {c.varied: _of_cause(c) for c in expect(statistics, marker_rms, side)}
+    out = {}
+    for torque in (f"{name}_{side}" for name in TORQUES):
+        for frame in ReactionFrame:
+            found = []
+            for varied in SOURCES:
+                if varied in causes:
+                    found.append(causes[varied][torque, frame.value])
+                elif rows := levels.get((varied, torque, frame.value, "rms")):
+                    found.append(_expected(varied, rows[-1]["level"], rows[-1]))
+            out[torque, frame] = tuple(sorted(found, key=lambda e: -e.average))
+    return out
+
+
+def _of_cause(cause: CauseOfMarkerError) -> dict[tuple[str, str], Expected]:
+    """Torque and frame -> its error if this cause alone has made the marker error."""
+    return {
+        (row["torque"], row["grf"]): _expected(cause.varied, cause.level, row, cause.beyond)
+        for row in cause.torques.to_dict("records")
+    }
+
+
+def _expected(varied: Varied, level: float, row: Mapping[str, float], beyond: bool = False) -> Expected:
     return Expected(
         varied=varied,
-        level=float(row["level"]),
-        beyond=False,
+        level=float(level),
+        beyond=beyond,
         average=float(row["average"]),
         low=float(row["p10"]),
         high=float(row["p90"]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from gaitcal.gait.words import SIDE_WORDS, coordinate_title, explained
+from gaitcal.gait.words import SIDE_WORDS, coordinate_title, counted, explained
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.answers import FAIR_RATIO, GOOD_RATIO
 from gaitcal.page.sections.blocks import named, number, visible
@@ -40,13 +40,12 @@ def top_lines(calibration: Calibration, walks: Sequence[GaitNumbers]) -> tuple[L
 
 def _believed(calibration: Calibration) -> Line:
     verdict = calibration.verdict
-    tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}. {verdict.sentence}"
+    tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}"
     if verdict.reasons:
-        worst = verdict.reasons[0]
+        worst, rest = verdict.reasons[0], len(verdict.reasons) - 1
         where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
-        rest = len(verdict.reasons) - 1
-        more = f"; {rest} more below" if rest else ""
-        words += f" {'Worst: ' if rest else 'Because: '}{explained(worst.cause)}{where}{more}."
+        words += f": {explained(worst.cause)}{where}" + (f", and {counted(rest, 'other reason')}" if rest else "")
+    words += f". {verdict.sentence}"
     if not calibration.converged:
         tone, words = "poor", f"Not converged: do not use these numbers before that is settled. {words}"
     return Line(tone, visible(words))

@@ -41,7 +41,7 @@ def with_monte_carlo(
     marker_rms : mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
     contributions : from `variance_contributions`: which parameter matters; None leaves that out.
     """
-    sections = dict(sheet["sections"])
+    sections = dict(sheet.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
     new = [{**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)]
     return {**sheet, "sections": {**sections, PRESET: [*kept, *new]}}
@@ -96,7 +96,8 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
             "noise stand here at the level at which each by itself would have made that error, masses and inertia, "
             "which no marker error tells of, at the highest level of the study."
         )
-    frames = {frame: _lists(study, marker_rms, frame) for frame in ReactionFrame}
+    sides = {side: expected_errors(study.statistics, marker_rms, side) for side in SIDES}
+    frames = {frame: _lists(study, sides, frame) for frame in ReactionFrame}
     found = frames[ReactionFrame.LAB]
     if not found:
         return []
@@ -117,12 +118,16 @@ def _titled(lists: Mapping[str, list[Block]]) -> list[Block]:
     return [b for name, blocks in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)]
 
 
-def _lists(study: MonteCarloStudy, marker_rms: float | None, frame: ReactionFrame) -> dict[str, list[Block]]:
+def _lists(
+    study: MonteCarloStudy,
+    sides: Mapping[str, Mapping[tuple[str, ReactionFrame], tuple[Expected, ...]]],
+    frame: ReactionFrame,
+) -> dict[str, list[Block]]:
     """Torque without its side -> right beside left."""
     out = {}
     for name in TORQUES:
-        sides = {side: expected_errors(study.statistics, f"{name}_{side}", frame, marker_rms) for side in SIDES}
-        tables = [[_list(study, side, errors)] for side, errors in sides.items() if errors]
+        of_sides = {side: errors[f"{name}_{side}", frame] for side, errors in sides.items()}
+        tables = [[_list(study, side, found)] for side, found in of_sides.items() if found]
         if tables:
             out[name] = [pair(*tables)] if len(tables) == 2 else tables[0]
     return out

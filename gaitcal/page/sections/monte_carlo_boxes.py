@@ -9,11 +9,11 @@ import pandas as pd
 from gaitcal.gait.words import SIDE_WORDS, capitalised, parameter_words
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import levels_of
 from gaitcal.montecarlo.study import MonteCarloStudy
 from gaitcal.page.sections.blocks import Block, boxes, cell, fold, heading, number, number_rounded, table, text
-from gaitcal.page.sections.expected_errors import SOURCE_WORDS
+from gaitcal.page.sections.expected_errors import SOURCE_WORDS, Quantity, levels_by_quantity
 
+Levels = dict[Quantity, list[dict[str, Any]]]
 LEG_JOINTS: Final = ("hip", "knee", "talocrural", "subtalar")
 FIRST: Final = "knee_adduction"
 MOST: Final = 6
@@ -37,31 +37,30 @@ READ: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines
 
 def box_blocks(study: MonteCarloStudy, side: str) -> list[Block]:
     """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
-    leg, out = f"{SIDE_WORDS[side]} leg", []
+    leg, levels, out = f"{SIDE_WORDS[side]} leg", levels_by_quantity(study.statistics), []
     for frame, words in FRAMES.items():
         for measure, title, told in MEASURES:
-            shown = [text(f"{told} {READ}", "soft"), *_boxes(study.statistics, frame, measure, side)]
+            shown = [text(f"{told} {READ}", "soft"), *_boxes(levels, frame, measure, side)]
             out.append(fold(f"{title}, {leg}{words}", shown))
     return [fold("Boxplots of all draws", out)]
 
 
-def _boxes(statistics: pd.DataFrame, frame: ReactionFrame, measure: str, side: str) -> list[Block]:
+def _boxes(levels: Levels, frame: ReactionFrame, measure: str, side: str) -> list[Block]:
     out = []
     for name in TORQUES:
-        if groups := _groups(statistics, f"{name}_{side}", frame, measure):
+        if groups := _groups(levels, f"{name}_{side}", frame.value, measure):
             out.append(boxes("%BW·H", capitalised(TORQUE_WORDS[name]), groups))
-    if groups := _groups(statistics, f"markers_{side}", None, measure):
+    if groups := _groups(levels, f"markers_{side}", "", measure):
         out.append(boxes("mm", "Marker distance", groups))
     return out
 
 
-def _groups(statistics: pd.DataFrame, quantity: str, frame: ReactionFrame | None, measure: str) -> list[dict[str, Any]]:
+def _groups(levels: Levels, quantity: str, frame: str, measure: str) -> list[dict[str, Any]]:
     groups = []
     for varied in Varied:
-        rows = levels_of(statistics, varied, quantity, frame, measure)
         shown = [
             {"label": f"{row['level']:g} %"} | {key: number_rounded(row[of]) for key, of in QUARTERS.items()}
-            for row in rows[rows["draws"] > 0].to_dict("records")
+            for row in levels.get((varied, quantity, frame, measure), ())
         ]
         if shown:
             groups.append({"label": capitalised(SOURCE_WORDS[varied]), "boxes": shown})

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from gaitcal.files.package_data import package_version
+from gaitcal.gait.words import counted
 from gaitcal.page.sections.blocks import (
     MISSING,
     Block,
@@ -105,16 +106,25 @@ def _recordings(calibration: Calibration) -> list[Block]:
 
 def _assumptions(calibration: Calibration) -> list[Block]:
     out = [heading("What was assumed")]
-    short = [note for note in calibration.notes if len(note) <= LONG_NOTE]
     if not calibration.notes:
         out.append(text("Nothing beyond the study file."))
-    if short:
-        out.append(bullets(short))
-    out += [fold(f"{note[:120]}…", [text(note)]) for note in calibration.notes if len(note) > LONG_NOTE]
+    of_trials = {trial.name: f"{trial.name}: " for trial in calibration.trials}
+    every = [note for note in calibration.notes if not note.startswith(tuple(of_trials.values()))]
+    out += _notes(every)
+    for name, begin in of_trials.items():
+        if own := [note.removeprefix(begin) for note in calibration.notes if note.startswith(begin)]:
+            out.append(fold(f"Trial {named(name)}: {counted(len(own), 'note')}", _notes(own)))
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
         out.append(text(f"Held still, as no marker moves with them: {held}."))
     return out
+
+
+def _notes(notes: Sequence[str]) -> list[Block]:
+    """A list; long ones stand below it, folded away."""
+    short = [note for note in notes if len(note) <= LONG_NOTE]
+    long = [fold(f"{note[:120]}…", [text(note)]) for note in notes if len(note) > LONG_NOTE]
+    return [bullets(short), *long] if short else [*long]
 
 
 def _phases(calibration: Calibration) -> list[Block]:

@@ -1,0 +1,70 @@
+"""What blocks say, as plain rows: for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+Block = dict[str, Any]
+KINDS = {
+    "heading": {"text", "level"},
+    "text": {"text", "tone"},
+    "list": {"items", "tone"},
+    "table": {"head", "rows", "caption", "fold", "total"},
+    "cards": {"cards"},
+    "intervals": {"unit", "rows"},
+    "bars": {"unit", "rows"},
+    "boxes": {"unit", "title", "groups"},
+    "curves": {"kinds", "limits"},
+    "pair": {"left", "right"},
+    "fold": {"title", "blocks"},
+}
+"""Kind of a block -> what it may hold; `part` marks the blocks of a study."""
+
+
+def walked(blocks: Sequence[Block]) -> Iterator[Block]:
+    """Every block, those within others too."""
+    for block in blocks:
+        yield block
+        for part in ("left", "right", "blocks"):
+            yield from walked(block.get(part, ()))
+
+
+def every(sheet: dict[str, Any]) -> list[Block]:
+    """Every block of a sheet and of its trials."""
+    holders = [sheet, *sheet["trials"]]
+    return [block for holder in holders for blocks in holder["sections"].values() for block in walked(blocks)]
+
+
+def shown(cell: Any) -> str:
+    """The text of a cell."""
+    return str(cell if isinstance(cell, str) else cell["t"])
+
+
+def rows_of(block: Block) -> dict[str, list[str]]:
+    """First cell of each row of a table, with its unit -> the other cells."""
+
+    def first(cell: Any) -> str:
+        return cell if isinstance(cell, str) else " ".join(filter(None, (cell["t"], cell.get("unit", ""))))
+
+    return {first(row[0]): [shown(cell) for cell in row[1:]] for row in block["rows"]}
+
+
+def tables(blocks: Sequence[Block], head: str) -> list[Block]:
+    """Tables whose first column is called so."""
+    return [b for b in walked(blocks) if b["kind"] == "table" and shown(b["head"][0]) == head]
+
+
+def headings(blocks: Sequence[Block]) -> list[str]:
+    return [b["text"] for b in walked(blocks) if b["kind"] == "heading"]
+
+
+def words(blocks: Sequence[Block]) -> str:
+    """All sentences, items and cells."""
+    out: list[str] = []
+    for b in walked(blocks):
+        out += [b.get(key, "") for key in ("text", "title", "caption", "fold")]
+        out += b.get("items", [])
+        out += [shown(cell) for row in (b.get("head", []), *b.get("rows", [])) if b["kind"] == "table" for cell in row]
+        out += [text for card in b.get("cards", []) for text in card.values()]
+    return "\n".join(filter(None, out))

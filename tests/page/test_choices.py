@@ -1,0 +1,183 @@
+"""Address, switches, two results, hostile names, phones and long walks of the page, in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gaitcal.page import Scene
+from gaitcal.page.view import Shown, page_html
+from tests.page.browser import Page
+from tests.page.people import long_scene
+from tests.page.plain_sheet import page_of, sheet_of
+from tests.page.test_browser import DRAWN, changed, paused, stage, until
+from tests.page.test_page import HOSTILE, hostile_scene
+from tests.page.test_shell import state
+
+pytestmark = pytest.mark.browser
+
+Visit = Callable[..., Page]
+TICK = 8.0
+"""ms that one step of the clock may take without drawing, on a slow and busy machine: half of a frame at 60 Hz."""
+
+
+@pytest.fixture(scope="module")
+def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("shell") / "result.html"
+    path.write_text(page_of(scene), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def two(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    after = replace(scene, subject="After", mass=80.0, trials=scene.trials[:1])
+    path = tmp_path_factory.mktemp("shell") / "two.html"
+    path.write_text(page_of(scene, Shown(after, sheet_of(after), "after")), encoding="utf-8")
+    return path
+
+
+def chosen(page: Page, control: str, value: str) -> None:
+    change = f"(s => {{ s.value = '{value}'; s.dispatchEvent(new Event('change')); }})"
+    page.run(f"{change}(document.getElementById('{control}'))")
+
+
+# ------------------------------------------------------------------------------------------------------------ address
+
+
+def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Path) -> None:
+    page = paused(visit(f"{shown.as_uri()}?a"), 0.0)
+    page.run("gaitcal.state.set({ seconds: 0 })")
+    page.run(until("location.hash === ''"))
+    values = """{ preset: "joints", axis: "time", unit: "Nm", signs: "clinical", acting: "external", nominal: true,
+        norm: false, errors: false, spread: "mean", seconds: 0.25, window: [0.1, 0.5], speed: 0.5, joint: "ankle_l",
+        off: new Set(["0/0/r/1"]) }"""
+    page.run(f"gaitcal.state.set({values}); document.getElementById('show-bones').click()")
+    page.run(until("location.hash.includes('ankle_l')"))
+    said = page.run("location.hash")
+    assert "truth" not in said and "second" not in said, "what is as usual is not said"
+    page = visit(f"{shown.as_uri()}?b{said}")
+    assert not page.run("gaitcal.playing")
+    for field, value in (
+        ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting", "external"),
+        ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"), ("seconds", 0.25),
+        ("window", [0.1, 0.5]), ("speed", 0.5), ("joint", "ankle_l"), ("off", ["0/0/r/1"]),
+        ("layers", ["body", "fitted", "nominal", "uncertainty"]),
+    ):  # fmt: skip
+        assert state(page, field) == value, field
+    page = visit(f"{shown.as_uri()}?c#trial=no+plates&t=0.5")
+    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.seconds") == 0.5
+    assert page.console == []
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,9&result=99&joint=%00",
+        "off=0/0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3", "&".join(["preset=fit"] * 5000),
+    ],
+)  # fmt: skip
+def test_an_address_of_any_text_opens_the_page(visit: Visit, shown: Path, said: str) -> None:
+    page = paused(visit(f"{shown.as_uri()}?{len(said)}#{said}"))
+    assert page.console == []
+    assert page.run("document.getElementById('failure').hidden")
+    assert page.run("gaitcal.trial.name") == "walk" and state(page, "window") is None
+
+
+def test_a_change_of_the_address_is_followed(visit: Visit, shown: Path) -> None:
+    page = paused(visit(f"{shown.as_uri()}?h"))
+    page.run("location.hash = '#knee_l'")
+    page.run(until("gaitcal.state.joint === 'knee_l'"))
+
+
+# ------------------------------------------------------------------------------------------- switches and two results
+
+
+def test_switches_choose_and_those_without_a_meaning_are_not_there(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    there = page.run("[...document.querySelectorAll('#switches [id^=switch-]')].map(({ id }) => id.slice(7)).sort()")
+    assert there == ["acting", "axis", "errors", "nominal", "signs", "spread", "unit"], "no norm, truth, second result"
+    for field, value in (
+        ("axis", "time"), ("unit", "%BWH"), ("signs", "clinical"), ("acting", "external"), ("spread", "mean"),
+    ):  # fmt: skip
+        chosen(page, f"switch-{field}", value)
+        assert state(page, field) == value
+    page.run("document.getElementById('switch-nominal').click()")
+    assert state(page, "nominal")
+    page.run("gaitcal.state.set({ errors: false })")
+    assert not page.run("document.getElementById('switch-errors').checked")
+    page.run("document.getElementById('part-0-0-r-1').click()")
+    assert state(page, "off") == ["0/0/r/1"]
+    assert "0 of 1" in page.run("document.querySelector('.parts summary').textContent")
+    controls = "[...document.querySelectorAll('#switches input, #switches select')]"
+    assert page.run(f"{controls}.every(c => c.labels.length === 1)")
+
+
+def test_of_two_results_one_body_is_shown(visit: Visit, two: Path) -> None:
+    page = paused(visit(two))
+    assert page.run("document.getElementById('subject').textContent") == "Built-in subject"
+    assert page.run("[...document.getElementById('result').options].map(o => o.text)") == ["before", "after"]
+    page.run("gaitcal.state.set({ trial: 1 })")
+    chosen(page, "result", "1")
+    assert page.run("document.getElementById('subject').textContent") == "After"
+    assert page.run("gaitcal.trial.name") == "walk" and page.run("document.getElementById('trial').options.length") == 1
+    assert page.run("gaitcal.stage.figures.map(figure => figure.group.visible)") == [False, True]
+    assert "80.0 kg" in page.run("document.getElementById('about').textContent")
+    assert page.run("document.getElementById('switch-second').checked")
+    assert page.console == []
+
+
+# ------------------------------------------------------------------------------------------- names, phones, long walks
+
+
+def test_hostile_names_are_text_with_curves_too(visit: Visit, tmp_path: Path) -> None:
+    scene = hostile_scene()
+    (tmp_path / "result.html").write_text(page_html([Shown(scene, sheet_of(scene), HOSTILE[0])] * 2), encoding="utf-8")
+    page = paused(visit(tmp_path / "result.html"))
+    page.run("gaitcal.state.set({ trial: 1 })")
+    page.run(until("location.hash.includes('trial')"))
+    assert page.run("typeof window.hacked") == "undefined"
+    assert page.run("document.images.length") == 0 and page.run("document.scripts.length") == 5
+    assert HOSTILE[1] in page.run("document.querySelector('.parts').textContent")
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
+    assert page.console == []
+
+
+@pytest.mark.parametrize("width, height", [(390, 844), (320, 568)])
+def test_a_phone_cuts_nothing_off(visit: Visit, two: Path, width: int, height: int) -> None:
+    page = paused(visit(two, width, height, phone=True))
+    assert page.run("document.documentElement.scrollWidth") <= width
+    cut = page.run(
+        """[...document.querySelectorAll("#top button, #top select, #controls button, #controls select, #time, #clock,"
+        + "#switches select, #switches input")].filter(e => e.offsetParent !== null).filter(e => {
+        const r = e.getBoundingClientRect(); return r.left < 0 || r.right > innerWidth + 0.5 || r.width < 12; })
+        .map(e => e.id || e.textContent)"""
+    )
+    assert cut == []
+    assert page.run("document.getElementById('pane').clientHeight") == pytest.approx(0.45 * height, abs=2)
+    assert page.run("document.getElementById('controls').getBoundingClientRect().bottom") <= height + 0.5
+    assert page.run("document.getElementById('controls').offsetHeight") <= (140 if width >= 390 else 0.3 * height)
+    assert page.run("(p => p.scrollWidth <= p.clientWidth)(document.getElementById('presets'))"), "all tabs are seen"
+
+
+def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
+    scene = long_scene()
+    scene = replace(scene, trials=tuple(replace(scene.trials[0], name=f"long {k}") for k in range(5)))
+    (tmp_path / "result.html").write_text(page_html([Shown(scene, sheet_of(scene))]), encoding="utf-8")
+    page = paused(visit(tmp_path / "result.html"))
+    per_tick = page.run(
+        """(() => { let best = Infinity;
+        for (let turn = 0; turn < 5; turn++) {
+            const start = performance.now();
+            for (let k = 0; k < 50; k++) gaitcal.seek(gaitcal.trial.duration * k / 50);
+            best = Math.min(best, (performance.now() - start) / 50);
+        } return best; })()"""
+    )
+    assert per_tick < TICK
+    page.run("gaitcal.state.set({ trial: 4, seconds: 10 })")
+    before = stage(page)
+    page.run(f"gaitcal.seek(10.4); {DRAWN}")
+    assert changed(before, stage(page)) > 2000
+    assert page.console == []

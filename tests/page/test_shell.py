@@ -1,0 +1,235 @@
+"""Clock, timeline, presets, joints and keys of the page, in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaitcal.page import Scene
+from tests.page.browser import Page
+from tests.page.plain_sheet import page_of
+from tests.page.test_browser import DRAWN, THERE, paused, stage, until
+
+pytestmark = pytest.mark.browser
+
+Visit = Callable[..., Page]
+FRAME = 0.005
+"""s of the walking scene."""
+PIXEL = 0.01
+"""s: the timeline is some hundred pixels wide, and the walk a second long."""
+TABS = "[...document.querySelectorAll('[role=tab]')]"
+
+
+@pytest.fixture(scope="module")
+def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("shell") / "result.html"
+    path.write_text(page_of(scene), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def media(visit: Visit, shown: Path) -> Iterator[Callable[..., None]]:
+    """Media features of the browser, as they were again afterwards."""
+    page = visit(shown)
+
+    def put(**features: str) -> None:
+        named = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        page.send("Emulation.setEmulatedMedia", features=named)
+
+    yield put
+    put()
+
+
+def state(page: Page, field: str) -> Any:
+    return page.run(f"(v => v instanceof Set ? [...v].sort() : v)(gaitcal.state.{field})")
+
+
+def place(page: Page, element: str) -> list[float]:
+    box: list[float] = page.run(
+        f"(r => [r.left, r.top, r.width, r.height])(document.getElementById('{element}').getBoundingClientRect())"
+    )
+    return box
+
+
+def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """With the left button; a click where both places are one."""
+    for kind, (x, y) in (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end)):
+        page.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+
+# ------------------------------------------------------------------------------------------------------------ presets
+
+
+def test_a_preset_has_its_layers_and_is_a_tab(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    assert state(page, "preset") == "clinician" and state(page, "layers") == ["body", "bones", "forces"]
+    page.run(f"{TABS}[0].focus()")
+    page.press("ArrowRight")
+    assert state(page, "preset") == "fit" and state(page, "layers") == ["body", "errors", "measured", "model"]
+    assert page.run("document.activeElement.id") == "preset-fit"
+    assert page.run(f"{TABS}.map(tab => tab.ariaSelected)") == ["false", "true", "false", "false", "false"]
+    assert page.run("document.getElementById('panel').getAttribute('aria-labelledby')") == "preset-fit"
+    assert page.run("document.getElementById('show-errors').checked && !document.getElementById('show-forces').checked")
+    assert "5 times" in page.run("document.getElementById('toggles').textContent")
+    page.press("ArrowLeft")
+    page.press("ArrowLeft")
+    assert state(page, "preset") == "provenance"
+    assert page.console == []
+
+
+def test_errors_are_drawn_five_times_as_long_in_fit(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    length = "gaitcal.stage.figure.markers.bars.instanceMatrix.array.slice(4, 7).reduce((s, x) => s + x * x, 0) ** 0.5"
+    page.run("gaitcal.state.set({ preset: 'joints' })")
+    once = page.run(length)
+    page.run("gaitcal.state.set({ preset: 'fit' })")
+    assert page.run(length) == pytest.approx(5 * once, rel=1e-5)
+
+
+def test_a_bare_scene_is_the_body_alone(visit: Visit, html: Path) -> None:
+    page = paused(visit(html))
+    for part in ("verdict", "presets", "panel"):
+        assert page.run(f"document.getElementById('{part}').hidden"), part
+    assert page.run("document.getElementById('layers').offsetWidth") > 200
+    assert place(page, "pane")[1] == pytest.approx(page.run("document.getElementById('top').offsetHeight"), abs=1)
+    assert state(page, "layers") == sorted(page.run("Gaitcal.LAYERS.map(([name]) => name)"))
+    assert page.console == []
+
+
+# -------------------------------------------------------------------------------------------------- clock and timeline
+
+
+def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    label = "document.getElementById('track-{}').getAttribute('aria-label')"
+    said = "right leg: foot strikes at 0.05 s, 1.00 s; foot off at 0.65 s; torques valid"
+    assert page.run(label.format("r")).startswith(said)
+    assert page.run("Gaitcal.stances(gaitcal.sheet, 'r', gaitcal.trial.duration)") == [
+        [0.05, 0.65],
+        [1.0, pytest.approx(1.035, abs=1e-3)],
+    ]
+    assert page.run("Gaitcal.stances(gaitcal.sheet, 'l', gaitcal.trial.duration)")[0] == [0, 0.1]
+    assert page.run("Gaitcal.validSpans(gaitcal.trial, 'r')") == [[0, pytest.approx(0.745, abs=1e-3)]]
+    page.run("gaitcal.seek(0.5)")
+    assert page.run("document.getElementById('time').getAttribute('aria-valuetext')") == "0.50 s"
+    page.run("gaitcal.state.set({ trial: 1 })")
+    assert page.run("document.getElementById('track-r').parentElement.hidden")
+
+
+def test_a_drag_over_the_timeline_loops_a_window(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    left, top, width, height = place(page, "track-r")
+    at = lambda share: (left + share * width, top + height / 2)  # noqa: E731
+    drag(page, at(0.2), at(0.6))
+    duration = page.run("gaitcal.trial.duration")
+    assert state(page, "window") == pytest.approx([0.2 * duration, 0.6 * duration], abs=PIXEL)
+    page.run("gaitcal.state.set({ seconds: gaitcal.state.window[1] - 0.01, speed: 2, playing: true })")
+    page.run(until("gaitcal.seconds < gaitcal.state.window[1] - 0.05"))
+    page.run("gaitcal.play(false)")
+    assert 0.2 * duration - PIXEL <= page.run("gaitcal.seconds") <= 0.6 * duration + PIXEL
+    drag(page, at(0.9), at(0.9))
+    assert page.run("gaitcal.seconds") == pytest.approx(0.9 * duration, abs=PIXEL)
+    page.run("document.getElementById('window-clear').click()")
+    assert state(page, "window") is None and page.run("document.getElementById('window-clear').disabled")
+    page.run("gaitcal.seek(0.3); document.getElementById('window-begin').click()")
+    page.run("gaitcal.seek(0.4); document.getElementById('window-end').click()")
+    assert state(page, "window") == [0.3, 0.4]
+
+
+def test_time_stays_in_the_trial_and_another_trial_begins_anew(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    page.run("gaitcal.seek(99)")
+    assert page.run("gaitcal.seconds === gaitcal.trial.duration")
+    page.run("gaitcal.seek(-1)")
+    assert page.run("gaitcal.seconds") == 0
+    page.run("gaitcal.state.set({ seconds: 0.5, window: [0.2, 0.6] }); gaitcal.state.set({ trial: 1 })")
+    assert page.run("gaitcal.seconds") == 0 and state(page, "window") is None
+    assert page.run("document.title").endswith("no plates")
+
+
+def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown), 0.2)
+    page.press("ArrowRight")
+    assert page.run("gaitcal.seconds") == pytest.approx(0.2 + FRAME, abs=1e-4)
+    page.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft", modifiers=8)
+    assert page.run("gaitcal.seconds") == pytest.approx(0.2 - 9 * FRAME, abs=1e-4)
+    page.press("[")
+    page.press("End")
+    assert page.run("gaitcal.seconds === gaitcal.trial.duration")
+    page.run("gaitcal.seek(0.6)")
+    page.press("]")
+    assert state(page, "window") == pytest.approx([0.155, 0.6], abs=1e-4)
+    page.press("Home")
+    assert page.run("gaitcal.seconds") == pytest.approx(0.155, abs=1e-4)
+    page.press("\\")
+    assert state(page, "window") is None
+    for key, field, value in (
+        ("p", "axis", "time"), ("n", "nominal", True), ("b", "norm", False), ("e", "errors", False),
+        ("t", "truth", False), ("3", "preset", "joints"), ("j", "joint", "hip_r"), ("Escape", "joint", None),
+        ("+", "speed", 2), ("-", "speed", 1), (" ", "playing", True), (" ", "playing", False),
+    ):  # fmt: skip
+        page.press(key)
+        assert state(page, field) == value, key
+    page.press("?")
+    assert page.run("document.getElementById('keys').open")
+    page.press("j")
+    assert state(page, "joint") is None, "behind the dialog nothing moves"
+    page.run("document.getElementById('keys-on').click(); document.getElementById('keys-close').click()")
+    page.press("j")
+    assert state(page, "joint") is None, "keys of one letter can be turned off"
+    page.run("document.getElementById('keys-on').click()")
+    page.run("gaitcal.state.set({ preset: 'clinician' }); document.getElementById('switch-axis').focus()")
+    page.press("n")
+    assert state(page, "nominal"), "a list of choices keeps its keys"
+    assert page.console == []
+
+
+# ------------------------------------------------------------------------------------------------------------- joints
+
+
+def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: Path) -> None:
+    page = paused(visit(shown))
+    x, y = page.run(
+        """(() => { const p = gaitcal.stage.figure.joints.pose("knee_r").place.project(gaitcal.stage.viewer.camera);
+        const r = document.getElementById("pane").getBoundingClientRect();
+        return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height]; })()"""
+    )
+    drag(page, (x, y), (x, y))
+    assert state(page, "joint") == "knee_r"
+    page.run(THERE)
+    assert page.run("gaitcal.stage.viewer.camera.fov") == 10
+    assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
+    opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
+        .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
+    near = page.run(opacity)
+    assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
+    page.press("Escape")
+    page.run(THERE)
+    assert state(page, "joint") is None and page.run("gaitcal.stage.viewer.camera.fov") == 32
+    assert len(set(page.run(opacity).values())) == 1
+    assert state(page, "layers") == ["body", "bones", "forces"]
+    assert page.console == []
+
+
+def test_who_wants_no_motion_gets_none(visit: Visit, shown: Path, media: Callable[..., None]) -> None:
+    media(prefers_reduced_motion="reduce")
+    page = visit(f"{shown.as_uri()}?still")
+    assert not page.run("gaitcal.playing")
+    assert page.run("gaitcal.state.set({ joint: 'knee_l' }), gaitcal.stage.viewer.camera.fov") == 10
+    media()
+    page = visit(f"{shown.as_uri()}?moving")
+    assert page.run("gaitcal.playing")
+    page.run("gaitcal.play(false)")
+    assert page.run("gaitcal.state.set({ joint: 'knee_l' }), gaitcal.stage.viewer.camera.fov") == 32
+
+
+def test_dark_is_dark(visit: Visit, shown: Path, media: Callable[..., None]) -> None:
+    page = paused(visit(shown))
+    light = stage(page)
+    media(prefers_color_scheme="dark")
+    page.run(DRAWN)
+    assert np.median(light[:80, -80:]) > 200 and np.median(stage(page)[:80, -80:]) < 60
