@@ -103,7 +103,7 @@ def _become(words: tuple[str, ...], said: Path) -> None:
         os._exit(code)
 
 
-def _with_line(sheet: Mapping[str, Any], *_: object) -> dict[str, Any]:
+def _with_line(sheet: Mapping[str, Any], *_: object, **__: object) -> dict[str, Any]:
     """Stand-in for the section of the draws: the sheet changes, and stays the same from then on."""
     return {**sheet, "drawn": True}
 
