@@ -14,14 +14,21 @@ PLAIN = 20.0
 """CIEDE2000 at which two thin rods are plainly of two colours; 10 is plain for areas side by side."""
 GRAPHIC = 3.0
 """WCAG 2.1, 1.4.11: least contrast of what must be seen with what is around."""
-DARK = 0x14191F
-"""A page in dark mode."""
 
 
 @pytest.fixture(scope="module")
 def colours() -> dict[str, int]:
-    script = (files("gaitcal.page") / "scripts" / "2_body.js").read_text(encoding="utf-8")
+    script = (files("gaitcal.page") / "scripts" / "body.js").read_text(encoding="utf-8")
     return {name: int(code, 16) for name, code in re.findall(r"(\w+): 0x([0-9a-f]{6})", script)}
+
+
+@pytest.fixture(scope="module")
+def grounds() -> list[int]:
+    """What is behind the body on a light page and on a dark one: floor and distance."""
+    style = (files("gaitcal.page") / "styles" / "page.css").read_text(encoding="utf-8")
+    found = [int(code, 16) for code in re.findall(r"--(?:ground|tile): #([0-9a-f]{6})", style)]
+    assert len(found) == 4
+    return found
 
 
 def test_the_measure_itself() -> None:
@@ -43,8 +50,8 @@ def test_fitted_and_nominal_are_two_colours(sight: str, colours: dict[str, int])
 
 
 @pytest.mark.parametrize("kind", ["fitted", "nominal"])
-def test_they_stand_out_from_what_is_behind(kind: str, colours: dict[str, int]) -> None:
-    for behind in (colours["background"], DARK, colours["bone"]):
+def test_they_stand_out_from_what_is_behind(kind: str, colours: dict[str, int], grounds: list[int]) -> None:
+    for behind in (*grounds, colours["bone"]):
         assert contrast(colours[kind], behind) >= GRAPHIC, hex(behind)
 
 

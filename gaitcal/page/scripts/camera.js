@@ -17,8 +17,12 @@ Gaitcal.Camera = class {
     viewer.controls.minDistance = 0.15;
     this.resize();
     window.onload = null;
-    window.addEventListener("resize", () => this.resize());
-    new ResizeObserver(() => this.resize()).observe(pane);
+    // A canvas of another size is empty until it is drawn.
+    const resized = new ResizeObserver(() => {
+      this.resize();
+      viewer.render();
+    });
+    resized.observe(pane);
   }
 
   resize() {

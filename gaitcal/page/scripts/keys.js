@@ -18,21 +18,22 @@ Gaitcal.Keys = class {
   // [keys, what they do, action]; those of curves only where there are curves.
   bindings() {
     const { page, state } = this;
-    const { clock, timeline } = page;
+    const { clock } = page;
     const turn = (field) => () => state.set({ [field]: !state[field] });
     const always = [
       [[" "], "Space", "play, pause", () => clock.play()],
       [["ArrowRight", "ArrowLeft"], "\u2190 \u2192", "one frame; with Shift ten", (event) => this.step(event)],
       [["Home", "End"], "Home, End", "begin and end, of the window where there is one", (event) => this.end(event.key === "End")],
-      [["[", "]"], "[ ]", "the looped window begins, ends here", (event) => (event.key === "[" ? timeline.begin() : timeline.end())],
+      [["[", "]"], "[ ]", "the looped window begins, ends here", (event) => this.loop(event.key)],
       [["\\"], "\\", "no window", () => state.set({ window: null })],
       [["+", "=", "-"], "+ \u2212", "faster, slower", (event) => this.faster(event.key === "-" ? -1 : 1)],
       [["j"], "J", "come near the next joint", () => this.nextJoint()],
       [["Escape"], "Esc", "back to the whole body; close the layers", () => this.escape()],
       [["?"], "?", "these keys", () => this.dialog.showModal()],
     ];
+    const titles = Gaitcal.PRESETS.map(({ title }) => title);
     const gait = [
-      [["1", "2", "3", "4", "5"], "1 \u2026 5", Gaitcal.PRESETS.map(({ title }) => title).join(", "), (event) => this.preset(event.key)],
+      [["1", "2", "3", "4", "5"], "1 \u2026 5", titles.join(", "), (event) => this.preset(event.key)],
       [["p"], "P", "% of the gait cycle or time", () => state.set({ axis: state.axis === "time" ? "percent" : "time" })],
       [["n"], "N", "nominal model", turn("nominal")],
       [["b"], "B", "norm band", turn("norm")],
@@ -69,7 +70,8 @@ Gaitcal.Keys = class {
     if (key === "Escape" || !(target instanceof Element) || target.id === "time") return false;
     if (target.closest("select, textarea, input:not([type=checkbox]):not([type=radio])")) return true;
     if (target.closest("input, button, summary, a, [role=tab]")) return [" ", "Enter"].includes(key);
-    return target.closest("[tabindex]") !== null && ["Home", "End", " "].includes(key) && target.scrollHeight > target.clientHeight + 1;
+    const scrolls = target.closest("[tabindex]") !== null && target.scrollHeight > target.clientHeight + 1;
+    return scrolls && ["Home", "End", " "].includes(key);
   }
 
   step(event) {
@@ -79,6 +81,11 @@ Gaitcal.Keys = class {
   end(last) {
     const [from, to] = this.state.window ?? [0, this.page.trial.duration];
     this.state.set({ seconds: last ? to : from });
+  }
+
+  loop(bracket) {
+    if (bracket === "[") this.page.timeline.begin();
+    else this.page.timeline.end();
   }
 
   faster(by) {

@@ -66,9 +66,8 @@ Gaitcal.Stage = class {
       button.addEventListener("click", clicked);
       this.get(host).append(button);
     };
-    for (const [title, x, y, z] of [["oblique", 0.75, 0.3, 0.85], ["side", 0, 0.06, 1], ["front", 1, 0.06, 0], ["back", -1, 0.06, 0]]) {
-      add("views", title, () => this.look(x, y, z, true));
-    }
+    const sides = { oblique: [0.75, 0.3, 0.85], side: [0, 0.06, 1], front: [1, 0.06, 0], back: [-1, 0.06, 0] };
+    for (const [title, from] of Object.entries(sides)) add("views", title, () => this.look(...from, true));
     for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
       add("near", title, () => this.state.set({ joint }));
     }

@@ -30,7 +30,8 @@ Gaitcal.Switches = class {
     ].filter(([meant]) => meant);
     if (boxes.length) host.append(this.group("Draw", boxes.map(([, field, title]) => this.box(field, title))));
     if (trials.some((trial) => trial.strides.length > 1) || trials.length > 1) host.append(this.parts());
-    this.state.on(["axis", "spread", "unit", "signs", "acting", "errors", "norm", "nominal", "truth", "second", "off"], () => this.write());
+    const fields = [...choices.map(([, field]) => field), "errors", "norm", "nominal", "truth", "second", "off"];
+    this.state.on(fields, () => this.write());
     this.write();
   }
 
@@ -75,7 +76,8 @@ Gaitcal.Switches = class {
     const details = Gaitcal.element("details", "", "parts");
     const summary = document.createElement("summary");
     details.append(summary);
-    const keys = this.page.results.flatMap((result, r) => Gaitcal.parts(result, r)).filter((key) => key.split("/").length === 4);
+    const all = this.page.results.flatMap((result, r) => Gaitcal.parts(result, r));
+    const keys = all.filter((key) => key.split("/").length === 4);
     const taking = (key) => !this.state.off.has(key) && !this.state.off.has(key.split("/").slice(0, 2).join("/"));
     this.writers.push(() => {
       const n = keys.filter(taking).length;

@@ -96,10 +96,12 @@ Gaitcal.Timeline = class {
       else add("circle", "off", { cx: share(time), cy: 7, r: 3 });
     }
     add("line", "now", { x1: 0, x2: 0, y1: 0, y2: 16 });
-    const list = (kind) => events.filter((e) => Gaitcal.isStrike(e.kind) === kind).map(({ time }) => `${time.toFixed(2)} s`);
-    const said = (what, among) => (among.length ? [`${what} ${among.join(", ")}`] : []);
+    const among = (strike) => events.filter(({ kind }) => Gaitcal.isStrike(kind) === strike);
+    const list = (strike) => among(strike).map(({ time }) => `${time.toFixed(2)} s`);
+    const said = (what, when) => (when.length ? [`${what} ${when.join(", ")}`] : []);
     const spans = valid.map(([from, to]) => `${from.toFixed(2)} to ${to.toFixed(2)} s`);
-    const words = [...said("foot strikes at", list(true)), ...said("foot off at", list(false)), ...said("torques valid", spans)];
+    const steps = [...said("foot strikes at", list(true)), ...said("foot off at", list(false))];
+    const words = [...steps, ...said("torques valid", spans)];
     svg.setAttribute("aria-label", `${Gaitcal.SIDES[side]} leg: ${words.join("; ") || "no events"}`);
   }
 
