@@ -101,7 +101,7 @@ Gaitcal.Panel = class {
         width, height, legend: { show: false }, cursor: { show: false }, padding: [4 * density, 12 * density, 0, 0],
         scales: { x: { time: false, range: () => this.traces.x }, y: { range: () => this.traces.y } },
         axes: [
-          { ...axis, values, size: 16 * density, space: 38 * density, incrs: () => (this.traces.percent ? [25] : Gaitcal.STEPS) },
+          { ...axis, values, size: 16 * density, space: 38 * density, incrs: () => (this.traces.percent ? [25, 50, 100] : Gaitcal.STEPS) },
           { ...axis, size: 36 * density, space: 24 * density, values, incrs: Gaitcal.STEPS },
         ],
         series: [{}, { paths: () => null, points: { show: false } }],
