@@ -27,7 +27,10 @@ Gaitcal.stepRows = (sheet, isOn) => {
   const of = (name, leg) =>
     Gaitcal.average(
       known
-        .filter(({ side, values, refused }) => side === leg && Object.hasOwn(values, name) && Gaitcal.measureCounts(name, side, refused))
+        .filter(
+          ({ side, values, refused }) =>
+            side === leg && Object.hasOwn(values, name) && Gaitcal.measureCounts(name, side, refused),
+        )
         .map(({ values }) => values[name]),
     );
   return sheet.measures
@@ -68,7 +71,8 @@ Gaitcal.STEP_WORDS =
 Gaitcal.stepsOf = ({ results, state }, result) =>
   Gaitcal.stepRows(
     results[result].sheet,
-    (trial, side, number) => !state.off.has(`${result}/${trial}`) && !state.off.has(`${result}/${trial}/${side}/${number}`),
+    (trial, side, number) =>
+      !state.off.has(`${result}/${trial}`) && !state.off.has(`${result}/${trial}/${side}/${number}`),
   );
 
 // With its heading: of the chosen result, and of the second one beside it.
@@ -84,7 +88,11 @@ Gaitcal.stepsParts = (page) => {
     ...(results.length > 1 ? [Gaitcal.make("h3", {}, Gaitcal.named(result.name))] : []),
     Gaitcal.stepsTable(rows),
   ]);
-  return [Gaitcal.make("h2", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEP_WORDS)];
+  return [
+    Gaitcal.make("h2", {}, "Steps and phases"),
+    ...tables,
+    Gaitcal.make("p", { class: "soft" }, Gaitcal.STEP_WORDS),
+  ];
 };
 
 Gaitcal.Steps = class {
