@@ -68,7 +68,8 @@ Gaitcal.widths = new ResizeObserver((entries) => {
 
 // Renders blocks one after the other. Headings never skip a level, whatever the blocks say.
 Gaitcal.Blocks = class {
-  // scope: { page of `page.js`, trial: the sheet's trial that curves are of, or null, cursors: what follows the clock };
+  // scope: { page of `page.js`, trial: that of the sheet whose curves are shown, or null, cursors: what follows the
+  // clock };
   // level, subject: of the heading that stands above.
   constructor(scope, level = 2, subject = "") {
     Object.assign(this, { scope, level, subject });

@@ -1,5 +1,5 @@
 "use strict";
-// The table of steps and phases. Which strides count, and how means and symmetry are formed, is gaitcal/gait/symmetry.py.
+// The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/symmetry.py.
 
 Gaitcal.OF_BOTH_LEGS = ["step_width"];
 Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "single"];
@@ -62,10 +62,10 @@ Gaitcal.stepsTable = (rows) => {
 };
 
 Gaitcal.STEP_WORDS =
-  "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows a " +
-  "part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
-  "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that ends " +
-  "with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
+  "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows " +
+  "a part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
+  "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that " +
+  "ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
 
 // Of a result of the page, with what is switched on.
 Gaitcal.stepsOf = ({ results, state }, result) =>

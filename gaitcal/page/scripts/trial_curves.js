@@ -34,7 +34,8 @@ Gaitcal.path = (time, values, top, counts = () => true) => {
   for (const i of Gaitcal.thinned(values)) {
     const known = Number.isFinite(values[i]) && counts(i);
     if (known)
-      out += `${drawn ? "L" : "M"}${((1000 * time[i]) / duration).toFixed(1)} ${(1000 * (1 - values[i] / top)).toFixed(1)}`;
+      const [x, y] = [(1000 * time[i]) / duration, 1000 * (1 - values[i] / top)];
+      out += `${drawn ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`;
     drawn = known;
   }
   return out;
