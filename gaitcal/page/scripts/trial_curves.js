@@ -33,9 +33,10 @@ Gaitcal.path = (time, values, top, counts = () => true) => {
   let [out, drawn] = ["", false];
   for (const i of Gaitcal.thinned(values)) {
     const known = Number.isFinite(values[i]) && counts(i);
-    if (known)
+    if (known) {
       const [x, y] = [(1000 * time[i]) / duration, 1000 * (1 - values[i] / top)];
       out += `${drawn ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`;
+    }
     drawn = known;
   }
   return out;
