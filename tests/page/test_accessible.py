@@ -6,6 +6,7 @@ it and prints that path). Without it, what needs it is skipped.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -100,6 +101,7 @@ def test_headings_and_landmarks_are_in_order(visit: Visit, told: Path) -> None:
             .map(h => Number(h.tagName[1]))"""
         )
         assert levels[0] == 1 and levels.count(1) == 1, preset
-        assert all(later <= level + 1 for level, later in zip(levels, levels[1:], strict=False)), (preset, levels)
-    assert page.run("['header', 'main', 'footer'].map(e => document.querySelectorAll(`body > ${e}`).length)") == [1, 1, 1]
-    assert page.run("document.querySelectorAll('[tabindex]:not([tabindex=\"0\"], [tabindex=\"-1\"])').length") == 0
+        assert all(later <= level + 1 for level, later in itertools.pairwise(levels)), (preset, levels)
+    marks = "['header', 'main', 'footer'].map(mark => document.querySelectorAll(`body > ${mark}`).length)"
+    assert page.run(marks) == [1, 1, 1]
+    assert page.run('document.querySelectorAll(\'[tabindex]:not([tabindex="0"], [tabindex="-1"])\').length') == 0

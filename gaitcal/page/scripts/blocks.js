@@ -7,7 +7,8 @@ Gaitcal.make = (name, attributes = {}, ...children) =>
 
 Gaitcal.dress = (element, attributes, children) => {
   for (const [key, value] of Object.entries(attributes))
-    if (value !== null && value !== undefined && value !== false) element.setAttribute(key, value === true ? "" : value);
+    if (value !== null && value !== undefined && value !== false)
+      element.setAttribute(key, value === true ? "" : value);
   element.append(...children.filter((child) => child !== null));
   return element;
 };
@@ -60,13 +61,15 @@ Gaitcal.widths = new ResizeObserver((entries) => {
     const wide = target.scrollWidth > target.clientWidth + 1;
     target.classList.toggle("wide", wide);
     const told = { tabindex: "0", role: "group", "aria-label": `${target.dataset.label}: table, scrolls sideways` };
-    for (const [name, value] of Object.entries(told)) wide ? target.setAttribute(name, value) : target.removeAttribute(name);
+    for (const [name, value] of Object.entries(told))
+      wide ? target.setAttribute(name, value) : target.removeAttribute(name);
   }
 });
 
 // Renders blocks one after the other. Headings never skip a level, whatever the blocks say.
 Gaitcal.Blocks = class {
-  // scope: { page of `page.js`, trial: the sheet's trial that curves are of, or null, cursors: what follows the clock };
+  // scope: { page of `page.js`, trial: that of the sheet whose curves are shown, or null, cursors: what follows the
+  // clock };
   // level, subject: of the heading that stands above.
   constructor(scope, level = 2, subject = "") {
     Object.assign(this, { scope, level, subject });
@@ -94,7 +97,12 @@ Gaitcal.Blocks = class {
 };
 
 Gaitcal.cell = (cell, node) => {
-  const { t = "", unit = null, tone = null, side = null } = cell !== null && typeof cell === "object" ? cell : { t: cell };
+  const {
+    t = "",
+    unit = null,
+    tone = null,
+    side = null,
+  } = cell !== null && typeof cell === "object" ? cell : { t: cell };
   if (side) node.classList.add(`side-${side}`);
   if (tone === "soft") node.classList.add("soft");
   const shown = Gaitcal.visible(t);
@@ -111,14 +119,20 @@ Gaitcal.table = ({ head = [], rows, caption = null, total = [] }, label = "") =>
   const align = (cell, column) => (texts[column] || cell?.align === "text" || !head.length ? "text" : null);
   const top = head.map((cell, column) => {
     const empty = (typeof cell === "object" ? cell?.t : cell) === "";
-    return Gaitcal.cell(cell, Gaitcal.make(empty ? "td" : "th", { scope: empty ? null : "col", class: align(cell, column) }));
+    return Gaitcal.cell(
+      cell,
+      Gaitcal.make(empty ? "td" : "th", { scope: empty ? null : "col", class: align(cell, column) }),
+    );
   });
   const body = rows.map((row, index) =>
     Gaitcal.make(
       "tr",
       { class: total?.includes(index) ? "total" : null },
       ...row.map((cell, column) =>
-        Gaitcal.cell(cell, column ? Gaitcal.make("td", { class: align(cell, column) }) : Gaitcal.make("th", { scope: "row" })),
+        Gaitcal.cell(
+          cell,
+          column ? Gaitcal.make("td", { class: align(cell, column) }) : Gaitcal.make("th", { scope: "row" }),
+        ),
       ),
     ),
   );
@@ -141,7 +155,11 @@ Gaitcal.BLOCKS = {
   text: ({ text, tone }) => Gaitcal.make("p", { class: tone ?? null }, Gaitcal.visible(text)),
 
   list: ({ items, tone }) =>
-    Gaitcal.make("ul", { class: `plain ${tone ?? ""}` }, ...items.map((item) => Gaitcal.make("li", {}, Gaitcal.visible(item)))),
+    Gaitcal.make(
+      "ul",
+      { class: `plain ${tone ?? ""}` },
+      ...items.map((item) => Gaitcal.make("li", {}, Gaitcal.visible(item))),
+    ),
 
   table: (block, blocks) => {
     const label = Gaitcal.visible(block.caption || blocks.subject || "Table");
@@ -158,7 +176,13 @@ Gaitcal.BLOCKS = {
           "li",
           { class: `card ${tone}` },
           Gaitcal.make("p", { class: "question" }, Gaitcal.visible(question)),
-          Gaitcal.make("p", { class: "value" }, Gaitcal.visible(value), " ", verdict ? Gaitcal.tag(verdict, tone) : null),
+          Gaitcal.make(
+            "p",
+            { class: "value" },
+            Gaitcal.visible(value),
+            " ",
+            verdict ? Gaitcal.tag(verdict, tone) : null,
+          ),
           Gaitcal.make("p", {}, Gaitcal.visible(text)),
         ),
       ),

@@ -52,7 +52,11 @@ Gaitcal.Axis = class {
   foot(title = this.unit) {
     const anchor = (share) => (share < 0.06 ? "start" : share > 0.94 ? "end" : "middle");
     const numbers = this.ticks.map(({ at, digits }) =>
-      Gaitcal.svg("text", { x: this.at(at), y: 13, "text-anchor": anchor(this.share(at)) }, Gaitcal.numeral(at, digits)),
+      Gaitcal.svg(
+        "text",
+        { x: this.at(at), y: 13, "text-anchor": anchor(this.share(at)) },
+        Gaitcal.numeral(at, digits),
+      ),
     );
     const words = Gaitcal.svg("text", { x: "50%", y: 28, "text-anchor": "middle" }, title);
     return Gaitcal.svg("svg", { class: "lane", height: 32 }, ...numbers, words);
@@ -79,7 +83,10 @@ Gaitcal.dot = (side, x, y) => {
   const kind = `dot ${Gaitcal.SIDE_WORDS[side] ?? "middle"}`;
   if (side === "r") return Gaitcal.svg("circle", { class: kind, cx: x, cy: y, r: 4 });
   const middle = Gaitcal.svg("svg", { x, y, overflow: "visible" });
-  const shape = side === "l" ? { x: -3.6, y: -3.6, width: 7.2, height: 7.2 } : { x: -3.4, y: -3.4, width: 6.8, height: 6.8, transform: "rotate(45)" };
+  const shape =
+    side === "l"
+      ? { x: -3.6, y: -3.6, width: 7.2, height: 7.2 }
+      : { x: -3.4, y: -3.4, width: 6.8, height: 6.8, transform: "rotate(45)" };
   middle.append(Gaitcal.svg("rect", { class: kind, ...shape }));
   return middle;
 };
@@ -89,7 +96,13 @@ Gaitcal.sideKeys = (rows) => {
   return sides
     .filter((side) => side || sides.length > 1)
     .map((side) => {
-      const line = Gaitcal.svg("line", { class: `whisker ${Gaitcal.SIDE_WORDS[side] ?? "middle"}`, x1: 1, x2: 25, y1: 7, y2: 7 });
+      const line = Gaitcal.svg("line", {
+        class: `whisker ${Gaitcal.SIDE_WORDS[side] ?? "middle"}`,
+        x1: 1,
+        x2: 25,
+        y1: 7,
+        y2: 7,
+      });
       return Gaitcal.keyOf([line, Gaitcal.dot(side, 13, 7)], Gaitcal.SIDE_WORDS[side] ?? "neither side");
     });
 };
@@ -121,11 +134,22 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
     const out = [];
     for (const bound of row.bounds ?? []) {
       const at = bound - from(row);
-      if (bound !== null && axis.inside(at)) out.push(Gaitcal.svg("line", { class: "bound", x1: axis.at(at), x2: axis.at(at), y1: y - 7, y2: y + 7 }));
+      if (bound !== null && axis.inside(at))
+        out.push(Gaitcal.svg("line", { class: "bound", x1: axis.at(at), x2: axis.at(at), y1: y - 7, y2: y + 7 }));
     }
-    if (row.se) out.push(Gaitcal.svg("line", { class: `whisker ${side}`, x1: axis.at(change - row.se), x2: axis.at(change + row.se), y1: y, y2: y }));
+    if (row.se)
+      out.push(
+        Gaitcal.svg("line", {
+          class: `whisker ${side}`,
+          x1: axis.at(change - row.se),
+          x2: axis.at(change + row.se),
+          y1: y,
+          y2: y,
+        }),
+      );
     out.push(Gaitcal.dot(row.side, axis.at(change), y));
-    if (row.truth != null) out.push(Gaitcal.svg("circle", { class: "truth", cx: axis.at(row.truth - from(row)), cy: y, r: 6.5 }));
+    if (row.truth != null)
+      out.push(Gaitcal.svg("circle", { class: "truth", cx: axis.at(row.truth - from(row)), cy: y, r: 6.5 }));
     return out;
   };
   const lanes = Gaitcal.byLabel(known).map(([label, of]) => [
@@ -135,23 +159,37 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
   const digits = Math.max(1, ...axis.ticks.map((tick) => tick.digits + 1));
   const [errors, truths] = [known.some((row) => row.se != null), known.some((row) => row.truth != null)];
   const told = (row) =>
-    [row.nominal, row.fitted, ...(errors ? [row.se] : []), ...(truths ? [row.truth] : [])].map((v) => Gaitcal.numeral(v, digits));
+    [row.nominal, row.fitted, ...(errors ? [row.se] : []), ...(truths ? [row.truth] : [])].map((v) =>
+      Gaitcal.numeral(v, digits),
+    );
   const key = Gaitcal.sideKeys(known);
   if (truths) key.push(Gaitcal.keyOf([Gaitcal.svg("circle", { class: "truth", cx: 13, cy: 7, r: 5.5 })], "truth"));
-  if (known.some((row) => row.bounds)) key.push(Gaitcal.keyOf([Gaitcal.svg("line", { class: "bound", x1: 13, x2: 13, y1: 0, y2: 14 })], "bound"));
-  return Gaitcal.picture(blocks.subject, lanes, axis.foot(`change from nominal, ${axis.unit}${errors ? " (± standard error)" : ""}`), key, {
-    head: ["Parameter", "Nominal", "Fitted", ...(errors ? ["Standard error"] : []), ...(truths ? ["Truth"] : [])],
-    rows: known.map((row) => [{ t: Gaitcal.titled(row), unit }, ...told(row)]),
-  });
+  if (known.some((row) => row.bounds))
+    key.push(Gaitcal.keyOf([Gaitcal.svg("line", { class: "bound", x1: 13, x2: 13, y1: 0, y2: 14 })], "bound"));
+  return Gaitcal.picture(
+    blocks.subject,
+    lanes,
+    axis.foot(`change from nominal, ${axis.unit}${errors ? " (± standard error)" : ""}`),
+    key,
+    {
+      head: ["Parameter", "Nominal", "Fitted", ...(errors ? ["Standard error"] : []), ...(truths ? ["Truth"] : [])],
+      rows: known.map((row) => [{ t: Gaitcal.titled(row), unit }, ...told(row)]),
+    },
+  );
 };
 
 // As long as the total; pieces by their share, with the number that the key gives them.
 Gaitcal.BLOCKS.bars = ({ unit, rows }, blocks) => {
   const names = [...new Set(rows.flatMap((row) => row.parts.map((part) => part.name)))];
-  const axis = new Gaitcal.Axis(rows.map((row) => row.total), { unit, zero: true });
+  const axis = new Gaitcal.Axis(
+    rows.map((row) => row.total),
+    { unit, zero: true },
+  );
   const shares = (row) => {
     const sum = row.parts.reduce((all, part) => all + Math.max(0, part.value), 0) || 1;
-    return names.map((name) => row.parts.reduce((all, part) => all + (part.name === name ? Math.max(0, part.value) : 0), 0) / sum);
+    return names.map(
+      (name) => row.parts.reduce((all, part) => all + (part.name === name ? Math.max(0, part.value) : 0), 0) / sum,
+    );
   };
   const lane = (row) => {
     let begin = 0;
@@ -160,9 +198,19 @@ Gaitcal.BLOCKS.bars = ({ unit, rows }, blocks) => {
       begin += width;
       const part = width / (axis.high - axis.low);
       if (part < 0.001) return [];
-      const rect = Gaitcal.svg("rect", { class: `piece part${k % 8}`, x: axis.at(from), y: 3, width: `${(100 * part).toFixed(3)}%`, height: 16 });
+      const rect = Gaitcal.svg("rect", {
+        class: `piece part${k % 8}`,
+        x: axis.at(from),
+        y: 3,
+        width: `${(100 * part).toFixed(3)}%`,
+        height: 16,
+      });
       rect.append(Gaitcal.svg("title", {}, `${Gaitcal.visible(names[k])} ${Math.round(100 * share)} %`));
-      const digit = Gaitcal.svg("text", { class: `number part${k % 8}`, x: axis.at(from + width / 2), y: 15.5, "text-anchor": "middle" }, String(k + 1));
+      const digit = Gaitcal.svg(
+        "text",
+        { class: `number part${k % 8}`, x: axis.at(from + width / 2), y: 15.5, "text-anchor": "middle" },
+        String(k + 1),
+      );
       return part > 0.04 ? [rect, digit] : [rect];
     });
     return axis.lane(22, ...pieces);
@@ -173,22 +221,33 @@ Gaitcal.BLOCKS.bars = ({ unit, rows }, blocks) => {
     return [label, lane(row)];
   });
   const key = names.map((name, k) => {
-    const [chip, digit] = [{ class: `piece part${k % 8}`, width: 20, height: 14 }, { class: `number part${k % 8}`, x: 10, y: 11.5, "text-anchor": "middle" }];
+    const [chip, digit] = [
+      { class: `piece part${k % 8}`, width: 20, height: 14 },
+      { class: `number part${k % 8}`, x: 10, y: 11.5, "text-anchor": "middle" },
+    ];
     return Gaitcal.keyOf([Gaitcal.svg("rect", chip), Gaitcal.svg("text", digit, String(k + 1))], Gaitcal.visible(name));
   });
   return Gaitcal.picture(blocks.subject, lanes, axis.foot(), key, {
     head: [blocks.subject || "What", `Total, ${axis.unit}`, ...names.map((name) => `${Gaitcal.visible(name)}, %`)],
-    rows: rows.map((row) => [Gaitcal.titled(row), Gaitcal.numeral(row.total, digits), ...shares(row).map((share) => Gaitcal.numeral(100 * share, 0))]),
+    rows: rows.map((row) => [
+      Gaitcal.titled(row),
+      Gaitcal.numeral(row.total, digits),
+      ...shares(row).map((share) => Gaitcal.numeral(100 * share, 0)),
+    ]),
   });
 };
 
 // Low to high as a line, the middle half as a box, the median across it.
 Gaitcal.BLOCKS.boxes = ({ unit, title, groups }, blocks) => {
   const all = groups.flatMap((group) => group.boxes);
-  const axis = new Gaitcal.Axis(all.flatMap((box) => [box.low, box.high]), { unit });
+  const axis = new Gaitcal.Axis(
+    all.flatMap((box) => [box.low, box.high]),
+    { unit },
+  );
   const lane = (box) => {
     const side = Gaitcal.SIDE_WORDS[box.side] ?? "middle";
-    const line = (x1, x2, y1, y2, kind) => Gaitcal.svg("line", { class: kind, x1: axis.at(x1), x2: axis.at(x2), y1, y2 });
+    const line = (x1, x2, y1, y2, kind) =>
+      Gaitcal.svg("line", { class: kind, x1: axis.at(x1), x2: axis.at(x2), y1, y2 });
     const width = `${(100 * (axis.share(box.q3) - axis.share(box.q1))).toFixed(3)}%`;
     return axis.lane(
       20,
@@ -202,16 +261,25 @@ Gaitcal.BLOCKS.boxes = ({ unit, title, groups }, blocks) => {
   const digits = Math.max(1, ...axis.ticks.map((tick) => tick.digits + 1));
   const lanes = groups.flatMap((group) => [
     ...(group.label ? [[Gaitcal.make("strong", {}, Gaitcal.visible(group.label)), axis.lane(20)]] : []),
-    ...group.boxes.map((box) => [Gaitcal.make("span", { class: box.side ? `side-${box.side}` : null }, Gaitcal.visible(box.label)), lane(box)]),
+    ...group.boxes.map((box) => [
+      Gaitcal.make("span", { class: box.side ? `side-${box.side}` : null }, Gaitcal.visible(box.label)),
+      lane(box),
+    ]),
   ]);
-  return Gaitcal.picture(title ?? blocks.subject, lanes, axis.foot(title ? `${Gaitcal.visible(title)}, ${axis.unit}` : axis.unit), [], {
-    caption: title,
-    head: [`${axis.unit}`, "Lowest", "Lower quartile", "Median", "Upper quartile", "Highest"],
-    rows: groups.flatMap((group) =>
-      group.boxes.map((box) => [
-        [Gaitcal.visible(group.label), Gaitcal.titled(box)].filter(Boolean).join(": "),
-        ...[box.low, box.q1, box.median, box.q3, box.high].map((v) => Gaitcal.numeral(v, digits)),
-      ]),
-    ),
-  });
+  return Gaitcal.picture(
+    title ?? blocks.subject,
+    lanes,
+    axis.foot(title ? `${Gaitcal.visible(title)}, ${axis.unit}` : axis.unit),
+    [],
+    {
+      caption: title,
+      head: [`${axis.unit}`, "Lowest", "Lower quartile", "Median", "Upper quartile", "Highest"],
+      rows: groups.flatMap((group) =>
+        group.boxes.map((box) => [
+          [Gaitcal.visible(group.label), Gaitcal.titled(box)].filter(Boolean).join(": "),
+          ...[box.low, box.q1, box.median, box.q3, box.high].map((v) => Gaitcal.numeral(v, digits)),
+        ]),
+      ),
+    },
+  );
 };

@@ -20,7 +20,9 @@ Gaitcal.Print = class {
       Gaitcal.make("section", { class: "appendix" }, ...curves.peaks, ...this.appendix(sheet)),
     );
     // What a reader has unfolded is printed.
-    const open = new Set([...document.querySelectorAll("#panel details[open] > summary")].map(({ textContent }) => textContent));
+    const open = new Set(
+      [...document.querySelectorAll("#panel details[open] > summary")].map(({ textContent }) => textContent),
+    );
     for (const fold of this.host.querySelectorAll("details")) fold.open = open.has(fold.firstElementChild.textContent);
   }
 
@@ -36,7 +38,13 @@ Gaitcal.Print = class {
   // Who, when, how far it can be believed, and the body as it stands now.
   head(sheet) {
     const { person, verdict } = sheet;
-    const facts = [person.session, `${Gaitcal.numeral(person.mass)} kg`, `${Gaitcal.numeral(person.height, 2)} m`, sheet.made, sheet.program];
+    const facts = [
+      person.session,
+      `${Gaitcal.numeral(person.mass)} kg`,
+      `${Gaitcal.numeral(person.height, 2)} m`,
+      sheet.made,
+      sheet.program,
+    ];
     return Gaitcal.make(
       "header",
       { class: "leaf-head" },
@@ -57,7 +65,12 @@ Gaitcal.Print = class {
     const parts = Gaitcal.stepsParts(this.page);
     const words = parts.filter((part) => part.tagName === "P");
     const tables = parts.filter((part) => part.tagName !== "P");
-    return Gaitcal.make("div", { class: "leaf-steps" }, ...tables, Gaitcal.make("div", { class: "words" }, ...words, ...notes));
+    return Gaitcal.make(
+      "div",
+      { class: "leaf-steps" },
+      ...tables,
+      Gaitcal.make("div", { class: "words" }, ...words, ...notes),
+    );
   }
 
   // A copy of what the stage shows, on white.
@@ -70,7 +83,11 @@ Gaitcal.Print = class {
     this.page.stage.painted();
     viewer.renderer.render(viewer.scene, viewer.camera);
     const [wide, high] = [Math.min(width, height), Math.min(height, 1.25 * width)];
-    const copy = Gaitcal.make("canvas", { class: "leaf-body", role: "img", "aria-label": "The body, as the page showed it" });
+    const copy = Gaitcal.make("canvas", {
+      class: "leaf-body",
+      role: "img",
+      "aria-label": "The body, as the page showed it",
+    });
     Object.assign(copy, { width: wide, height: high });
     copy.getContext("2d").drawImage(source, (width - wide) / 2, (height - high) / 2, wide, high, 0, 0, wide, high);
     document.documentElement.classList.remove("on-paper");
@@ -86,7 +103,8 @@ Gaitcal.Print = class {
     curves.host.hidden = false;
     curves.forPrint(true);
     const copies = (selector) => [...curves.host.querySelectorAll(selector)].map((part) => part.cloneNode(true));
-    const moved = (selector) => [...curves.host.querySelectorAll(selector)].filter((part) => part.querySelector(".curve-panel"));
+    const moved = (selector) =>
+      [...curves.host.querySelectorAll(selector)].filter((part) => part.querySelector(".curve-panel"));
     return {
       legend: copies(".curve-legend"),
       kinematics: moved(".kinematics"),

@@ -40,10 +40,17 @@ Gaitcal.Sections = class {
   draw() {
     const { page, host, cursors } = this;
     const { sheet } = page.result;
-    const summaries = () => [...host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
-    const open = new Set(summaries().filter(([fold]) => fold.open).map(([, title]) => title));
+    const summaries = () =>
+      [...host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
+    const open = new Set(
+      summaries()
+        .filter(([fold]) => fold.open)
+        .map(([, title]) => title),
+    );
     cursors.length = 0;
-    const parts = sheet ? Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, page.sheet ? [page.sheet] : []) : "";
+    const parts = sheet
+      ? Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, page.sheet ? [page.sheet] : [])
+      : "";
     host.replaceChildren(parts);
     host.hidden = !host.hasChildNodes();
     for (const [fold, title] of summaries()) fold.open = open.has(title);

@@ -1,5 +1,5 @@
 "use strict";
-// The table of steps and phases. Which strides count, and how means and symmetry are formed, is gaitcal/gait/symmetry.py.
+// The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/symmetry.py.
 
 Gaitcal.OF_BOTH_LEGS = ["step_width"];
 Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "single"];
@@ -27,7 +27,10 @@ Gaitcal.stepRows = (sheet, isOn) => {
   const of = (name, leg) =>
     Gaitcal.average(
       known
-        .filter(({ side, values, refused }) => side === leg && Object.hasOwn(values, name) && Gaitcal.measureCounts(name, side, refused))
+        .filter(
+          ({ side, values, refused }) =>
+            side === leg && Object.hasOwn(values, name) && Gaitcal.measureCounts(name, side, refused),
+        )
         .map(({ values }) => values[name]),
     );
   return sheet.measures
@@ -59,16 +62,17 @@ Gaitcal.stepsTable = (rows) => {
 };
 
 Gaitcal.STEP_WORDS =
-  "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows a " +
-  "part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
-  "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that ends " +
-  "with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
+  "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows " +
+  "a part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
+  "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that " +
+  "ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
 
 // Of a result of the page, with what is switched on.
 Gaitcal.stepsOf = ({ results, state }, result) =>
   Gaitcal.stepRows(
     results[result].sheet,
-    (trial, side, number) => !state.off.has(`${result}/${trial}`) && !state.off.has(`${result}/${trial}/${side}/${number}`),
+    (trial, side, number) =>
+      !state.off.has(`${result}/${trial}`) && !state.off.has(`${result}/${trial}/${side}/${number}`),
   );
 
 // With its heading: of the chosen result, and of the second one beside it.
@@ -84,7 +88,11 @@ Gaitcal.stepsParts = (page) => {
     ...(results.length > 1 ? [Gaitcal.make("h3", {}, Gaitcal.named(result.name))] : []),
     Gaitcal.stepsTable(rows),
   ]);
-  return [Gaitcal.make("h2", {}, "Steps and phases"), ...tables, Gaitcal.make("p", { class: "soft" }, Gaitcal.STEP_WORDS)];
+  return [
+    Gaitcal.make("h2", {}, "Steps and phases"),
+    ...tables,
+    Gaitcal.make("p", { class: "soft" }, Gaitcal.STEP_WORDS),
+  ];
 };
 
 Gaitcal.Steps = class {

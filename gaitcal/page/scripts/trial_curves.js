@@ -33,7 +33,10 @@ Gaitcal.path = (time, values, top, counts = () => true) => {
   let [out, drawn] = ["", false];
   for (const i of Gaitcal.thinned(values)) {
     const known = Number.isFinite(values[i]) && counts(i);
-    if (known) out += `${drawn ? "L" : "M"}${((1000 * time[i]) / duration).toFixed(1)} ${(1000 * (1 - values[i] / top)).toFixed(1)}`;
+    if (known) {
+      const [x, y] = [(1000 * time[i]) / duration, 1000 * (1 - values[i] / top)];
+      out += `${drawn ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`;
+    }
     drawn = known;
   }
   return out;
@@ -63,7 +66,9 @@ Gaitcal.TrialCurve = class {
     const told = `Peak ${Gaitcal.numeral(peak)} ${this.unit} in the valid frames`;
     if (this.limit === null) return `${told}.`;
     const above = counted.filter((value) => value > this.limit).length / counted.length;
-    const share = above ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of them` : "never above it";
+    const share = above
+      ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of them`
+      : "never above it";
     return `${told}; common limit ${Gaitcal.numeral(this.limit)} ${this.unit}, ${share}.`;
   }
 
@@ -74,29 +79,69 @@ Gaitcal.TrialCurve = class {
 
   // The figure; `cursors` gets what moves its line to a time.
   figure(cursors, seek) {
-    const highest = [...this.value, ...(this.nominal ?? []), this.limit ?? 0].filter(Number.isFinite).reduce((a, b) => Math.max(a, b), 0);
+    const highest = [...this.value, ...(this.nominal ?? []), this.limit ?? 0]
+      .filter(Number.isFinite)
+      .reduce((a, b) => Math.max(a, b), 0);
     const top = 1.06 * (highest || 1);
     const path = (kind, values, counts) =>
-      Gaitcal.svg("path", { class: kind, d: Gaitcal.path(this.time, values, top, counts), "vector-effect": "non-scaling-stroke" });
-    const curves = Gaitcal.svg("svg", { viewBox: "0 0 1000 1000", preserveAspectRatio: "none", width: "100%", height: "100%" });
+      Gaitcal.svg("path", {
+        class: kind,
+        d: Gaitcal.path(this.time, values, top, counts),
+        "vector-effect": "non-scaling-stroke",
+      });
+    const curves = Gaitcal.svg("svg", {
+      viewBox: "0 0 1000 1000",
+      preserveAspectRatio: "none",
+      width: "100%",
+      height: "100%",
+    });
     if (this.nominal) curves.append(path("nominal", this.nominal));
-    curves.append(path("unsure", this.value), path("counted", this.value, (i) => this.valid[i]));
+    curves.append(
+      path("unsure", this.value),
+      path("counted", this.value, (i) => this.valid[i]),
+    );
     const level = (value) => `${(100 * (1 - value / top)).toFixed(2)}%`;
-    const rows = Gaitcal.roundTicks(0, top, 4).map(({ at, digits }) => ({ y: level(at), words: Gaitcal.numeral(at, digits), at }));
-    const plot = Gaitcal.svg("svg", { class: "trace", height: 130, role: "img", "aria-label": `${this.title} over time. ${this.words()}` });
-    plot.append(...rows.map(({ y, at }) => Gaitcal.svg("line", { class: at ? "grid" : "zero", x1: 0, x2: "100%", y1: y, y2: y })), curves);
+    const rows = Gaitcal.roundTicks(0, top, 4).map(({ at, digits }) => ({
+      y: level(at),
+      words: Gaitcal.numeral(at, digits),
+      at,
+    }));
+    const plot = Gaitcal.svg("svg", {
+      class: "trace",
+      height: 130,
+      role: "img",
+      "aria-label": `${this.title} over time. ${this.words()}`,
+    });
+    plot.append(
+      ...rows.map(({ y, at }) => Gaitcal.svg("line", { class: at ? "grid" : "zero", x1: 0, x2: "100%", y1: y, y2: y })),
+      curves,
+    );
     if (this.limit !== null) {
       const y = level(this.limit);
       plot.append(Gaitcal.svg("line", { class: "limit", x1: 0, x2: "100%", y1: y, y2: y }));
-      plot.append(Gaitcal.svg("text", { class: "limit", x: "99.5%", y, dy: -3, "text-anchor": "end" }, `limit ${Gaitcal.numeral(this.limit)} ${this.unit}`));
+      plot.append(
+        Gaitcal.svg(
+          "text",
+          { class: "limit", x: "99.5%", y, dy: -3, "text-anchor": "end" },
+          `limit ${Gaitcal.numeral(this.limit)} ${this.unit}`,
+        ),
+      );
     }
     const left = Gaitcal.svg("svg", { class: "levels", height: 130, "aria-hidden": "true" });
-    left.append(...rows.map(({ y, words }) => Gaitcal.svg("text", { x: "100%", dx: -5, y, dy: 4, "text-anchor": "end" }, words)));
+    left.append(
+      ...rows.map(({ y, words }) => Gaitcal.svg("text", { x: "100%", dx: -5, y, dy: 4, "text-anchor": "end" }, words)),
+    );
     const foot = Gaitcal.svg("svg", { class: "levels", height: 18, "aria-hidden": "true" });
     for (const { at, digits } of Gaitcal.roundTicks(0, this.duration, 6)) {
       const x = `${((100 * at) / this.duration).toFixed(2)}%`;
       const end = at > 0.95 * this.duration;
-      foot.append(Gaitcal.svg("text", { x, y: 12, "text-anchor": at === 0 ? "start" : end ? "end" : "middle" }, `${Gaitcal.numeral(at, digits)} s`));
+      foot.append(
+        Gaitcal.svg(
+          "text",
+          { x, y: 12, "text-anchor": at === 0 ? "start" : end ? "end" : "middle" },
+          `${Gaitcal.numeral(at, digits)} s`,
+        ),
+      );
     }
     const line = Gaitcal.make("div", { class: "cursor" });
     const place = Gaitcal.make("div", { class: "plot" }, plot, line);
@@ -123,9 +168,19 @@ Gaitcal.BLOCKS.curves = ({ kinds, limits }, blocks) => {
   const curves = kinds.flatMap((kind) => (trial?.curves ?? []).filter((curve) => curve.kind === kind));
   if (!curves.length) return null;
   const seek = (seconds) => page.state.set({ seconds, playing: false });
-  const figures = curves.map((curve) => new Gaitcal.TrialCurve(trial, curve, limits?.[curve.kind]).figure(cursors, seek));
+  const figures = curves.map((curve) =>
+    new Gaitcal.TrialCurve(trial, curve, limits?.[curve.kind]).figure(cursors, seek),
+  );
   const line = (kind) => [Gaitcal.svg("line", { class: kind, x1: 1, x2: 25, y1: 7, y2: 7 })];
-  const key = [Gaitcal.keyOf(line("counted"), "calibrated model"), Gaitcal.keyOf(line("unsure"), "the same, in frames that do not count")];
+  const key = [
+    Gaitcal.keyOf(line("counted"), "calibrated model"),
+    Gaitcal.keyOf(line("unsure"), "the same, in frames that do not count"),
+  ];
   if (curves.some((curve) => curve.nominal)) key.push(Gaitcal.keyOf(line("nominal"), "nominal model"));
-  return Gaitcal.make("div", { class: "traces" }, Gaitcal.make("p", { class: "key", "aria-hidden": "true" }, ...key), ...figures);
+  return Gaitcal.make(
+    "div",
+    { class: "traces" },
+    Gaitcal.make("p", { class: "key", "aria-hidden": "true" }, ...key),
+    ...figures,
+  );
 };

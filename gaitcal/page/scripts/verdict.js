@@ -19,7 +19,12 @@ Gaitcal.judgement = (word) => {
     Gaitcal.svg("path", { class: "sign", d: mark }),
   );
   const kind = `judgement ${Gaitcal.JUDGEMENTS[word] ? word : ""}`;
-  return Gaitcal.make("span", { class: kind }, icon, Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(word))));
+  return Gaitcal.make(
+    "span",
+    { class: kind },
+    icon,
+    Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(word))),
+  );
 };
 
 // The three lines; where there are none, the sentence of the verdict.
@@ -51,24 +56,41 @@ Gaitcal.Verdict = class {
     this.host.hidden = !sheet;
     if (!sheet) return;
     const button = (result) => {
-      const name = results.length > 1 ? Gaitcal.make("span", { class: "whose" }, Gaitcal.named(result.name), ": ") : null;
+      const name =
+        results.length > 1 ? Gaitcal.make("span", { class: "whose" }, Gaitcal.named(result.name), ": ") : null;
       const words = Gaitcal.make("span", { class: "unseen" }, ": why");
-      const made = Gaitcal.make("button", { type: "button", class: "judged" }, name, Gaitcal.judgement(result.sheet.verdict.judgement), words);
+      const made = Gaitcal.make(
+        "button",
+        { type: "button", class: "judged" },
+        name,
+        Gaitcal.judgement(result.sheet.verdict.judgement),
+        words,
+      );
       made.addEventListener("click", () => state.set({ preset: "trust", result: results.indexOf(result) }));
       return made;
     };
     const shown = results.filter((result, index) => result.sheet && (index === state.result || state.second));
-    this.host.replaceChildren(Gaitcal.make("div", { class: "judgements" }, ...shown.map(button)), Gaitcal.verdictLines(sheet));
+    this.host.replaceChildren(
+      Gaitcal.make("div", { class: "judgements" }, ...shown.map(button)),
+      Gaitcal.verdictLines(sheet),
+    );
   }
 };
 
 // Sentence, reasons (the worst first), walks and legs: at the head of the preset trust.
 Gaitcal.reasons = ({ verdict, trials }) => {
-  const out = Gaitcal.make("div", { class: `reasons ${Gaitcal.JUDGEMENTS[verdict.judgement] ? verdict.judgement : ""}` });
-  out.append(Gaitcal.make("p", { class: "whole" }, Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)));
+  const out = Gaitcal.make("div", {
+    class: `reasons ${Gaitcal.JUDGEMENTS[verdict.judgement] ? verdict.judgement : ""}`,
+  });
+  out.append(
+    Gaitcal.make("p", { class: "whole" }, Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)),
+  );
   const severities = { error: "error", warning: "warning", info: "to know" };
   const reason = ({ severity, cause, evidence, action, trials: where, leg }) => {
-    const places = [...where.map(Gaitcal.named), ...(Gaitcal.SIDE_WORDS[leg] ? [`${Gaitcal.SIDE_WORDS[leg]} leg`] : [])];
+    const places = [
+      ...where.map(Gaitcal.named),
+      ...(Gaitcal.SIDE_WORDS[leg] ? [`${Gaitcal.SIDE_WORDS[leg]} leg`] : []),
+    ];
     const listed = places.flatMap((place, k) => (k ? [", ", place] : [place]));
     return Gaitcal.make(
       "li",
