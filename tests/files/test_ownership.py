@@ -30,8 +30,8 @@ def write(
 ) -> None:
     with atomic_directory(target, kind, inputs) as folder:
         (folder / MANIFEST).write_text('{"gaitcal": "0.1.0"}')
-        (folder / "figures").mkdir()
-        (folder / "figures" / "own figure.png").write_text(text)
+        (folder / "motion").mkdir()
+        (folder / "motion" / "own figure.png").write_text(text)
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -54,17 +54,17 @@ def assert_refused(target: Path, kind: ResultKind, told: str, inputs: tuple[Path
 def test_only_the_same_kind_is_replaced(there: ResultKind, coming: ResultKind, tmp_path: Path) -> None:
     write(tmp_path / "out", there)
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
-    assert (manifest["kind"], manifest["files"]) == (there.value, ["figures/own figure.png"])
+    assert (manifest["kind"], manifest["files"]) == (there.value, ["motion/own figure.png"])
     if there is coming:
         write(tmp_path / "out", coming, "two")
-        assert (tmp_path / "out/figures/own figure.png").read_text() == "two"
+        assert (tmp_path / "out/motion/own figure.png").read_text() == "two"
     else:
         assert_refused(
             tmp_path / "out", coming, rf"another kind of result \({there.value}, this would be {coming.value}\)"
         )
 
 
-@pytest.mark.parametrize("name", ["mynotes.txt", "figures/mine.png", "motion/walk.csv", "dynamic/x", "montecarlo"])
+@pytest.mark.parametrize("name", ["mynotes.txt", "moments/mine.png", "motion/walk.csv", "dynamic/x", "montecarlo"])
 def test_a_file_that_is_not_ours_is_named(name: str, tmp_path: Path) -> None:
     write(tmp_path / "out")
     (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
@@ -140,7 +140,7 @@ def test_what_later_commands_added_is_kept(
     for text in ("two", "three"):
         assert require_room(out, ResultKind.CALIBRATION) == names
         write(out, text=text)
-    assert (out / "figures/own figure.png").read_text() == "three"
+    assert (out / "motion/own figure.png").read_text() == "three"
     assert {name: (out / name / "deeper/file").read_text() for name in names} == {name: name for name in names}
     assert json.loads((out / MANIFEST).read_text())["kept_from_earlier_result"] == list(names)
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]

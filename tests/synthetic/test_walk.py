@@ -26,6 +26,8 @@ RESIDUAL = 1e-9
 SPRINGS_M, LOADED_N = 0.008, 50.0
 """m by which a centre of pressure may move between two frames, 5 ms, where a foot bears load: a striking heel, or an
 ankle over toes that leave, moves by 5 mm."""
+PERTURBED_SPRINGS_M = 0.02
+"""The same in the first and last frame under load of people whose axes are turned by up to 10 deg: up to 16 mm."""
 
 WALKS: dict[str, tuple[Parameters, TrueMotion]] = {}
 
@@ -104,7 +106,8 @@ def test_centres_of_pressure_roll_and_do_not_spring(person: str) -> None:
     for foot in range(2):
         for stance in runs(ground.wrench[:, foot, 1] > LOADED_N):
             steps = np.linalg.norm(np.diff(ground.centre[stance, foot], axis=0), axis=1)
-            assert steps.max() < SPRINGS_M
+            assert steps[1:-1].max() < SPRINGS_M
+            assert steps[[0, -1]].max() < (PERTURBED_SPRINGS_M if person.isdigit() else SPRINGS_M)
             assert ground.centre[stance.stop - 1, foot, 0] > ground.centre[stance.start, foot, 0]
 
 
