@@ -259,7 +259,7 @@ def test_ten_thousand_frames_stay_responsive(
     """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
     page_file = tmp_path / "view.html"
     save_scene(long_scene(), tmp_path / "scene.npz")
-    view_command.run(tmp_path, page_file, Talk(quiet=False, verbose=False))
+    view_command.run((tmp_path,), page_file, Talk(quiet=False, verbose=False))
     assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT
     of_a_short_walk = visit(html).run(POSING)
