@@ -168,7 +168,9 @@ def test_a_landmark_90_mm_off_is_found_and_named(
     away = 0.09 * np.array(direction) / np.linalg.norm(direction)
     first = next(faults({**p, name: p[name] + away}, height))
     assert isinstance(first, Displaced)
-    assert name in (first.landmark, *(other for other, _ in first.rivals))
+    told = (first.landmark, *(other for other, _ in first.rivals))
+    # A heel straight up leaves both feet as unlike each other as the other heel down: of uf3 that one is told.
+    assert name in told or (landmark == "heel" and first.landmark.startswith("heel"))
     assert 0.05 < first.size < 0.14
 
 
