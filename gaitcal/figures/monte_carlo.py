@@ -19,6 +19,7 @@ from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of
+from gaitcal.montecarlo.variance_shares import variance_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +37,6 @@ FRAME_WORDS = {
     ReactionFrame.FOOT: "ground reactions carried with the foot",
 }
 MEASURE_WORDS = {"rms": "RMS error", "mean": "Mean (signed) error"}
-LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SMALL, NORMAL = 7.0, 8.0
 DPI = 150
 SHOWN_SHARE = 1.0
@@ -158,19 +158,9 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
 
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
-    """Rows: the leg's joint parameters, then the rest in groups; columns: the seven torques; per cent."""
-    rows = contributions[contributions["grf"] == frame.value]
-    wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
-    wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
-    inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
-    joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
-    of_leg = [name for name in wide.index if name.split(".")[0] in joints]
-    rest = {
-        "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
-        f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],
-    }
-    groups = pd.DataFrame({label: wide.loc[names].sum() for label, names in rest.items()}).T
-    return pd.concat([wide.loc[of_leg].rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
+    """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
+    of_leg, groups = variance_shares(contributions, frame, side)
+    return pd.concat([of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
 
 
 def write_monte_carlo_figures(

@@ -11,7 +11,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import SIDES, TrialEvents
-from gaitcal.gait.gait_event import source_words
 from gaitcal.motion.motion import Motion
 
 MOST_POINTS = 400
@@ -125,32 +124,3 @@ def strides_of(events: TrialEvents) -> dict[str, tuple[GaitCycle, ...]]:
     """Side -> all complete cycles of that foot, whether the other foot has any or not."""
     right, left = (events.of(side) for side in SIDES)
     return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}
-
-
-def cycle_sentence(drawn: Layout) -> str:
-    """What the horizontal axis is, in words."""
-    if not drawn.by_cycle:
-        return (
-            "Drawn against time: this trial does not hold a complete gait cycle (foot strike to next foot strike of "
-            "the same foot) of both feet."
-        )
-    right, left = (drawn.main(side) for side in SIDES)
-    counts = [len(drawn.cycles[side]) for side in SIDES]
-    text = (
-        "0 to 100 % of the gait cycle, from foot strike to the next foot strike of the same foot: right "
-        f"{right.start:.2f}–{right.stop:.2f} s, left {left.start:.2f}–{left.stop:.2f} s{_told_by(right, left)}."
-    )
-    if max(counts) > 1:
-        text += (
-            f" Of {counts[0]} right and {counts[1]} left cycles the one with most valid frames of its leg is drawn in"
-            " full, others thin."
-        )
-    return text
-
-
-def _told_by(right: GaitCycle, left: GaitCycle) -> str:
-    """How the strikes of both drawn strides are known."""
-    by = [source_words(cycle.sources) for cycle in (right, left)]
-    if not all(by):
-        return ""
-    return f"; strikes by {by[0]}" if by[0] == by[1] else f"; strikes by {by[0]} (right), {by[1]} (left)"

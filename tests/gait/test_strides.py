@@ -10,9 +10,8 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
-from gaitcal.gait.gait_event import EventSource
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
-from gaitcal.gait.strides import MOST_POINTS, Layout, cycle_sentence, thinned
+from gaitcal.gait.strides import MOST_POINTS, Layout, thinned
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import Subject
 from tests.page.people import subject_model
@@ -57,17 +56,6 @@ def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> 
     assert [y[0] for _, y in others] == pytest.approx([0.0, 4.0]), "the first and the third stride"
     assert layout(by_cycle=False).others("r", values) == []
     assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
-
-
-def test_the_axis_says_what_told_the_strikes() -> None:
-    plates, motion = (EventSource.PLATES,) * 2, (EventSource.FILE, EventSource.MOTION)
-    of = {"r": (GaitCycle(1.0, 2.0, 1.6, plates),), "l": (GaitCycle(0.5, 1.5, 1.1, motion),)}
-    drawn = replace(layout(), cycles=of)
-    assert "strikes by force plates (right), the file's events and the motion of the feet (left)." in cycle_sentence(
-        drawn
-    )
-    assert "; strikes by force plates." in cycle_sentence(replace(drawn, cycles={"r": of["r"], "l": of["r"]}))
-    assert "strikes by" not in cycle_sentence(layout()), "not known"
 
 
 def test_each_leg_has_its_own_main_and_complete_strides() -> None:

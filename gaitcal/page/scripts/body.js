@@ -25,19 +25,9 @@ Gaitcal.Body = class {
     });
     this.skin = skin;
     this.veil = skin.clone();
-    const shapes = {};
-    for (const [name, packed] of Object.entries(scene.meshes)) shapes[name] = Gaitcal.shape(packed);
-    for (const fitted of scene.body) {
-      for (const [material, order] of [[depth, 1], [skin, 2]]) {
-        const mesh = new THREE.Mesh(shapes[fitted.mesh], material);
-        mesh.matrixAutoUpdate = false;
-        mesh.matrix.set(...fitted.place, 0, 0, 0, 1);
-        mesh.renderOrder = order;
-        mesh.castShadow = order === 2;
-        mesh.frustumCulled = false;
-        this.groups[fitted.segment].add(mesh);
-        this.meshes.push({ mesh, segment: fitted.segment, skin: order === 2 });
-      }
+    for (const { mesh, segment, order } of Gaitcal.placed(scene.meshes, scene.body, this.groups, [[depth, 1], [skin, 2]])) {
+      mesh.castShadow = order === 2;
+      this.meshes.push({ mesh, segment, skin: order === 2 });
     }
   }
 
@@ -58,6 +48,23 @@ Gaitcal.Body = class {
       mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
     }
   }
+};
+
+// Every mesh in its place within its segment, once for each pair of material and order of drawing.
+Gaitcal.placed = (packed, places, groups, layers) => {
+  const shapes = {};
+  for (const [name, shape] of Object.entries(packed)) shapes[name] = Gaitcal.shape(shape);
+  return places.flatMap(({ mesh: name, segment, place }) =>
+    layers.map(([material, order]) => {
+      const mesh = new MeshCat.THREE.Mesh(shapes[name], material);
+      mesh.matrixAutoUpdate = false;
+      mesh.matrix.set(...place, 0, 0, 0, 1);
+      mesh.renderOrder = order;
+      mesh.frustumCulled = false;
+      groups[segment].add(mesh);
+      return { mesh, segment, order };
+    }),
+  );
 };
 
 Gaitcal.shape = (packed) => {

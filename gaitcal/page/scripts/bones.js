@@ -26,19 +26,11 @@ Gaitcal.Bones = class {
     Object.assign(this.dim, { transparent: true, opacity: 0.22, depthWrite: false });
     // Once more into the depth buffer, which the joints begin anew: so bones hide, or veil, the axes behind them.
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true, side: THREE.DoubleSide });
-    const shapes = {};
-    for (const [name, packed] of Object.entries(scene.bones.meshes ?? {})) shapes[name] = Gaitcal.shape(packed);
-    for (const placed of scene.bones.placed ?? []) {
-      for (const [material, order] of [[bone, 0], [depth, Gaitcal.ORDER.bones]]) {
-        const mesh = new THREE.Mesh(shapes[placed.mesh], material);
-        mesh.matrixAutoUpdate = false;
-        mesh.matrix.set(...placed.place, 0, 0, 0, 1);
-        mesh.renderOrder = order;
-        mesh.castShadow = order === 0;
-        mesh.frustumCulled = false;
-        body.groups[placed.segment].add(mesh);
-        this.meshes.push({ mesh, segment: placed.segment, part: order === 0 ? "bone" : "depth" });
-      }
+    const layers = [[bone, 0], [depth, Gaitcal.ORDER.bones]];
+    const { meshes = {}, placed = [] } = scene.bones;
+    for (const { mesh, segment, order } of Gaitcal.placed(meshes, placed, body.groups, layers)) {
+      mesh.castShadow = order === 0;
+      this.meshes.push({ mesh, segment, part: order === 0 ? "bone" : "depth" });
     }
     for (const knee of this.knees) this.circles(knee, body);
   }

@@ -10,11 +10,11 @@ from gaitcal.gait.words import SIDE_WORDS, capitalised, parameter_words
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.study import MonteCarloStudy
+from gaitcal.montecarlo.variance_shares import variance_shares
 from gaitcal.page.sections.blocks import Block, boxes, cell, fold, heading, number, number_rounded, table, text
 from gaitcal.page.sections.expected_errors import SOURCE_WORDS, Quantity, levels_by_quantity
 
 Levels = dict[Quantity, list[dict[str, Any]]]
-LEG_JOINTS: Final = ("hip", "knee", "talocrural", "subtalar")
 FIRST: Final = "knee_adduction"
 MOST: Final = 6
 """Parameters that the ranked list names."""
@@ -90,16 +90,6 @@ def contribution_blocks(contributions: pd.DataFrame, side: str) -> list[Block]:
 
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
-    """Rows: the leg's joint parameters in words, then the rest in groups; columns: its seven torques; per cent."""
-    rows = contributions[contributions["grf"] == frame.value]
-    wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
-    wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
-    inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
-    joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
-    of_leg = [name for name in wide.index if name.split(".")[0] in joints]
-    rest = {
-        "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
-        f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],
-    }
-    groups = pd.DataFrame({label: wide.loc[names].sum() for label, names in rest.items()}).T
-    return pd.concat([wide.loc[of_leg].rename(index=parameter_words), groups])
+    """`variance_shares` as one table, parameters in words."""
+    of_leg, groups = variance_shares(contributions, frame, side)
+    return pd.concat([of_leg.rename(index=parameter_words), groups])
