@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.commands import options as told
+from gaitcal.commands.faults import faults_told
 from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
-from gaitcal.errors import GaitcalError
-from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
+from gaitcal.files.interruption import ended_by_signals
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
@@ -31,9 +31,6 @@ app = typer.Typer(
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -62,8 +59,8 @@ def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
 @command
 def init(
     talk: "Talk",
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")],
-    out: Annotated[Path | None, typer.Option(help="The study file; FOLDER/study.toml unless given.")] = None,
+    folder: told.Recordings,
+    out: told.StudyOut = None,
     mass: Mass = None,
     height: Height = None,
     sex: Sex = None,
@@ -108,15 +105,37 @@ def calibrate(
 
 
 @command
+def cohort(
+    talk: "Talk",
+    source: told.People,
+    out: told.CohortOut,
+    jobs: told.Jobs = -1,
+    cluster: told.Scheduler = None,
+    retry: told.Retry = False,
+    mass: Mass = None,
+    height: Height = None,
+    sex: Sex = None,
+    age: Age = None,
+    normal: Normal = None,
+) -> None:
+    """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
+    from gaitcal.commands.cohort import CohortOptions, run
+    from gaitcal.commands.init import options_of
+
+    said = options_of(mass, height, sex, age)
+    run(source, out, talk, CohortOptions(jobs=jobs, cluster=cluster, normal=normal, retry=retry, told=said))
+
+
+@command
 def dynamics(
     talk: "Talk",
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
-    forces: Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")] = None,
+    forces: told.Forces = None,
     plates: told.Plates = None,
-    time: Annotated[str | None, typer.Option(help="Part of a single TRIAL to use, start,end in seconds.")] = None,
+    time: told.Part = None,
     filter_hz: told.FilterHz = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; DIR/dynamics unless given.")] = None,
+    out: told.DynamicsOut = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
     from gaitcal.commands.dynamics import Options, run
@@ -142,9 +161,7 @@ def synthesize(
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
     noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
-    perturb: Annotated[
-        bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
-    ] = False,
+    perturb: told.Perturb = False,
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
@@ -155,14 +172,12 @@ def synthesize(
 @command
 def montecarlo(
     talk: "Talk",
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate', or a study folder.")
-    ],
+    folder: told.ResultOrStudy,
     vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
     levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
     draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: one for every core.")] = -1,
-    cluster: Annotated[str | None, typer.Option(help="A running dask scheduler, tcp://host:port, instead.")] = None,
+    jobs: told.Jobs = -1,
+    cluster: told.Scheduler = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
     grf: Annotated[str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")] = "lab",
     parameters: Annotated[str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")] = "27",
@@ -171,12 +186,8 @@ def montecarlo(
     ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
     noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
     trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
-    until_converged: Annotated[
-        bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
-    ] = False,
-    expect: Annotated[
-        float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
-    ] = None,
+    until_converged: told.UntilConverged = False,
+    expect: told.Expect = None,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
     from gaitcal.commands.montecarlo import Options, run
@@ -205,9 +216,7 @@ def reproduce(
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
-    sensitivities: Annotated[
-        bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
-    ] = True,
+    sensitivities: told.Sensitivities = True,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
     from gaitcal.commands.reproduce import run
@@ -260,39 +269,8 @@ def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
-    verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
-    try:
-        with ended_by_signals():
-            app(standalone_mode=True)
-    except GaitcalError as error:
-        _say_error(str(error))
-        sys.exit(error.exit_code)
-    except InterruptedWork as ending:
-        _say_error(str(ending))
-        sys.exit(ending.exit_code)
-    except SystemExit as ending:
-        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
-            _say_error("interrupted; nothing was written")
-        raise
-    except KeyboardInterrupt:
-        _say_error("interrupted; nothing was written")
-        sys.exit(INTERRUPTED)
-    except Stopped as ending:
-        _say_error(f"ended by {ending.name}; what was being written is as it was before")
-        sys.exit(ending.exit_code)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except Exception as error:
-        if verbose:
-            raise
-        _say_error(f"internal error, please report it (-v shows where): {type(error).__name__}: {error}")
-        sys.exit(1)
-
-
-def _say_error(text: str) -> None:
-    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    sys.stderr.write(f"gaitcal: {line}\n")
+    with faults_told(verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:])), ended_by_signals():
+        app(standalone_mode=True)
 
 
 if __name__ == "__main__":
