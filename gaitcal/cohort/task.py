@@ -98,7 +98,7 @@ def _ended(task: Task) -> Outcome:
         calibrate_person(person, result, task.common)
     _keep_strides(task)
     row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
-    row |= {"page": f"{person.place}/{row['page']}", "age_years": person.told.age}
+    row |= {"page": f"{person.place}/{row['page']}" if row["page"] else "", "age_years": person.told.age}
     return Outcome(
         name=person.name,
         session=person.session,
