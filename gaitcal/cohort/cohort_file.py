@@ -11,16 +11,16 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, field_validator
 
-from gaitcal.cohort.people import Cohort, CohortPerson, Told, in_order, people_in, with_told
+from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
 from gaitcal.errors import InputError
 from gaitcal.files.toml import toml_table
 from gaitcal.files.validation import Table, read_validated, shown, validated
 from gaitcal.intake.person_facts import Options
 from gaitcal.study.settings import CalibrationSettings
 
-COHORT, SHEET = "cohort.toml", "people.csv"
+COHORT = "cohort.toml"
 MOST_BYTES = 20_000_000
-"""Of either: some 50 000 people."""
+"""Of it, and of people.csv: some 50 000 people."""
 _NUMBERS: Final = ("mass_kg", "height_m", "age_years")
 _SEXES: Final = {"f": "female", "w": "female", "m": "male"}
 

@@ -18,7 +18,10 @@ from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.intake.draft_text import STUDY
 from gaitcal.intake.folder import MARKER_ENDINGS
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
+from gaitcal.recording.csv import is_force_header, read_header
 
+SHEET = "people.csv"
+"""What a lab says of the people, beside their folders."""
 PEOPLE = "people"
 """Folder of the results of all people within that of the cohort."""
 COMPLETE = 2
@@ -152,9 +155,19 @@ def _has_study(folder: Path) -> bool:
 
 def _recordings(folder: Path) -> int:
     try:
-        return sum(p.suffix.lower() in MARKER_ENDINGS for p in folder.iterdir())
+        return sum(p.suffix.lower() in MARKER_ENDINGS or _is_recording(p) for p in folder.iterdir())
     except OSError:
         return 0
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a CSV table holds markers, by its header."""
+    if path.suffix.lower() != ".csv" or path.name == SHEET:
+        return False
+    try:
+        return not is_force_header(read_header(path))
+    except InputError:
+        return False
 
 
 def _sessions(folder: Path, out: Path) -> Sequence[Path]:
