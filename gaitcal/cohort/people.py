@@ -102,7 +102,7 @@ def people_in(folder: Path, out: Path) -> Cohort:
             told = Options(name=below.name, session=name or None)
             found.append(CohortPerson(folder=session.resolve(), name=below.name, session=name, told=told))
     if not found:
-        here = f"{_recordings(folder)} recordings lie in it itself; " if _recordings(folder) else ""
+        here = "recordings lie in the folder itself; " if _recordings(folder) else ""
         raise InputError(
             f"{here}no sub-folder holds recordings; each person needs a folder ('gaitcal calibrate' is for one person)",
             source=folder,

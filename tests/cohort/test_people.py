@@ -52,7 +52,7 @@ def test_folders_that_hold_parts_are_one_session(tmp_path: Path) -> None:
 
 def test_nobody_is_told(tmp_path: Path) -> None:
     put(tmp_path / "walk.c3d")
-    with pytest.raises(InputError, match="1 recordings lie in it itself; no sub-folder holds recordings"):
+    with pytest.raises(InputError, match="recordings lie in the folder itself; no sub-folder holds recordings"):
         people_in(tmp_path, tmp_path / "out")
 
 
