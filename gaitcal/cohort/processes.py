@@ -2,7 +2,8 @@
 
 A pool of joblib ends as a whole where one of its processes dies. Here every process has a pipe of its own, so that it
 is known over whom it died; that person is handed to another one, and given up after `TRIES`. A process is replaced
-after `EACH` people, or when it has grown over `MOST_MIB`, so that memory does not grow with the number of people.
+after `EACH` people that it computed, or when it has grown over `MOST_MIB`, so that memory does not grow with the number
+of people.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ class ReplacedProcesses:
     jobs: int = -1
     """How many; -1: one for every core."""
     each: int = EACH
+    ages: Callable[[Any], bool] = lambda result: True
+    """Whether a result cost the work by which a process ages."""
 
     @property
     def count(self) -> int:
@@ -74,7 +77,7 @@ class ReplacedProcesses:
                     answer = _received(worker)
                     if answer is not None:
                         result, tired = answer
-                        worker.done += 1
+                        worker.done += self.ages(result)
                         yield result
                         if not tired and worker.done < self.each:
                             self._give(workers, following(), function, worker)

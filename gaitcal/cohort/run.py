@@ -71,7 +71,7 @@ def run_cohort(
     InputError
         `out` cannot be written, holds something else, or another run works in it.
     """
-    out, common, engine = real_path(out), common or CommonSettings(), engine or ReplacedProcesses()
+    out, common, engine = real_path(out), common or CommonSettings(), engine or processes()
     require_cohort(out)
     with alone(out):
         mark(out)
@@ -85,6 +85,11 @@ def run_cohort(
                 remaining = left * (time.monotonic() - began) / computed if computed else None
                 told(Ended(outcome=outcome, done=done, todo=len(cohort.people), remaining_s=remaining))
         return write_tables(cohort.people, cohort.source, out, common)
+
+
+def processes(jobs: int = -1) -> ReplacedProcesses:
+    """Processes of this machine, -1: one for every core; whoever is unchanged costs them nothing."""
+    return ReplacedProcesses(jobs, ages=lambda outcome: outcome.computed)
 
 
 def _generator(outcomes: Iterator[Outcome]) -> Generator[Outcome, None, None]:

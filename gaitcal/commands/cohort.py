@@ -10,8 +10,7 @@ from pathlib import Path
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.people import Cohort, joined
-from gaitcal.cohort.processes import ReplacedProcesses
-from gaitcal.cohort.run import Ended, Engine, run_cohort
+from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
 from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
 from gaitcal.commands.console import Talk
 from gaitcal.errors import UsageError
@@ -44,7 +43,7 @@ class CohortOptions:
             return Cluster(self.cluster)
         if self.jobs == 0 or self.jobs < -1:
             raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
-        return ReplacedProcesses(self.jobs)
+        return processes(self.jobs)
 
 
 def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:

@@ -39,6 +39,11 @@ def test_processes_are_replaced() -> None:
     assert len(set(found)) == 3
 
 
+def test_what_costs_no_work_makes_no_process_old() -> None:
+    found = list(ReplacedProcesses(1, each=2, ages=lambda result: False).run(process, range(6), no_loss))
+    assert len(set(found)) == 1
+
+
 def test_closing_ends_the_processes() -> None:
     outcomes = ReplacedProcesses(2).run(square, range(100), no_loss)
     next(outcomes)
