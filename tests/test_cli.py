@@ -20,6 +20,7 @@ ORDER = (
     "init",
     "check",
     "calibrate",
+    "cohort",
     "dynamics",
     "convert",
     "synthesize",
