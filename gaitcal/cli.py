@@ -142,9 +142,7 @@ def synthesize(
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
     noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
-    perturb: Annotated[
-        bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
-    ] = False,
+    perturb: told.Perturb = False,
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
@@ -171,12 +169,8 @@ def montecarlo(
     ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
     noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
     trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
-    until_converged: Annotated[
-        bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
-    ] = False,
-    expect: Annotated[
-        float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
-    ] = None,
+    until_converged: told.UntilConverged = False,
+    expect: told.Expect = None,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
     from gaitcal.commands.montecarlo import Options, run
@@ -248,12 +242,18 @@ def view(
 
 @command
 def compare(
-    talk: "Talk", result: Result, osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")]
+    talk: "Talk",
+    result: Result,
+    other: told.OtherResult = None,
+    osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
+    shared_model: told.SharedModel = False,
+    study: told.Studies = None,
 ) -> None:
-    """Hip centres, joint axes, masses and lengths of an OpenSim model beside ours, in our segment frames."""
-    from gaitcal.commands.other_programs import compare_models
+    """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
+    from gaitcal.commands.compare import Options, run
 
-    compare_models(result, osim, talk)
+    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
 
 
 def main() -> None:

@@ -30,6 +30,16 @@ FilterHz = Annotated[
     str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
 ]
 
+Perturb = Annotated[
+    bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
+]
+UntilConverged = Annotated[
+    bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
+]
+Expect = Annotated[
+    float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
+]
+
 Formats = Annotated[
     str,
     typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
@@ -46,6 +56,18 @@ Moments = Annotated[
 ]
 External = Annotated[bool, typer.Option("--external", help="For cycles: external instead of internal moments.")]
 Units = Annotated[str | None, typer.Option(help="For cycles: Nm (unless given), Nm/kg or %BW*H.")]
+
+OtherResult = Annotated[
+    Path | None,
+    typer.Argument(metavar="[OTHER]", help="Result of the same person's other session; differences are OTHER - DIR."),
+]
+SharedModel = Annotated[
+    bool, typer.Option("--shared-model", help="Joint parameters from both sessions together, then every trial anew.")
+]
+Studies = Annotated[
+    list[Path] | None,
+    typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
+]
 
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")

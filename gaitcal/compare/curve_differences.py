@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.compare.difference import DIGITS, Difference
-from gaitcal.compare.difference_error import MDC, shared_variance, spread_of, stride_part
+from gaitcal.compare.difference_error import MDC, Spread, shared_variance, spread_of, stride_part
 from gaitcal.compare.session import Common
 from gaitcal.compare.stride_sets import Key, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS
@@ -120,7 +120,7 @@ def curve_figures(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common
             )
 
 
-def _spread(key: Key, a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet]):  # type: ignore[no-untyped-def]
+def _spread(key: Key, a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet]) -> Spread:
     other_leg = ("l" if key[0] == "r" else "r", key[1])
     beside = [sets[other_leg].values for sets in (a, b) if other_leg in sets]
     return spread_of([a[key].values, b[key].values], beside)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.compare.difference_error import MDC
 
 
@@ -34,7 +35,7 @@ class Difference:
 
     @property
     def difference(self) -> float:
-        """b - a."""
+        """From A to B."""
         return self.b - self.a
 
     @property
@@ -61,6 +62,11 @@ class Difference:
         return abs(self.difference) / self.mdc95 if self.mdc95 > 0.0 else float("inf")
 
     @property
+    def beyond_legs(self) -> bool:
+        """Whether it is a joint parameter of trunk or arms, whose error bars know nothing of a spine that bends."""
+        return self.kind.startswith("joint") and not self.name.startswith(LEG_JOINTS)
+
+    @property
     def exceeds(self) -> bool:
         """Whether it is more than the recordings could miss; never where nobody knows how strides vary."""
         return self.spread_known and self.times > 1.0
@@ -83,8 +89,10 @@ DIGITS = 6
 
 
 def ranked(differences: Iterable[Difference]) -> tuple[Difference, ...]:
-    """Those that exceed first, then the largest against their errors; what nobody can judge last."""
-    return tuple(sorted(differences, key=lambda d: (not d.exceeds, not d.spread_known, -d.times)))
+    """Those that exceed first, of the legs and of curves before trunk and arms; what nobody can judge last."""
+    return tuple(
+        sorted(differences, key=lambda d: (not d.exceeds or d.beyond_legs, not d.exceeds, not d.spread_known, -d.times))
+    )
 
 
 def difference_table(differences: Iterable[Difference]) -> pd.DataFrame:

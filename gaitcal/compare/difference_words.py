@@ -19,13 +19,14 @@ _PARAMETERS = ("joint position", "joint orientation")
 def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]) -> tuple[str, ...]:
     """What differs, largest first: a sentence for each variable with the figure that is furthest beyond its error."""
     judged = [d for d in found if d.spread_known]
-    beyond = [d for d in judged if d.exceeds]
+    legs = [d for d in judged if not d.beyond_legs]
+    beyond = [d for d in legs if d.exceeds]
     lines = [f"{names[1]} against {names[0]}; {common.words}"]
     if not found:
         return (*lines, "nothing that both have can be compared")
     lines.append(
-        f"{len(beyond)} of {counted(len(judged), 'difference')} exceed what these recordings could miss (95 %); "
-        f"were none real, about {BY_CHANCE * len(judged):.0f} would"
+        f"{len(beyond)} of {counted(len(legs), 'difference')} exceed what these recordings could miss (95 %); "
+        f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
     told: dict[tuple[str, str], Difference] = {}
     for d in beyond:
@@ -33,10 +34,14 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
     lines += [f"{sentence(d)}{_others(d, beyond)}" for d in list(told.values())[:TOLD]]
     if len(told) > TOLD:
         lines.append(f"and {len(told) - TOLD} more variables: differences.csv")
-    if unknown := len(found) - len(judged):
+    if upper := sum(d.exceeds and d.beyond_legs for d in judged):
         lines.append(
-            f"{counted(unknown, 'difference')} cannot be judged: one stride in each session does not tell how strides vary"
+            f"{counted(upper, 'joint parameter')} of trunk and arms besides, whose error bars know nothing of a spine "
+            "that bends and shoulders that slide: differences.csv"
         )
+    if unknown := len(found) - len(judged):
+        why = "one stride in each session does not tell how strides vary"
+        lines.append(f"{counted(unknown, 'difference')} cannot be judged: {why}")
     return tuple(lines)
 
 

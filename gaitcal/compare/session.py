@@ -9,7 +9,6 @@ from enum import Enum
 import numpy as np
 import pandas as pd
 
-from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
 from gaitcal.compare.leg_geometry import our_leg
 from gaitcal.model.linkage import SIDES
@@ -85,7 +84,7 @@ class Identity:
 def identity(a: Session, b: Session) -> Identity:
     """Compare name, sex, height and the lengths of thighs and shanks."""
     one, other = a.model.subject, b.model.subject
-    doubts, denied = [], []
+    doubts, denied = list[str](), list[str]()
     if one.name != other.name:
         doubts.append(f"the names differ: '{one.name}' and '{other.name}'")
     if one.sex != other.sex:
@@ -118,8 +117,3 @@ def shared_part(session: Session, torque: str) -> float:
     shares = session.error_shares.get(torque, {})
     rest = sum(value for source, value in shares.items() if source != "motion")
     return sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / rest if rest > 0.0 else 0.0
-
-
-def empty(shape: tuple[int, ...]) -> Array:
-    """NaN all over."""
-    return np.full(shape, np.nan)

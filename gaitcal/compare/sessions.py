@@ -1,7 +1,8 @@
-"""Two sessions of one person side by side: what differs, by how much, and whether the recordings could have missed it."""
+"""Two sessions of one person side by side: what differs, and whether the recordings could have missed it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -12,7 +13,7 @@ from gaitcal.compare.difference_words import lines_of
 from gaitcal.compare.measure_differences import measure_differences
 from gaitcal.compare.parameter_differences import parameter_differences
 from gaitcal.compare.session import Common, Session, common_to, identity
-from gaitcal.compare.stride_sets import stride_sets
+from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
 from gaitcal.errors import InputError
 
 
@@ -73,7 +74,7 @@ def _verdicts(*sessions: Session) -> tuple[str, ...]:
     return tuple(f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}" for s in told)
 
 
-def _kinds(a: Session, b: Session, curves: tuple[dict, dict]) -> tuple[str, ...]:  # type: ignore[type-arg]
+def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) -> tuple[str, ...]:
     """Where angles do not mean the same, and where there is nothing to compare."""
     out = []
     if a.relative != b.relative:

@@ -33,6 +33,7 @@ class ResultKind(Enum):
     SYNTHETIC = "synthetic study"
     REPRODUCTION = "reproduction"
     EXPORT = "files for other programs"
+    COMPARISON = "comparison of two results"
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
@@ -41,6 +42,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.SYNTHETIC: ("montecarlo",),
     ResultKind.REPRODUCTION: (),
     ResultKind.EXPORT: (),
+    ResultKind.COMPARISON: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
 
@@ -61,6 +63,7 @@ _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ),
     ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
     ResultKind.EXPORT: (),
+    ResultKind.COMPARISON: (),
 }
 """Names that results had whose manifest lists no files."""
 

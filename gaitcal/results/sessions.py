@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -98,8 +99,6 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
 
 def _named_apart(a: Session, b: Session) -> tuple[Session, Session]:
     """The same, with other names where their folders have one name."""
-    from dataclasses import replace
-
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 
 
