@@ -18,6 +18,7 @@ from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results
+from gaitcal.results.shared_model import compare_with_shared_model
 from gaitcal.results.write_comparison import write_comparison
 
 SHOWN = 30
@@ -42,10 +43,16 @@ def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
         return
     if other is None:
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
-    comparison = compare_results(result, other)
+    shared = None
+    if options.shared_model:
+        with talk.working() as step:
+            shared = compare_with_shared_model(result, other, options.studies, step)
+    comparison = compare_results(result, other) if shared is None else shared.comparison
+    for line in () if shared is None else shared.lines:
+        talk.line(line)
     tell(comparison, talk)
     if options.out is not None:
-        write_comparison(comparison, options.out, (result, other))
+        write_comparison(comparison, options.out, (result, other), None if shared is None else shared.parameters)
         talk.line(f"wrote {options.out}")
 
 

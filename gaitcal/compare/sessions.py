@@ -42,8 +42,10 @@ class SessionComparison:
         return (*(f"warning: {text}" for text in self.warnings), *lines_of(self.names, self.common, self.found))
 
 
-def compare_sessions(a: Session, b: Session) -> SessionComparison:
+def compare_sessions(a: Session, b: Session, common: Common | None = None) -> SessionComparison:
     """Set two sessions side by side.
+
+    `common`: what they share, where more is known of it than their files tell: shared joints are not compared.
 
     Raises
     ------
@@ -55,9 +57,14 @@ def compare_sessions(a: Session, b: Session) -> SessionComparison:
         raise InputError(
             f"these are not two results of one person: {'; '.join(person.denied)}", source=f"{a.name}, {b.name}"
         )
-    common = common_to(a, b)
+    joints_differ = common is None
+    common = common or common_to(a, b)
     curves = stride_sets(a), stride_sets(b)
-    found = (*curve_figures(*curves, common), *measure_differences(a, b), *parameter_differences(a, b, common))
+    found = (
+        *curve_figures(*curves, common),
+        *measure_differences(a, b),
+        *(parameter_differences(a, b, common) if joints_differ else ()),
+    )
     return SessionComparison(
         names=(a.name, b.name),
         common=common,

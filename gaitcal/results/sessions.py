@@ -49,7 +49,7 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
         One is no result, damaged, or of another person by the lengths of its legs.
     """
     one, other = (load_session(Path(folder))[0] for folder in (a, b))
-    return compare_sessions(*_named_apart(one, other))
+    return compare_sessions(*named_apart(one, other))
 
 
 def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
@@ -97,8 +97,8 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     return session, (read, of_model)
 
 
-def _named_apart(a: Session, b: Session) -> tuple[Session, Session]:
-    """The same, with other names where their folders have one name."""
+def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
+    """Both, with other names where their folders have one name."""
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from gaitcal.compare.curve_differences import CURVE_HEADER
 from gaitcal.compare.difference import DIFFERENCES_HEADER
 from gaitcal.compare.sessions import SessionComparison
@@ -17,10 +19,19 @@ from gaitcal.results.json_types import Json
 from gaitcal.results.table_file import write_csv
 
 DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"
+SHARED = "shared_parameters.csv"
+SHARED_HEADER = (
+    "joint parameters of a and b, each in its own segment frames: by its own trials alone, and by those of both; se:",
+    "standard error",
+)
 
 
-def write_comparison(comparison: SessionComparison, folder: Path, results: Sequence[Path]) -> Path:
+def write_comparison(
+    comparison: SessionComparison, folder: Path, results: Sequence[Path], shared: pd.DataFrame | None = None
+) -> Path:
     """Write the tables and the words of a comparison of two `results`, whole or not at all. Returns the folder.
+
+    `shared`: the joint parameters of a shared model.
 
     Raises
     ------
@@ -42,6 +53,8 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
         head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
         write_csv(comparison.differences, out / DIFFERENCES, (*head, *DIFFERENCES_HEADER))
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
+        if shared is not None:
+            write_csv(shared, out / SHARED, SHARED_HEADER)
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
 
