@@ -48,8 +48,6 @@ def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
         with talk.working() as step:
             shared = compare_with_shared_model(result, other, options.studies, step)
     comparison = compare_results(result, other) if shared is None else shared.comparison
-    for line in () if shared is None else shared.lines:
-        talk.line(line)
     tell(comparison, talk)
     if options.out is not None:
         write_comparison(comparison, options.out, (result, other), None if shared is None else shared.parameters)

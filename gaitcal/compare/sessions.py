@@ -26,6 +26,8 @@ class SessionComparison:
     common: Common
     warnings: tuple[str, ...]
     """What to know before any figure: refused or doubtful results, signs of another person."""
+    notes: tuple[str, ...] = ()
+    """What else was done, a sentence each."""
     found: tuple[Difference, ...]
     """Those that exceed what could be missed first, the largest of them before others."""
     curves: pd.DataFrame
@@ -39,7 +41,8 @@ class SessionComparison:
     @property
     def lines(self) -> tuple[str, ...]:
         """The comparison in words, warnings first."""
-        return (*(f"warning: {text}" for text in self.warnings), *lines_of(self.names, self.common, self.found))
+        told = lines_of(self.names, self.common, self.found)
+        return (*(f"warning: {text}" for text in self.warnings), *self.notes, *told)
 
 
 def compare_sessions(a: Session, b: Session, common: Common | None = None) -> SessionComparison:

@@ -46,8 +46,6 @@ class SharedComparison:
     comparison: SessionComparison
     parameters: pd.DataFrame
     """`shared_parameters.csv`: of each session, alone and shared, with standard errors."""
-    lines: tuple[str, ...]
-    """What the shared joints are, in words."""
 
 
 @with_one_blas_thread
