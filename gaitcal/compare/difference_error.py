@@ -69,8 +69,9 @@ def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
 def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
     """(m,) variance of the difference of two means by strides; NaN where nothing tells how they vary."""
     factor = np.where(spread.freedom > 0, student.ppf(0.975, np.maximum(spread.freedom, 1)) / MDC, np.nan)
-    with np.errstate(divide="ignore"):
-        out: Array = factor**2 * spread.variance * (1.0 / n_a + 1.0 / n_b)
+    both = (n_a > 0) & (n_b > 0)
+    each = np.where(both, 1.0 / np.maximum(n_a, 1) + 1.0 / np.maximum(n_b, 1), np.nan)
+    out: Array = factor**2 * spread.variance * each
     return out
 
 

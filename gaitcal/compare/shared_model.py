@@ -33,6 +33,9 @@ from gaitcal.model.joint_parameters import JP_INDEX
 SAME = 1e-9
 """1 - r on one static trial: what is the same there is it but for rounding."""
 
+RANK = 1e-6
+"""Part of the largest standard error, in units of the prior's, below which a direction would be known exactly."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class JointKnowledge:
@@ -93,7 +96,14 @@ def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
     model, influence = session.model, session.influence
     if influence is None:
         raise InputError("its joint parameters were not calibrated", source=session.name)
-    rows = influence.parameters[[influence.free.index(name) for name in names]]
+    rows = influence.parameters[[influence.free.index(name) for name in names]] / prior_deviations(names)[:, None]
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    if rows.shape[1] < len(rows) or sizes[-1] <= RANK * sizes[0]:
+        message = (
+            "its joint errors are not those of the evidence of all trials (protocol = 'evidence'); calibrate again"
+        )
+        raise InputError(message, source=session.name)
+    rows = rows * prior_deviations(names)[:, None]
     return JointKnowledge(
         nominal=model.nominal.joint[index], fitted=model.parameters.joint[index], covariance=rows @ rows.T
     )
