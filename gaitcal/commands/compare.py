@@ -23,6 +23,8 @@ from gaitcal.results.write_comparison import write_comparison
 
 SHOWN = 30
 """Rows of the table on the screen; the file has all."""
+WIDTH = 40
+"""Characters of a figure's name, at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +70,8 @@ def tell(comparison: SessionComparison, talk: Talk) -> None:
         talk.line(line)
     if not comparison.found:
         return
-    table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times", "strides"))
+    table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
+    table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
         table.add_row(Text(subject(d)), d.unit, *_numbers(d))
     talk.line()
@@ -80,8 +83,7 @@ def tell(comparison: SessionComparison, talk: Talk) -> None:
 def _numbers(d: Difference) -> tuple[str, ...]:
     figures = [f"{value:.3g}" if d.unit in ("m", "m/s", "s") else f"{value:.1f}" for value in (d.a, d.b, d.difference)]
     limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
-    strides = f"{d.strides_a} / {d.strides_b}" if d.strides_a else ""
-    return (*figures, *limit, strides)
+    return (*figures, *limit)
 
 
 def compare_models(result: Path, osim: Path, talk: Talk) -> None:

@@ -32,6 +32,7 @@ from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
+from sessions.coverage import coverage
 
 PLACED = 0.006
 """m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""
@@ -156,13 +157,6 @@ def report(outcomes: list[Outcome]) -> list[str]:
         lines.append(f"{told}: {coverage(z)}")
     lines.append(f"differences between sessions: {coverage(np.concatenate([o.difference for o in outcomes]))}")
     return lines
-
-
-def coverage(z: Array) -> str:
-    """How many figures lie within their error bars of 68 and 95 %."""
-    within = [float(np.mean(np.abs(z) < limit)) for limit in (1.0, 1.96)]
-    rms = np.sqrt(np.mean(z**2))
-    return f"{within[0]:.0%} of {len(z)} inside 68 %, {within[1]:.0%} inside 95 %, RMS {rms:.2f} standard errors"
 
 
 def _knowledge(session: MadeSession, names: tuple[str, ...]) -> JointKnowledge:
