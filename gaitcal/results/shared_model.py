@@ -83,13 +83,11 @@ def compare_with_shared_model(
         progress(f"walks of {session.name} with the shared joints")
         uncertainty = Uncertainty(_with_others(session.influence, errors), spread)
         anew.append(retracked(session, study, shared.names, values, uncertainty))
-    found = compare_sessions(
-        anew[0], anew[1], common=Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
-    )
+    now = Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
+    found = compare_sessions(anew[0], anew[1], common=now)
+    words = _words(one, other, shared, plain, found)
     return SharedComparison(
-        comparison=replace(found, warnings=plain.warnings),
-        parameters=_table(one, other, shared),
-        lines=_words(one, other, shared, plain, found),
+        comparison=replace(found, warnings=plain.warnings, notes=words), parameters=_table(one, other, shared)
     )
 
 
