@@ -51,8 +51,8 @@ class Common(Enum):
     STATIC = "one static trial, a calibration each: nominal joints, marker places and segment axes are the same"
     PERSON = "a static trial each: markers were placed anew, and no error is the same in both"
 
-    SHARED_FRAMES = "one static trial and one set of joints from both: nothing but motions, forces and masses differs"
-    SHARED_JOINTS = "one set of joints from both, a static trial each: markers were placed anew"
+    SHARED_FRAMES = "one static trial and the legs' joints from both: motions, forces and masses differ"
+    SHARED_JOINTS = "the legs' joints from both, a static trial each: markers were placed anew"
 
     def __init__(self, words: str) -> None:
         self.words = words

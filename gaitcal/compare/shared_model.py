@@ -68,6 +68,17 @@ class SharedJoints:
         return one, other
 
 
+def require_fit_to_share(a: Session, b: Session) -> None:
+    """InputError where a session is refused, or its joint parameters were not calibrated."""
+    for session in (a, b):
+        if session.verdict == "refused":
+            raise InputError("is refused: it has no say in a shared model", source=session.name)
+        if session.influence is None:
+            raise InputError(
+                "its joint parameters were not calibrated, which a shared model needs", source=session.name
+            )
+
+
 def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     """The legs' joint parameters that both sessions told something of.
 
@@ -76,13 +87,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     InputError
         A session is refused, or its joint parameters were not calibrated.
     """
-    for session in (a, b):
-        if session.verdict == "refused":
-            raise InputError("is refused: it has no say in a shared model", source=session.name)
-        if session.influence is None:
-            raise InputError(
-                "its joint parameters were not calibrated, which a shared model needs", source=session.name
-            )
+    require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))
     names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(LEG_JOINTS))
     if not names:

@@ -1,7 +1,8 @@
 """`gaitcal compare A B --shared-model`: joint parameters from both sessions, and every walk anew with them.
 
-Each session keeps its static trial, with its own places of markers and segment frames, and its own masses; joints are
-those of `compare/shared_model.py`. Walks are tracked and their torques computed as `gaitcal dynamics` does.
+Each session keeps its static trial, with its own places of markers and segment frames, its own masses, trunk and arms.
+On one static trial the joints of the legs are fitted to all trials together; with a static trial each they are those of
+`compare/shared_model.py`. Walks are tracked and their torques computed as `gaitcal dynamics` does.
 """
 
 from __future__ import annotations
@@ -13,16 +14,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
 from gaitcal.compare.session import Common, Session, common_to
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
-from gaitcal.compare.shared_model import SharedJoints, shared_joints
-from gaitcal.errors import InputError
+from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
+from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.gait.stride_table import typed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.person.result import Uncertainty
 from gaitcal.person.static_angles import counted_from_static
 from gaitcal.person.trial_result import analyse
@@ -33,7 +36,7 @@ from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.spatiotemporal import spatiotemporal_table
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study
+from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
 
 DIGITS = 6
@@ -63,6 +66,8 @@ def compare_with_shared_model(
     InputError
         A result is refused, its joints were not calibrated by the evidence of all trials, or its study is not found
         or is another one.
+    ConvergenceError
+        The fit to all trials ended early.
     """
     folders = Path(a), Path(b)
     one, other = named_apart(*(load_session(folder)[0] for folder in folders))
@@ -70,25 +75,56 @@ def compare_with_shared_model(
     if common is Common.MODEL:
         raise InputError("both results have one model already", source=f"{one.name}, {other.name}")
     plain = compare_sessions(one, other)
-    shared = shared_joints(one, other, common)
+    require_fit_to_share(one, other)
     files = tuple(map(Path, studies)) or tuple(folder / STUDY for folder in folders)
     if len(files) != len(folders):
         raise InputError(f"found {len(files)} study files; allowed: that of A, then that of B", field="--study")
+    progress("reading the recordings")
+    read = [study_of_result(folder, file) for folder, file in zip(folders, files, strict=True)]
+    if common is Common.STATIC:
+        progress("joint parameters from all trials")
+        shared = fitted_together(*read)
+    else:
+        shared = shared_joints(one, other, common)
     anew = []
-    for k, (session, folder, file) in enumerate(zip((one, other), folders, files, strict=True)):
-        progress(f"reading the recordings of {session.name}")
-        study = study_of_result(folder, file)
-        values, errors = (shared.a, shared.b)[k], shared.influences[k]
-        spread = load_uncertainty(folder / UNCERTAINTY).inertial
+    for k, (session, folder, study) in enumerate(zip((one, other), folders, read, strict=True)):
         progress(f"walks of {session.name} with the shared joints")
-        uncertainty = Uncertainty(_with_others(session.influence, errors), spread)
-        anew.append(retracked(session, study, shared.names, values, uncertainty))
+        spread = load_uncertainty(folder / UNCERTAINTY).inertial
+        uncertainty = Uncertainty(_with_others(session.influence, shared.influences[k]), spread)
+        anew.append(retracked(session, study, shared.names, (shared.a, shared.b)[k], uncertainty))
     now = Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
     found = compare_sessions(anew[0], anew[1], common=now)
     words = _words(one, other, shared, plain, found)
     return SharedComparison(
         comparison=replace(found, warnings=plain.warnings, notes=words), parameters=_table(one, other, shared)
     )
+
+
+def fitted_together(a: Study, b: Study) -> SharedJoints:
+    """One fit of the legs' joints to the trials of two studies on one static trial.
+
+    Raises
+    ------
+    InputError
+        The settings leave joint parameters alone.
+    ConvergenceError
+        The fit ended early.
+    """
+    read = {t.name: t for t in a.trials}
+    files = {a.inputs[a.input_names(t)["file"]] for t in a.trials}
+    new = [t for t in b.moving if b.inputs[b.input_names(t)["file"]] not in files]
+    named = [replace(t, name=f"{t.name}, second" if t.name in read else t.name) for t in new]
+    whole = replace(a, trials=(*a.trials, *named))
+    joint = joint_stage(whole, nominal_of(whole), silent, leave_out=False).joint
+    if joint is None:
+        raise InputError("its settings leave joint parameters alone (jp = false)", source=a.source)
+    if late := [phase for phase in joint.phases if not phase.converged]:
+        raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
+    names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
+    values = joint.parameters.joint[[JP_INDEX[name] for name in names]]
+    rows = joint.influence.parameters[[joint.influence.free.index(name) for name in names]]
+    errors = Influence(names, rows, joint.influence.clusters)
+    return SharedJoints(names=names, a=values, b=values, influences=(errors, errors))
 
 
 def study_of_result(folder: Path, file: Path) -> Study:
