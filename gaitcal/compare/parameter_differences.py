@@ -12,14 +12,15 @@ and shifts the segment frames, in which the joints are told, too: it counts in f
 
     se^2 = |M_A|^2 + |M_B|^2 + |(N_B - N_A) r|^2 + |Z_A|^2 + |Z_B|^2 + 2 p^2,      r^2 = 1 - p^2 / sigma^2,
 
+p by `placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and
+of an orientation what landmarks turn the segment by (`dynamics/axis_errors.py`). A talus has no landmarks: the angle
+between its axes is nominally that between axes of shank and foot, and as wrong as both.
+
 Markers are independent in this; on skin that moves alike in two walks they are not, and bars are then rather too wide:
 walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are too narrow by what skin
 does that no marker shows, most of all on thighs with one or two markers: straight walks against turns of four children
 have 68 % inside bars of 68, 87 inside those of 95, and would have 92 with the skin of the literature on every segment
 (`scripts/check_sessions.py`).
-
-p by `placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and
-of an orientation what landmarks turn the segment by (`dynamics/axis_errors.py`).
 """
 
 from __future__ import annotations
@@ -47,11 +48,13 @@ def placement(names: Sequence[str]) -> Array:
     out = []
     for name in names:
         p = JOINT_PARAMETERS[JP_INDEX[name]]
-        turns = PALPATED_DEG.get(p.segment.removesuffix("_r").removesuffix("_l"))
-        if turns is None:  # a talus has no landmarks
-            out.append(0.0)
+        segment = p.segment.removesuffix("_r").removesuffix("_l")
+        if p.kind is Kind.POSITION:
+            out.append(PLACED)
+        elif segment == "talus":
+            out.append(float(np.deg2rad(np.hypot(PALPATED_DEG["shank"][1], PALPATED_DEG["foot"][1]))))
         else:
-            out.append(PLACED if p.kind is Kind.POSITION else float(np.deg2rad(turns[p.axis])))
+            out.append(float(np.deg2rad(PALPATED_DEG[segment][p.axis])))
     return np.array(out)
 
 

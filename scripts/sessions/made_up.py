@@ -89,18 +89,23 @@ class Outcome:
     """(n,) in standard errors: fitted B - A by `parameter_differences`."""
 
 
-def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
-    """Record and fit one session."""
+def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path) -> SubjectModel:
+    """Write one session's study and recordings; returns the person with the markers where they were put."""
     moved = person.markers.local + rng.normal(0.0, PLACED, person.markers.local.shape)
     worn = replace(person, markers=replace(person.markers, local=moved))
-    pose = standing_pose(person.parameters)
+    standing = static_motion(standing=standing_pose(person.parameters))
     tracking = published_model().markers.labels
+    write_c3d(folder / "static.c3d", _recording(worn, standing, worn.markers.labels, None))
+    write_c3d(folder / "walk.c3d", _recording(worn, two_strides(person.parameters), tracking, rng))
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    return worn
+
+
+def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
+    """Record and fit one session."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        write_c3d(folder / "static.c3d", _recording(worn, static_motion(standing=pose), worn.markers.labels, None))
-        write_c3d(folder / "walk.c3d", _recording(worn, two_strides(person.parameters), tracking, rng))
-        (folder / "study.toml").write_text(STUDY, encoding="utf-8")
-        study = Study.load(folder / "study.toml")
+        worn = record_session(person, rng, Path(name))
+        study = Study.load(Path(name) / "study.toml")
     nominal = nominal_of(study)
     stage = joint_stage(study, nominal, silent, leave_out=False)
     if stage.joint is None:
