@@ -48,7 +48,8 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
 def sentence(d: Difference) -> str:
     """`right knee flexion, largest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
     digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
-    way = "more" if d.difference > 0 else "less"
+    below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
+    way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
     size = f"{abs(d.difference):.{digits}f} {d.unit} {way} ({d.b:.{digits}f} against {d.a:.{digits}f})"
     if d.mdc95 == 0.0:
         return f"{subject(d)}: {size}"

@@ -26,6 +26,8 @@ class Session:
     """SHA-256 of the model: the same in two results of one calibration."""
     statics: tuple[str, ...]
     """SHA-256 of the files that its model was made of while the person stood."""
+    recordings: frozenset[str]
+    """SHA-256 of the files of its walks."""
     influence: Influence | None
     """Errors of the joint parameters by source; None where they were not calibrated."""
     strides: pd.DataFrame

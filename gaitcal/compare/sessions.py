@@ -15,6 +15,7 @@ from gaitcal.compare.parameter_differences import parameter_differences
 from gaitcal.compare.session import Common, Session, common_to, identity
 from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
 from gaitcal.errors import InputError
+from gaitcal.gait.words import counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,8 @@ def _verdicts(*sessions: Session) -> tuple[str, ...]:
 def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) -> tuple[str, ...]:
     """Where angles do not mean the same, and where there is nothing to compare."""
     out = []
+    if twice := len(a.recordings & b.recordings):
+        out.append(f"{counted(twice, 'recording')} in both: differences are smaller than those of two sessions")
     if a.relative != b.relative:
         one = a if a.relative else b
         out.append(f"joint angles of {one.name} are counted from its static posture, the other's are not")

@@ -84,7 +84,8 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
         model=model,
         model_key=str(of_model.sha256[MODEL]),
-        statics=_statics(calibrated),
+        statics=_recordings(calibrated, moving=False),
+        recordings=frozenset(_recordings(calibrated, moving=True) if calibrated is folder else ()),
         influence=uncertainty.joint,
         strides=typed(strides, folder / CYCLES),
         measures=measures,
@@ -123,13 +124,13 @@ def _measures(folder: Path) -> pd.DataFrame:
     return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
 
 
-def _statics(folder: Path) -> tuple[str, ...]:
-    """SHA-256 of the files of trials that are no moving ones."""
-    moving = read_object(folder / SUMMARY).get("trials")
+def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
+    """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
+    told = read_object(folder / SUMMARY).get("trials")
     hashes = read_object(folder / MANIFEST).get("inputs_sha256")
-    if not isinstance(moving, dict) or not isinstance(hashes, dict):
+    if not isinstance(told, dict) or not isinstance(hashes, dict):
         return ()
-    files = (files.get("file", "") for trial, files in trial_files(folder).items() if trial not in moving)
+    files = (files.get("file", "") for trial, files in trial_files(folder).items() if (trial in told) is moving)
     return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
 
 

@@ -76,16 +76,15 @@ def compare_with_shared_model(
         raise InputError("both results have one model already", source=f"{one.name}, {other.name}")
     plain = compare_sessions(one, other)
     require_fit_to_share(one, other)
+    shared = None if common is Common.STATIC else shared_joints(one, other, common)
     files = tuple(map(Path, studies)) or tuple(folder / STUDY for folder in folders)
     if len(files) != len(folders):
         raise InputError(f"found {len(files)} study files; allowed: that of A, then that of B", field="--study")
     progress("reading the recordings")
     read = [study_of_result(folder, file) for folder, file in zip(folders, files, strict=True)]
-    if common is Common.STATIC:
+    if shared is None:
         progress("joint parameters from all trials")
         shared = fitted_together(*read)
-    else:
-        shared = shared_joints(one, other, common)
     anew = []
     for k, (session, folder, study) in enumerate(zip((one, other), folders, read, strict=True)):
         progress(f"walks of {session.name} with the shared joints")

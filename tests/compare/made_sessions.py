@@ -59,6 +59,7 @@ def made_session(
         model=replace(model, subject=replace(model.subject, name=person)),
         model_key=name,
         statics=("static",),
+        recordings=frozenset({name}),
         influence=made_influence(rng),
         strides=pd.concat(parts, ignore_index=True),
         measures=whole,

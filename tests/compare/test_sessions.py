@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import t as student
 
 from gaitcal.compare.difference_error import MDC
+from gaitcal.compare.difference_words import sentence
 from gaitcal.compare.parameter_differences import difference_variance, placement
 from gaitcal.compare.session import Common
 from gaitcal.compare.sessions import compare_sessions
@@ -81,6 +82,18 @@ def test_refused_and_doubtful_results_are_said_first() -> None:
     lines = compare_sessions(a, b).lines
     assert lines[0].startswith("warning: b is refused") and "the forces come late" in lines[0]
     assert lines[1].startswith("warning: a is doubtful")
+
+
+def test_negative_values_are_told_as_more_or_less_negative() -> None:
+    found = compare_sessions(made_session("a"), made_session("b", swing=SWING)).found
+    peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
+    assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
+    assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
+
+
+def test_a_recording_in_both_is_said() -> None:
+    warnings = compare_sessions(made_session("a"), made_session("b", recordings=frozenset({"a"}))).warnings
+    assert any(text.startswith("1 recording in both") for text in warnings)
 
 
 def test_another_person_is_refused_or_doubted() -> None:
