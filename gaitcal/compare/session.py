@@ -38,6 +38,8 @@ class Session:
     """`trustworthy`, `doubtful` or `refused`; empty where none is told."""
     reasons: tuple[str, ...] = ()
     """Why, a sentence each."""
+    remarks: tuple[str, ...] = ()
+    """What else to know of its files: edited, or made with another model than lies there now."""
     axis_deviations: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Segment -> deg, how far its axes may point elsewhere (`dynamics/axis_errors.py`)."""
     error_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

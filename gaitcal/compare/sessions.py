@@ -87,7 +87,7 @@ def _verdicts(*sessions: Session) -> tuple[str, ...]:
 
 def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) -> tuple[str, ...]:
     """Where angles do not mean the same, and where there is nothing to compare."""
-    out = []
+    out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
         out.append(f"{counted(twice, 'recording')} in both: differences are smaller than those of two sessions")
     if a.relative != b.relative:

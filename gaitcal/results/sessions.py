@@ -20,6 +20,7 @@ from gaitcal.gait.stride_table import typed
 from gaitcal.model.model_file import load_model
 from gaitcal.person.trial_result import axis_deviations
 from gaitcal.results.cycles import CYCLES, read_cycles
+from gaitcal.results.cycles_export import made_with_another_model
 from gaitcal.results.originals import trial_files
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
@@ -80,6 +81,8 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         (MODEL,),
     )
     settings = _settings(calibrated)
+    stale = () if calibrated is folder else made_with_another_model(folder, of_model.sha256[MODEL])
+    other = (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",) if stale else ()
     session = Session(
         name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
         model=model,
@@ -91,6 +94,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         measures=measures,
         verdict=str(summary.get("verdict") or ""),
         reasons=_reasons(summary),
+        remarks=(*of_model.remarks, *other),
         axis_deviations=axis_deviations(settings),
         error_shares=_shares(summary),
         relative=settings.angles == "relative",

@@ -91,6 +91,13 @@ def test_damaged_files_are_named(results: tuple[Path, Path], file: str) -> None:
         compare_results(before, after)
 
 
+def test_an_edited_model_is_said(results: tuple[Path, Path]) -> None:
+    before, after = results
+    with (after / "model.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n# looked at\n")
+    assert any(text.startswith("after: model.toml is not as") for text in compare_results(before, after).warnings)
+
+
 def test_no_result_and_no_room_are_told(results: tuple[Path, Path], tmp_path: Path) -> None:
     before, after = results
     (tmp_path / "empty").mkdir()
