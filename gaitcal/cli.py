@@ -7,49 +7,21 @@ SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal 
 import gc
 import os
 import sys
-from collections.abc import Callable
-from inspect import Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gaitcal.commands import options as told
+from gaitcal.commands.application import app, command
 from gaitcal.commands.faults import told_in_a_line
-from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
+from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
 
-app = typer.Typer(
-    name="gaitcal",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
-    "and how far each can be trusted.",
-)
-
-
 RARELY = (50_000, 20, 20)
 """Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
-
-
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
-
-    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
-        from gaitcal.commands.console import Talk
-
-        function(Talk(quiet=quiet, verbose=verbose), **arguments)
-
-    _, *of_command = signature(function).parameters.values()
-    *of_all, _ = signature(run).parameters.values()
-    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__)(run)
-    return function
 
 
 @command
@@ -292,12 +264,18 @@ def view(
 
 @command
 def compare(
-    talk: "Talk", result: Result, osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")]
+    talk: "Talk",
+    result: Result,
+    other: told.OtherResult = None,
+    osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
+    shared_model: told.SharedModel = False,
+    study: told.Studies = None,
 ) -> None:
-    """Hip centres, joint axes, masses and lengths of an OpenSim model beside ours, in our segment frames."""
-    from gaitcal.commands.other_programs import compare_models
+    """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
+    from gaitcal.commands.compare import Options, run
 
-    compare_models(result, osim, talk)
+    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
 
 
 def main() -> None:

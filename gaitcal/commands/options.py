@@ -121,6 +121,18 @@ FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/
 Other = Annotated[
     Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
 ]
+OtherResult = Annotated[
+    Path | None,
+    typer.Argument(metavar="[OTHER]", help="Result of the same person's other session; differences are OTHER - DIR."),
+]
+SharedModel = Annotated[
+    bool, typer.Option("--shared-model", help="Joint parameters from both sessions together, then every trial anew.")
+]
+Studies = Annotated[
+    list[Path] | None,
+    typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
+]
+
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]

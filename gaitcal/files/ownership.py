@@ -34,6 +34,7 @@ class ResultKind(Enum):
     REPRODUCTION = "reproduction"
     EXPORT = "files for other programs"
     COHORT = "cohort"
+    COMPARISON = "comparison of two results"
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
@@ -43,6 +44,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.REPRODUCTION: (),
     ResultKind.EXPORT: (),
     ResultKind.COHORT: (),
+    ResultKind.COMPARISON: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
 
@@ -64,6 +66,7 @@ _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
     ResultKind.EXPORT: (),
     ResultKind.COHORT: (),
+    ResultKind.COMPARISON: (),
 }
 """Names that results had whose manifest lists no files."""
 
