@@ -1,0 +1,62 @@
+"""What MkDocs calls while it builds: places in pages where a line `[[name: word]]` stands for what the program tells.
+
+    [[command: calibrate]]      usage and options            [[table: subject]]         keys of a TOML table
+    [[files: calibration]]      files of a kind of folder    [[columns: cohort]]        columns of a table
+    [[marker-sets]]             the built-in sets            [[findings]]               codes and their titles
+    [[everything]]              what is explained where      [[python: group]]          public names of a group
+
+A page for every code of a finding is made as well (`reference/findings/GC-001.md`).
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from mkdocs.structure.files import File, Files, InclusionLevel
+
+ROOT = Path(__file__).resolve().parents[2]
+for _folder in (ROOT, ROOT / "scripts"):
+    if str(_folder) not in sys.path:
+        sys.path.insert(0, str(_folder))
+
+from documentation import commands, coverage, findings, python_names, results, tables  # noqa: E402
+
+PLACE = re.compile(r"^\[\[([a-z-]+)(?:: *([\w-]+))?\]\]$", re.M)
+MAKERS: Final[dict[str, Callable[..., str]]] = {
+    "command": commands.markdown,
+    "table": tables.markdown,
+    "marker-sets": tables.marker_sets,
+    "files": results.files_markdown,
+    "columns": results.columns_markdown,
+    "findings": findings.index,
+    "everything": coverage.markdown,
+    "python": python_names.markdown,
+}
+
+
+def filled(markdown: str) -> str:
+    """A page with its places filled."""
+
+    def made(place: re.Match[str]) -> str:
+        name, word = place.groups()
+        return MAKERS[name](word) if word else MAKERS[name]()
+
+    return PLACE.sub(made, markdown)
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """MkDocs has read a page."""
+    return filled(markdown)
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """MkDocs has listed the pages."""
+    for name, text in findings.pages().items():
+        page = File.generated(config, f"reference/findings/{name}.md", content=text)
+        page.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(page)
+    return files
