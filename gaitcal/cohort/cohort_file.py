@@ -28,13 +28,13 @@ _SEXES: Final = {"f": "female", "w": "female", "m": "male"}
 class PersonTable(Table):
     """What is said of a person in either file."""
 
-    name: str = Field(default="", max_length=200)
-    session: str = Field(default="", max_length=200)
-    group: str = Field(default="", max_length=200)
-    sex: Literal["male", "female"] | None = None
-    mass_kg: float | None = Field(default=None, ge=2, le=400)
-    height_m: float | None = Field(default=None, ge=0.3, le=2.6)
-    age_years: float | None = Field(default=None, ge=0, le=130)
+    name: str = Field(default="", max_length=200, description="the person; else the name of the folder")
+    session: str = Field(default="", max_length=200, description="a date or label; needed where a person has several")
+    group: str = Field(default="", max_length=200, description="any word; stands in the tables")
+    sex: Literal["male", "female"] | None = Field(default=None, description="where no file says it")
+    mass_kg: float | None = Field(default=None, ge=2, le=400, description="body mass in kg, where no file says it")
+    height_m: float | None = Field(default=None, ge=0.3, le=2.6, description="body height in m, where no file says it")
+    age_years: float | None = Field(default=None, ge=0, le=130, description="age in years, where no file says it")
 
     @field_validator("name", "session", "group")
     @classmethod

@@ -217,9 +217,9 @@ TABLES: Final[dict[str, tuple[Described, ...]]] = {
     "shared_parameters": _columns(
         ("name", "", "joint parameter, as in `parameters.csv`"),
         ("unit", "", "mm or deg"),
-        ("[ab]", "unit", "of each session, by its own trials alone"),
-        ("*se*", "unit", "standard error"),
-        ("*", "unit", "of each session, by the trials of both"),
+        ("[ab]_alone", "unit", "of each session, by its own trials alone"),
+        ("[ab]_shared", "unit", "of each session, by the trials of both"),
+        ("*_se", "unit", "standard error"),
     ),
     "reproduced_tables": _columns(
         ("table", "", "of the paper"),
