@@ -17,7 +17,7 @@ from gaitcal.results.described import FILES, SUMMARY
 from gaitcal.results.described_columns import TABLES
 
 DOCS: Final = Path(__file__).resolve().parents[2] / "docs"
-PLACE: Final = re.compile(r"^\[\[([a-z-]+(?:: *[\w-]+)?)\]\]$", re.M)
+PLACE: Final = re.compile(r"^\{\{ ([a-z-]+(?:: [\w-]+)?) \}\}$", re.M)
 TOLD: Final = ("tutorials", "how-to", "explanation")
 """Folders of pages that people wrote."""
 
@@ -88,7 +88,7 @@ def places() -> dict[str, str]:
     out = {}
     for path in sorted(DOCS.rglob("*.md")):
         for place in PLACE.findall(path.read_text(encoding="utf-8")):
-            out[re.sub(r": *", ": ", place)] = path.relative_to(DOCS).as_posix()
+            out[place] = path.relative_to(DOCS).as_posix()
     return out
 
 
@@ -111,7 +111,7 @@ def faults() -> list[str]:
     out = []
     for item in items():
         if item.place not in places():
-            out.append(f"{item.kind} {item.name}: no page has [[{item.place}]]")
+            out.append(f"{item.kind} {item.name}: no page has {{{{ {item.place} }}}}")
         elif not item.text.strip():
             out.append(f"{item.kind} {item.name}: nothing is said of it")
         elif item.kind == "command" and not mentions(item):

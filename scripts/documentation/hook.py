@@ -1,9 +1,9 @@
-"""What MkDocs calls while it builds: places in pages where a line `[[name: word]]` stands for what the program tells.
+"""What MkDocs calls while it builds: places in pages where a line `{{ name: word }}` stands for what the program tells.
 
-    [[command: calibrate]]      usage and options            [[table: subject]]         keys of a TOML table
-    [[files: calibration]]      files of a kind of folder    [[columns: cohort]]        columns of a table
-    [[marker-sets]]             the built-in sets            [[findings]]               codes and their titles
-    [[everything]]              what is explained where      [[python: group]]          public names of a group
+    {{ command: calibrate }}    usage and options            {{ table: subject }}       keys of a TOML table
+    {{ files: calibration }}    files of a kind of folder    {{ columns: people }}      columns of a table
+    {{ marker-sets }}           the built-in sets            {{ findings }}             codes and their titles
+    {{ everything }}            what is explained where      {{ python: study }}        public names of a group
 
 A page for every code of a finding is made as well (`reference/findings/GC-001.md`).
 """
@@ -25,7 +25,7 @@ for _folder in (ROOT, ROOT / "scripts"):
 
 from documentation import commands, coverage, findings, python_names, results, tables  # noqa: E402
 
-PLACE = re.compile(r"^\[\[([a-z-]+)(?:: *([\w-]+))?\]\]$", re.M)
+PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
 MAKERS: Final[dict[str, Callable[..., str]]] = {
     "command": commands.markdown,
     "table": tables.markdown,
