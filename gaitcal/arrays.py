@@ -6,5 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+"""Real numbers."""
 BoolArray = NDArray[np.bool_]
+"""Yes or no."""
 IntArray = NDArray[np.intp]
+"""Numbers of frames, markers, ...: indices."""

@@ -36,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = links.check(chosen.site)
         print(f"links: {found.inside} within {found.pages} pages, {len(found.broken)} broken")
         faults += [f"broken link: {link}" for link in found.broken]
+        faults += [f"type without a page: {name}" for name in found.unexplained]
         faults += [f"loaded from elsewhere: {address}" for address in found.fetched]
         for address in found.outside:
             print(f"leads out: {address}")

@@ -1,7 +1,14 @@
 #!/bin/sh
-# The API reference: HTML in docs/api from the docstrings. Ends with an error on a warning. Arguments: another folder.
+# The documentation site, from docs/ and the program itself: HTML in site/VERSION, to be opened as files or put on any
+# server; site/index.html leads to the newest, site/versions.json lists those that are there. Ends with an error on a
+# warning, on something that no page explains, and on a link that leads nowhere. Arguments: another folder for site/.
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/venv.sh
 make_venv .venv-docs docs
-exec "$venv_python" -W error scripts/api_reference.py "$@"
+site=${1:-site}
+version=$(sed -n 's/^version = "\(.*\)"$/\1/p' pyproject.toml)
+NO_MKDOCS_2_WARNING=1 "$venv_python" -m mkdocs build --strict --quiet --site-dir "$(mkdir -p "$site" && cd "$site" && pwd)/$version"
+"$venv_python" scripts/check_docs.py --site "$site/$version"
+"$venv_python" scripts/documentation/versions.py "$site"
+echo "documentation: $site/$version/index.html"

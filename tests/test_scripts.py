@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,6 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-import gaitcal
 from tests.scripts import script
 
 ROOT = Path(__file__).parents[1]
@@ -132,28 +130,6 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
     said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
     assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 1.0
-
-
-def test_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
-    pytest.importorskip("pdoc", reason="extra `docs`")
-    command = [sys.executable, "-W", "error", str(SCRIPTS / "api_reference.py"), str(tmp_path / "api")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    assert (done.returncode, done.stderr) == (0, "")
-    page = (tmp_path / "api" / "gaitcal.html").read_text(encoding="utf-8")
-    assert all(f'id="{name}"' in page for name in gaitcal.__all__)
-    assert '<a href="gaitcal/person/result.html#TrialResult">' in page
-    assert "numpy.dtype" not in re.sub("<[^>]*>", "", page)
-    assert re.search(r"<strong>Raises</strong></p>\s*<ul>\s*<li><code><a href=\"#InputError\">", page)
-
-
-def test_api_reference_refuses_what_has_no_docstring_or_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pdoc", reason="extra `docs`")
-    reference = script("api_reference")
-    monkeypatch.setattr(reference, "MODULES", ("gaitcal",))
-    monkeypatch.setattr(gaitcal.save_model, "__doc__", None)
-    faults = reference.build(tmp_path)
-    assert "gaitcal.save_model has no docstring" in faults
-    assert "gaitcal.html: gaitcal.person.result.TrialResult has no page" in faults
 
 
 def test_benchmark_tells_how_a_series_grows(

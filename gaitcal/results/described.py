@@ -41,7 +41,7 @@ _TRIALS: Final = (
     _file("markers/*.trc", "the markers that were followed, for OpenSim's tools"),
     _file("forces/*.mot", "the ground reactions that were used, for OpenSim's tools"),
     _file("forces/*.xml", "ExternalLoads beside it: which force acts on which foot"),
-    _file("cycles.csv", "every stride of each foot over 0 to 100 %: angles, torques, powers, ground reaction", "cycles"),
+    _file("cycles.csv", "every stride of each foot, 0 to 100 %: angles, torques, powers, ground reaction", "cycles"),
     _file("ensemble.csv", "mean curves over straight strides and trials", "ensemble"),
     _file("spatiotemporal.csv", "speed, lengths, times of every stride, also of cut ones", "spatiotemporal"),
     _file("result.html", "the page: body in motion, curves and tables in one offline file"),
@@ -115,7 +115,7 @@ FILES: Final[dict[str, tuple[ResultFile, ...]]] = {
     "comparison": (
         _file("comparison.txt", "what differs, in words"),
         _file("differences.csv", "every figure of both sessions, largest difference first", "differences"),
-        _file("curve_differences.csv", "mean curves of both sessions, at every per cent of the stride", "curve_differences"),
+        _file("curve_differences.csv", "mean curves of both sessions, at every per cent", "curve_differences"),
         _file("shared_parameters.csv", "with `--shared-model`: joint parameters alone and shared", "shared_parameters"),
         _MANIFEST,
     ),

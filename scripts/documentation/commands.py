@@ -82,7 +82,8 @@ def commands() -> tuple[Command, ...]:
     out = []
     for registered in app.registered_commands:
         function = registered.callback
-        assert function is not None and registered.name
+        if function is None or registered.name is None:
+            continue
         parameters = inspect.signature(function, eval_str=True).parameters.values()
         out.append(
             Command(
@@ -114,9 +115,9 @@ def _names(parameter: Parameter) -> str:
 def markdown(name: str) -> str:
     """Usage, what it does, its example, and a table of its arguments and options."""
     command = next(c for c in commands() if c.name == name)
-    lines = [f"```text title=\"usage\"\n{command.usage}\n```", "", command.text, ""]
+    lines = [f'```text title="usage"\n{command.usage}\n```', "", command.text, ""]
     if command.example:
-        lines += [f"```text title=\"example\"\n{command.example.removeprefix('Example:').strip()}\n```", ""]
+        lines += [f'```text title="example"\n{command.example.removeprefix("Example:").strip()}\n```', ""]
     own = options_of(command)
     if own:
         lines += ["| argument or option | unless given | meaning |", "|---|---|---|"]

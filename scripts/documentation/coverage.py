@@ -44,7 +44,9 @@ def items() -> Iterator[Item]:
     """All of them."""
     for command in commands.commands():
         place = f"command: {command.name}"
-        yield Item(kind="command", name=command.name, place=place, text=command.text, words=rf"gaitcal {command.name}\b")
+        yield Item(
+            kind="command", name=command.name, place=place, text=command.text, words=rf"gaitcal {command.name}\b"
+        )
         for option in commands.options_of(command):
             name, words = option.names[0], _word(option.names[0]) if option.names[0].startswith("-") else ""
             yield Item(kind="option", name=f"{command.name} {name}", place=place, text=option.text, words=words)
@@ -116,6 +118,7 @@ def faults() -> list[str]:
             out.append(f"{item.kind} {item.name}: nothing is said of it")
         elif item.kind == "command" and not mentions(item):
             out.append(f"command {item.name}: in no tutorial, how-to or explanation")
+    out += [f"Python gaitcal.{name}: has no docstring" for name in python_names.undocumented()]
     return out + [f"Python {name}: in no group, or not public" for name in sorted(python_names.ungrouped())]
 
 

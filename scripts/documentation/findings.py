@@ -1,4 +1,4 @@
-"""A page for each code of a finding, from the texts that `gaitcal explain` prints; none where there are no codes yet."""
+"""A page for each code of a finding, as `gaitcal explain` prints it; none where there are no codes."""
 
 from __future__ import annotations
 

@@ -48,6 +48,14 @@ def filled(markdown: str) -> str:
     return PLACE.sub(made, markdown)
 
 
+def on_config(config: Any) -> Any:
+    """MkDocs has read its settings: every page says which version it is about."""
+    package = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (version,) = re.findall(r'^version = "(.+)"$', package, re.M)
+    config.site_name = f"gaitcal {version}"
+    return config
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """MkDocs has read a page."""
     return filled(markdown)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Final
 from urllib.parse import unquote, urlsplit
+
+OURS: Final = re.compile(r"gaitcal(\.\w+)+\.[A-Z]\w*[a-z]\w*")
+"""A class in a signature; one that has a page is a link instead."""
 
 
 @dataclass
@@ -15,12 +20,15 @@ class _Page(HTMLParser):
     links: list[str] = field(default_factory=list)
     loads: list[str] = field(default_factory=list)
     anchors: set[str] = field(default_factory=set)
+    unexplained: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         super().__init__()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = {name: value for name, value in attrs if value is not None}
+        if tag == "span" and OURS.fullmatch(given.get("title", "")):
+            self.unexplained.add(given["title"])
         if "id" in given:
             self.anchors.add(given["id"])
         if tag == "a" and "href" in given:
@@ -41,6 +49,8 @@ class Links:
     broken: tuple[str, ...]
     outside: tuple[str, ...]
     """Addresses that a reader may click."""
+    unexplained: tuple[str, ...]
+    """Types of ours in signatures of `reference/python.html` that have no page."""
     fetched: tuple[str, ...]
     """Addresses that a page would load from elsewhere by itself: there must be none."""
 
@@ -75,10 +85,14 @@ def check(site: Path) -> Links:
                 broken.append(f"{path.relative_to(site.resolve())}: {link}")
             elif anchor and target in pages and anchor not in pages[target].anchors and anchor != "__top":
                 broken.append(f"{path.relative_to(site.resolve())}: {link}: no such place in it")
+    types = [page.unexplained for path, page in pages.items() if path.stem == "python"]
     return Links(
         pages=len(pages),
         inside=inside,
         broken=tuple(broken),
         outside=tuple(sorted(outside)),
+        unexplained=tuple(
+            sorted({name for path, page in pages.items() if path.stem == "python" for name in page.unexplained})
+        ),
         fetched=tuple(sorted(fetched)),
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
 
 import gaitcal
@@ -23,7 +26,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "errors": ("GaitcalError", "InputError", "ConvergenceError"),
 }
 
-MODULES: Final = (
+MODULES: Final = (  # whose types a user's own program meets; the rest is inside
     "gaitcal.findings",
     "gaitcal.verdict.verdict",
     "gaitcal.files.snapshot",
@@ -52,8 +55,31 @@ MODULES: Final = (
     "gaitcal.export",
     "gaitcal.compare",
     "gaitcal.page",
+    "gaitcal.arrays",
 )
-"""Whose types a user's own program meets; the rest is inside."""
+TYPES: Final = (
+    "gaitcal.dynamics.joint_kinetics.KineticErrors",
+    "gaitcal.dynamics.torque_sources.TorqueErrors",
+    "gaitcal.compare.sessions.SessionComparison",
+    "gaitcal.study.study_file.StudyFile",
+    "gaitcal.study.study_file.Trial",
+    "gaitcal.study.truth_table.TruthTable",
+    "gaitcal.recording.recording.ForcePlate",
+    "gaitcal.person.trial_bandwidth.Bandwidth",
+    "gaitcal.motion.node_rule.NodeRule",
+    "gaitcal.motion.motion.MarkerErrors",
+    "gaitcal.motion.descent.DescentSettings",
+    "gaitcal.montecarlo.study.MonteCarloStudy",
+    "gaitcal.montecarlo.study.DrawProgress",
+    "gaitcal.model.subject_model.MarkerPlacement",
+    "gaitcal.model.hip_centre.HipCentre",
+    "gaitcal.model.ankle_zero.AnkleZero",
+    "gaitcal.gait.normal_bands.NormalBand",
+    "gaitcal.gait.normal_bands.Bands",
+    "gaitcal.results.json_types.Json",
+    "gaitcal.runtime.Progress",
+)
+"""Types of signatures whose modules hold much else."""
 
 
 def ungrouped() -> set[str]:
@@ -61,7 +87,25 @@ def ungrouped() -> set[str]:
     return set(gaitcal.__all__) ^ {name for names in GROUPS.values() for name in names}
 
 
+def undocumented() -> list[str]:
+    """Public functions and classes, and their public members and fields, that nothing is said about.
+
+    Needs griffe, which the extra `docs` brings; empty without it.
+    """
+    if find_spec("griffe") is None:
+        return []
+    griffe = import_module("griffe")
+    package = griffe.load("gaitcal", search_paths=[Path(gaitcal.__file__).parents[1]], resolve_aliases=True)
+    out = []
+    for name in gaitcal.__all__:
+        found = package[name].final_target
+        members = found.members.values() if found.is_class else ()
+        said = [(name, found), *((f"{name}.{m.name}", m) for m in members if not m.name.startswith("_"))]
+        out += [full for full, object_ in said if object_.docstring is None and not object_.is_alias]
+    return out
+
+
 def markdown(group: str) -> str:
     """Directives for the public names of a group, or for the modules (`inside`)."""
-    names = MODULES if group == "inside" else tuple(f"gaitcal.{name}" for name in GROUPS[group])
+    names = (*MODULES, *TYPES) if group == "inside" else tuple(f"gaitcal.{name}" for name in GROUPS[group])
     return "\n\n".join(f"::: {name}" for name in names)

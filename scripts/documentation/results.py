@@ -7,8 +7,6 @@ from gaitcal.results.described import FILES, SUMMARY
 from gaitcal.results.described_columns import TABLES
 
 
-
-
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 

@@ -47,7 +47,7 @@ def _words(annotation: Any) -> list[str]:
     """What a key takes, in words."""
     origin = get_origin(annotation)
     if origin is Literal:
-        return [f"`\"{word}\"`" for word in get_args(annotation)]
+        return [f'`"{word}"`' for word in get_args(annotation)]
     if annotation in _PLAIN:
         return [_PLAIN[annotation]]
     if origin is dict:
@@ -79,7 +79,7 @@ def _default(field: FieldInfo) -> str:
         return f"`{{ {', '.join(inner)} }}`" if isinstance(value, PlateErrorTable) else ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
-    return f"`\"{value}\"`" if isinstance(value, str) else f"`{value:g}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
 
 
 def fields(table: str) -> tuple[Field, ...]:

@@ -1,0 +1,92 @@
+"""The documentation against the program: nothing without a page, blocks of the right form, a site without a warning."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import gaitcal
+from tests.docs.pages import DOCS, ROOT, blocks_of
+from tests.scripts import script
+
+PAGES = sorted(DOCS.rglob("*.md"))
+
+
+def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    assert script("check_docs").main([]) == 0, capsys.readouterr().err
+
+
+def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    check = script("check_docs")
+    monkeypatch.setattr(check.coverage, "places", dict)
+    assert check.main([]) == 1
+    assert "command check: no page has {{ command: check }}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
+def test_blocks_have_the_form_of_their_language(page: Path) -> None:
+    from documentation.blocks import NOT_RUN, lint
+
+    for block in blocks_of(page):
+        assert lint(block) == "", f"{page}:{block.line}"
+        if block.language in ("sh", "python") and page.parent.name not in ("tutorials", "how-to"):
+            assert block.title.startswith(NOT_RUN), f"{page}:{block.line}: only tutorials and how-to pages are run"
+
+
+def test_studies_in_pages_are_studies() -> None:
+    """Every TOML block that is a whole study has the keys and values of one."""
+    from gaitcal.files.toml import tomllib
+    from gaitcal.study.study_file import StudyFile
+
+    seen = 0
+    for page in PAGES:
+        for block in blocks_of(page):
+            if block.language == "toml" and "[[trial]]" in block.text and "[subject]" in block.text:
+                StudyFile.model_validate(tomllib.loads(block.text))
+                seen += 1
+    assert seen >= 3
+
+
+def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    griffe = pytest.importorskip("griffe", reason="extra `docs`")
+    from documentation import python_names
+
+    assert python_names.undocumented() == []
+    load = griffe.load
+
+    def spoilt(*words: object, **options: object) -> object:
+        package = load(*words, **options)
+        package["save_model"].final_target.docstring = None
+        package["Study"].final_target.members["subject"].docstring = None
+        return package
+
+    monkeypatch.setattr(griffe, "load", spoilt)
+    assert python_names.undocumented() == ["save_model", "Study.subject"]
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning_and_its_links_lead_somewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mkdocs", reason="extra `docs`")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert script("check_docs").main(["--site", str(tmp_path / "site")]) == 0, capsys.readouterr().err
+    page = (tmp_path / "site" / "reference" / "python.html").read_text(encoding="utf-8")
+    assert all(f'id="gaitcal.{name}"' in page for name in gaitcal.__all__)
+    assert "<strong>Raises</strong>" in page, "sections of docstrings are lists"
+
+
+def test_a_broken_link_is_told(tmp_path: Path) -> None:
+    from documentation.links import check
+
+    text = '<a href="b.html#there">x</a><a href="c.html">y</a><img src="https://example.org/x.png">'
+    (tmp_path / "a.html").write_text(text, encoding="utf-8")
+    (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
+    found = check(tmp_path)
+    assert found.broken == ("a.html: b.html#there: no such place in it", "a.html: c.html")
+    assert found.fetched == ("https://example.org/x.png",)

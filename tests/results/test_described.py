@@ -1,0 +1,101 @@
+"""What the documentation says of result files and columns, against folders that were written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gaitcal.cohort.tables import FAILURE_COLUMNS, TIME_COLUMNS
+from gaitcal.compare.curve_differences import CURVE_COLUMNS
+from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
+from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
+from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.person.calibrate import calibrate
+from gaitcal.reproduction.folder import CLAIM_COLUMNS, TABLE_COLUMNS
+from gaitcal.results.calibration import write_results
+from gaitcal.results.described import FILES, SUMMARY, file_of
+from gaitcal.results.described_columns import TABLES, column_of
+from gaitcal.results.spatiotemporal import SPATIOTEMPORAL_COLUMNS
+from gaitcal.study.study import Study
+from tests.synthetic_studies import write_synthetic_study
+
+KINDS = {
+    ResultKind.CALIBRATION.value: "calibration",
+    ResultKind.DYNAMICS.value: "dynamics",
+    ResultKind.SYNTHETIC.value: "synthetic",
+    ResultKind.REPRODUCTION.value: "reproduction",
+    ResultKind.EXPORT.value: "export",
+    ResultKind.COHORT.value: "cohort",
+    ResultKind.COMPARISON.value: "comparison",
+}
+ADDED = ("montecarlo", "dynamics", "export", "figures")
+
+
+def head_of(table: Path) -> list[str]:
+    with table.open(encoding="utf-8") as lines:
+        return next(line for line in lines if not line.startswith("#")).strip().split(",")
+
+
+def undescribed(folder: Path, kind: str) -> list[str]:
+    """Files and columns of a folder that nothing is said of; folders that later commands added count by themselves."""
+    out = []
+    for name in files_of(folder):
+        if kind == "calibration" and name.split("/")[0] in ADDED:
+            continue
+        told = file_of(kind, name)
+        if told is None:
+            out.append(f"{kind}: {name}")
+        elif told.table == "summary":
+            content = json.loads((folder / name).read_text(encoding="utf-8"))
+            out += [f"{kind}: {name}: {key}" for key in content if key not in SUMMARY]
+        elif told.table in TABLES:
+            out += [f"{told.table}: {column}" for column in head_of(folder / name) if not column_of(told.table, column)]
+    for name in ADDED if kind == "calibration" else ():
+        if (folder / name).is_dir():
+            out += undescribed(folder / name, name)
+    return out
+
+
+def undescribed_below(top: Path) -> list[str]:
+    """The same of every result folder below `top`."""
+    out = []
+    for manifest in sorted(top.rglob(MANIFEST)):
+        made = read_object(manifest)
+        kind = KINDS.get(str(made.get("kind", "")), "synthetic" if made.get("gaitcal") == "synthetic subject" else "")
+        if kind and manifest.parent.name not in ADDED:
+            out += undescribed(manifest.parent, kind)
+    return out
+
+
+def test_a_written_result_has_no_file_or_column_without_a_word(tmp_path: Path) -> None:
+    write_synthetic_study(tmp_path / "study")
+    write_results(calibrate(Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")
+    assert undescribed_below(tmp_path) == []
+    (tmp_path / "result" / "nobody_told.csv").write_text("x\n", encoding="utf-8")
+    assert undescribed_below(tmp_path) == ["calibration: nobody_told.csv"]
+
+
+@pytest.mark.parametrize(
+    ("table", "columns"),
+    [
+        ("cycles", CYCLE_COLUMNS),
+        ("ensemble", ENSEMBLE_COLUMNS),
+        ("spatiotemporal", SPATIOTEMPORAL_COLUMNS),
+        ("differences", DIFFERENCE_COLUMNS),
+        ("curve_differences", CURVE_COLUMNS),
+        ("failures", FAILURE_COLUMNS),
+        ("times", TIME_COLUMNS),
+        ("reproduced_tables", TABLE_COLUMNS),
+        ("claims", CLAIM_COLUMNS),
+    ],
+)
+def test_every_column_of_a_table_has_a_word(table: str, columns: tuple[str, ...]) -> None:
+    assert [name for name in columns if column_of(table, name) is None] == []
+
+
+def test_tables_that_files_name_are_there() -> None:
+    named = {file.table for files in FILES.values() for file in files} - {"", "summary", "people"}
+    assert named == set(TABLES)
