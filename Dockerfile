@@ -20,7 +20,7 @@ ENV PATH=/opt/gaitcal/bin:$PATH \
     MPLCONFIGDIR=/tmp \
     OMP_NUM_THREADS=1
 RUN useradd --create-home --uid 1000 gait && mkdir /work && chown gait:gait /work
-USER gait
+USER 1000
 WORKDIR /work
 ENTRYPOINT ["gaitcal"]
 CMD ["--help"]
