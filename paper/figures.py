@@ -18,7 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 HERE = Path(__file__).resolve().parent
-FIGURE = "hip in pelvis, mm"
+FIGURES = ("hip in pelvis, mm", "hip in thigh, mm")
+"""A hip centre has a place in either segment."""
 NAMES = {
     "none": "no noise",
     "sinusoids": "waves up to 10 mm",
@@ -51,9 +52,9 @@ def reduced(files: list[Path]) -> list[Row]:
     found: dict[tuple[str, str], list[dict[str, object]]] = {}
     for file in files:
         for fit in json.loads(file.read_text(encoding="utf-8")):
-            if fit["part"] in PARTS and FIGURE in fit["figures"]:
-                kind = next(k for k in NAMES if fit["case"].startswith(k))
-                found.setdefault((fit["part"], kind), []).append(fit["figures"][FIGURE])
+            kind = next((kind for kind in NAMES if fit["case"].startswith(kind)), None)
+            if fit["part"] in PARTS and kind:
+                found.setdefault((fit["part"], kind), []).extend(fit["figures"][name] for name in FIGURES)
     rows = []
     for part in PARTS:
         for kind in NAMES:
@@ -64,11 +65,11 @@ def reduced(files: list[Path]) -> list[Row]:
 
 
 def _row(part: str, kind: str, figures: list[dict]) -> Row:  # type: ignore[type-arg]
-    held, count = (sum(values) for values in zip(*((f["bars"]["within"][1], f["bars"]["count"]) for f in figures)))
+    held, count = sum(f["bars"]["within"][1] for f in figures), sum(f["bars"]["count"] for f in figures)
     return Row(
         part=part,
         kind=kind,
-        fits=len(figures),
+        fits=len(figures) // len(FIGURES),
         nominal_mm=_rms([f["before"] for f in figures]),
         calibrated_mm=_rms([f["error"] for f in figures]),
         within_95=100.0 * held / count,

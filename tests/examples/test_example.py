@@ -22,6 +22,7 @@ from gaitcal.examples.folder import SOURCE, STUDY, Step, fetch_example, is_compl
 from gaitcal.examples.registry import Example, RemoteFile, example_named, examples
 from gaitcal.files.interruption import InterruptedWork
 from gaitcal.files.validation import validated
+from gaitcal.intake.folder import read_folder
 from gaitcal.study.study_file import StudyFile
 from tests.examples.file_server import Served, serving
 
@@ -233,6 +234,13 @@ def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypat
     assert ending.value.exit_code == 130
     assert set(content(tmp_path / "small")) == {"walk.trc", "people/static.c3d"}
     assert [p.name for p in tmp_path.iterdir()] == ["small"]
+
+
+def test_a_folder_of_examples_is_a_cohort(server: Served, tmp_path: Path) -> None:
+    """Fetched recordings have a manifest, and are no result for that."""
+    for name in ("one", "two"):
+        fetch(tmp_path / name, server)
+    assert read_folder(tmp_path).subfolders == (("one", 1), ("two", 1))
 
 
 def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
