@@ -36,7 +36,7 @@ def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
 def example(
     talk: "Talk", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
 ) -> None:
-    """Public recordings to try: fetched by name, with checksum and licence. No other command uses the network."""
+    """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
     from gaitcal.commands.example import run
 
     run(name, out, mirror, talk)

@@ -1,6 +1,6 @@
 """One public file over the network: asked for by name, never more than was announced, and checked before it counts.
 
-This is the only module of gaitcal that asks another machine for anything, on `gaitcal example NAME` alone. The request
+This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. The request
 holds the address of a public file and the program's name; nothing of the user's data.
 """
 
