@@ -27,7 +27,7 @@ NAMES = {
     "quadratic": "skin, with their squares",
     "random": "skin, at random in time",
     "bursts": "skin, bursts of 5 to 10 Hz",
-    "mixture": "all of these at once",
+    "mixture": "waves and skin at once",
 }
 PARTS = {"gait": "gait alone", "isolated": "six isolated trials"}
 BEFORE, AFTER, INK = "#7f7f7f", "#0072B2", "#222222"
@@ -40,8 +40,8 @@ class Row:
     part: str
     kind: str
     fits: int
-    nominal_mm: float
-    """RMS distance of the nominal hip centres."""
+    nominal_mm: float | None
+    """RMS distance of the nominal hip centres; None where the table does not tell it."""
     calibrated_mm: float
     within_95: float
     """% of the coordinates whose 95 % interval holds the truth."""
@@ -88,7 +88,7 @@ def write(rows: list[Row], file: Path) -> None:
         out.writerow(names)
         for row in rows:
             values = (getattr(row, name) for name in names)
-            out.writerow([f"{value:.4g}" if isinstance(value, float) else value for value in values])
+            out.writerow([f"{value:.4g}" if isinstance(value, float) else value for value in values])  # None: empty
 
 
 def read(file: Path) -> list[Row]:
@@ -99,7 +99,7 @@ def read(file: Path) -> list[Row]:
                 part=line["part"],
                 kind=line["kind"],
                 fits=int(line["fits"]),
-                nominal_mm=float(line["nominal_mm"]),
+                nominal_mm=float(line["nominal_mm"]) if line["nominal_mm"] else None,
                 calibrated_mm=float(line["calibrated_mm"]),
                 within_95=float(line["within_95"]),
             )
@@ -112,8 +112,9 @@ def draw(rows: list[Row], file: Path) -> None:
     figure = Figure(figsize=(6.7, 3.4), dpi=220, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1.4))
     places = _places(rows)
-    left.hlines(places, [r.calibrated_mm for r in rows], [r.nominal_mm for r in rows], color="#cccccc", lw=1.2)
-    left.plot([r.nominal_mm for r in rows], places, "o", mfc="white", mec=BEFORE, label="nominal")
+    told = [(place, r.nominal_mm, r.calibrated_mm) for place, r in zip(places, rows, strict=True) if r.nominal_mm]
+    left.hlines([p for p, *_ in told], [c for *_, c in told], [n for _, n, _ in told], color="#cccccc", lw=1.2)
+    left.plot([n for _, n, _ in told], [p for p, *_ in told], "o", mfc="white", mec=BEFORE, label="nominal")
     left.plot([r.calibrated_mm for r in rows], places, "o", color=AFTER, label="calibrated")
     left.set(xscale="log", xlabel="hip centre, distance from the truth, RMS, mm")
     left.set_yticks(places, [NAMES[r.kind] for r in rows], fontsize=8)
