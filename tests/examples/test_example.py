@@ -12,12 +12,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote, urlsplit
+from urllib.request import Request
 
 import pytest
 
 from gaitcal.errors import InputError, UsageError
 from gaitcal.examples import folder as example_folder
-from gaitcal.examples.download import Connection, download
+from gaitcal.examples.download import Connection, _Redirects, download
 from gaitcal.examples.folder import SOURCE, STUDY, Step, fetch_example, is_complete
 from gaitcal.examples.registry import Example, RemoteFile, example_named, examples
 from gaitcal.files.interruption import InterruptedWork
@@ -189,14 +190,23 @@ def test_no_network_is_one_line(tmp_path: Path) -> None:
     assert len(str(fault.value).splitlines()) == 1
 
 
-def test_an_encrypted_address_leads_to_no_plain_one(server: Served, tmp_path: Path) -> None:
-    """Also a mirror by http is followed to https and http only, never to a file of this machine."""
-    (secret := tmp_path / "secret").write_bytes(CONTENT["walk.trc"])
-    server.moved[path_of("walk.trc")] = secret.as_uri()
-    with pytest.raises(InputError, match="which is not|not allowed|302|not followed"):
-        fetch(tmp_path / "small", server)
-    assert Connection().schemes == ("https",)
+def test_an_encrypted_address_leads_to_no_plain_one() -> None:
+    handler = _Redirects(Connection().schemes)
+    asked = Request("https://example.org/x")
+    with pytest.raises(InputError, match="sends on to 'http://example.org/x', which is not encrypted; not followed"):
+        handler.redirect_request(asked, None, 302, "Found", {}, "http://example.org/x")
+    assert (
+        handler.redirect_request(asked, None, 302, "Found", {}, "https://other.org/x").full_url == "https://other.org/x"
+    )
     assert Connection(mirror="https://copy.example.org").schemes == ("https",)
+
+
+def test_a_mirror_leads_to_no_file_of_this_machine(server: Served, tmp_path: Path) -> None:
+    (here := tmp_path / "here").write_bytes(CONTENT["walk.trc"])
+    server.moved[path_of("walk.trc")] = here.as_uri()
+    with pytest.raises(InputError, match="walk.trc: the server (sends on to|answers 302)"):
+        fetch(tmp_path / "small", server)
+    assert not (tmp_path / "small").exists()
 
 
 def test_a_folder_may_be_the_mirror(tmp_path: Path) -> None:
