@@ -278,6 +278,14 @@ def compare(
     run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
 
 
+@command
+def explain(talk: "Talk", code: told.CodeName = None) -> None:
+    """What the code of a finding or of an error means, and what to do; without a code, a list of all."""
+    from gaitcal.commands.explain import run
+
+    run(code, talk)
+
+
 def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):

@@ -5,6 +5,7 @@ from inspect import Signature, signature
 
 import typer
 
+from gaitcal.commands.examples import epilog
 from gaitcal.commands.options import Quiet, Verbose
 
 app = typer.Typer(
@@ -30,5 +31,5 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     _, *of_command = signature(function).parameters.values()
     *of_all, _ = signature(run).parameters.values()
     run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__)(run)
+    app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
     return function
