@@ -103,7 +103,7 @@ class Snapshot:
         for name, digest in self.sha256.items():
             if sha256_of(self.folder / name) != digest:
                 message = "changed while this ran; nothing was written, run again"
-                raise InputError(message, source=self.folder / name, code=Code.DAMAGED_RESULT)
+                raise InputError(message, source=self.folder / name, code=Code.CHANGED_FILE)
 
 
 def read_whole(
