@@ -56,7 +56,11 @@ def _table(findings: Sequence[Finding]) -> Table:
     table.add_column("what to do", ratio=2)
     for f in findings:
         table.add_row(
-            Text(f"{f.severity.value}\n{f.code.value}", COLOURS[f.severity]), Text(f.where), Text(f.topic), Text(f.evidence), Text(f.cure)
+            Text(f"{f.severity.value}\n{f.code.value}", COLOURS[f.severity]),
+            Text(f.where),
+            Text(f.topic),
+            Text(f.evidence),
+            Text(f.cure),
         )
     return table
 
