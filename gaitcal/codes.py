@@ -171,3 +171,4 @@ class Code(Enum):
     NOTHING_TO_SHOW = "GC-238"
     WORKER = "GC-239"
     INTERNAL = "GC-240"
+    DOWNLOAD = "GC-241"

@@ -1,5 +1,7 @@
 """The program that commands register themselves with, and what each of them is handed besides its own options."""
 
+import gc
+import os
 from collections.abc import Callable
 from inspect import Signature, signature
 
@@ -18,6 +20,17 @@ app = typer.Typer(
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
+
+
+RARELY = (50_000, 20, 20)
+"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
+
+
+def set_up() -> None:
+    """Prepare the process, before any library is loaded."""
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
+    gc.set_threshold(*RARELY)
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

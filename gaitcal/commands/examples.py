@@ -7,6 +7,7 @@ from typing import Final
 
 EXAMPLES: Final[Mapping[str, str]] = {
     "demo": "gaitcal demo",
+    "example": "gaitcal example subject01 --out subject01",
     "init": "gaitcal init recordings --mass 72.6 --height 1.80 --sex male",
     "check": "gaitcal check study.toml",
     "calibrate": "gaitcal calibrate study.toml --out result",
