@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
@@ -110,7 +111,9 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(f"cannot be read as a table of strides: {error}", source=source) from None
+        raise InputError(
+            f"cannot be read as a table of strides: {error}", source=source, code=Code.DAMAGED_RESULT
+        ) from None
     return typed(table, source)
 
 

@@ -77,6 +77,16 @@ Gaitcal.Verdict = class {
   }
 };
 
+// The page of a code, as `gaitcal explain` prints it, folded away below its reason.
+Gaitcal.explanation = (code, page) => {
+  const title = `What this means, and what to do: ${Gaitcal.visible(code)}`;
+  const blocks = new Gaitcal.Blocks({ trial: null }, 2, title).all(page);
+  const command = Gaitcal.make("p", { class: "soft" }, `The same on the command line: gaitcal explain ${code}`);
+  const made = Gaitcal.fold(title, blocks, command);
+  made.classList.add("explanation");
+  return made;
+};
+
 // Sentence, reasons (the worst first), walks and legs: at the head of the preset trust.
 Gaitcal.reasons = ({ verdict, trials }) => {
   const out = Gaitcal.make("div", {
@@ -86,7 +96,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
     Gaitcal.make("p", { class: "whole" }, Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)),
   );
   const severities = { error: "error", warning: "warning", info: "to know" };
-  const reason = ({ severity, cause, evidence, action, trials: where, leg }) => {
+  const reason = ({ severity, cause, evidence, action, trials: where, leg, code, page }) => {
     const places = [
       ...where.map(Gaitcal.named),
       ...(Gaitcal.SIDE_WORDS[leg] ? [`${Gaitcal.SIDE_WORDS[leg]} leg`] : []),
@@ -101,6 +111,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       places.length ? Gaitcal.make("span", { class: "soft" }, " ", ...listed) : null,
       evidence ? Gaitcal.make("p", {}, Gaitcal.visible(evidence)) : null,
       action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
+      page?.length ? Gaitcal.explanation(code, page) : null,
     );
   };
   if (verdict.reasons.length) out.append(Gaitcal.make("ol", {}, ...verdict.reasons.map(reason)));

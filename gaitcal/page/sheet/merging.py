@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from gaitcal.codes import Code
 from gaitcal.page.sections.blocks import visible
 from gaitcal.page.sections.lines import TONES
+from gaitcal.page.sheet.explained import explained_code
 from gaitcal.verdict.verdict import Judgement, TrialVerdict, Verdict
 
 
@@ -58,7 +60,15 @@ def doubted(sheet: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) ->
     verdict = sheet["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
     new = [
-        {"severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
+        {
+            **explained_code(Code.RESULT_EDITED),
+            "severity": "warning",
+            "cause": cause,
+            "evidence": "",
+            "action": action,
+            "trials": [name],
+            "leg": "",
+        }
         for name, cause, action in doubts
         if (cause, name) not in known
     ]

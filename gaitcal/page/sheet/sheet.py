@@ -21,6 +21,7 @@ from gaitcal.gait.variables import coordinate_of, kind_of
 from gaitcal.gait.words import explained
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.page.sections import result_lines, result_sections
+from gaitcal.page.sheet.explained import explained_code
 from gaitcal.page.sheet.merging import verdict_line
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.trial_sheet import trial_sheet
@@ -102,6 +103,7 @@ def verdict_sheet(verdict: Verdict) -> dict[str, Any]:
         "forced": verdict.forced,
         "reasons": [
             {
+                **explained_code(reason.code),
                 "severity": reason.severity.value,
                 "cause": explained(reason.cause),
                 "evidence": explained(reason.evidence),
