@@ -101,6 +101,12 @@ FILES: Final[dict[str, tuple[ResultFile, ...]]] = {
         _file("truth/*_moments.csv", "true torques", "truth_curves"),
         _MANIFEST,
     ),
+    "example": (
+        _file("SOURCE.txt", "whose the recordings are: addresses, licence, how to cite, SHA-256"),
+        _file("study.toml", "a study of them, ready to be calibrated"),
+        _MANIFEST,
+        _file("*.[ctm]*", "the recordings, as they were published"),
+    ),
     "cohort": (
         _file("people.csv", "one row for each session of each person", "people"),
         _file("people.parquet", "the same, with types"),

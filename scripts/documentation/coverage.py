@@ -77,7 +77,7 @@ def items() -> Iterator[Item]:
     for person in COLUMNS:
         yield Item(kind="column", name=f"people: {person.name}", place="columns: people", text=person.meaning, words="")
     for code in findings.explanations():
-        yield Item(kind="finding", name=code.code, place="findings", text=code.text, words=_word(code.code))
+        yield Item(kind="finding", name=code.code.value, place="findings", text=code.text, words="")
     for name in gaitcal.__all__:
         group = next((group for group, names in python_names.GROUPS.items() if name in names), "none")
         said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")

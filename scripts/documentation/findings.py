@@ -1,26 +1,23 @@
-"""A page for each code of a finding, as `gaitcal explain` prints it; none where there are no codes."""
+"""A page for each code of a finding or an error, as `gaitcal explain` prints it."""
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any
+from gaitcal.explanations import Explanation, all_explanations
 
 
-def explanations() -> tuple[Any, ...]:
-    """All of them: code, title, severity, text."""
-    if find_spec("gaitcal.explanations") is None:
-        return ()
-    return tuple(import_module("gaitcal.explanations").all())
+def explanations() -> tuple[Explanation, ...]:
+    """All of them, in the order of their numbers."""
+    return all_explanations()
 
 
 def index() -> str:
     """A table of the codes."""
-    lines = ["| code | is about |", "|---|---|"]
-    lines += [f"| [{e.code}](findings/{e.code}.md) | {e.title} |" for e in explanations()]
+    lines = ["| code | is about | can be |", "|---|---|---|"]
+    for e in explanations():
+        lines.append(f"| [{e.code.value}](findings/{e.code.value}.md) | {e.title} | {e.severity.lower()} |")
     return "\n".join(lines)
 
 
 def pages() -> dict[str, str]:
     """Code -> its page in Markdown."""
-    return {e.code: e.text if e.text.startswith("# ") else f"# {e.code}: {e.title}\n\n{e.text}" for e in explanations()}
+    return {e.code.value: e.markdown for e in explanations()}

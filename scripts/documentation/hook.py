@@ -3,6 +3,7 @@
     {{ command: calibrate }}    usage and options            {{ table: subject }}       keys of a TOML table
     {{ files: calibration }}    files of a kind of folder    {{ columns: people }}      columns of a table
     {{ marker-sets }}           the built-in sets            {{ findings }}             codes and their titles
+    {{ examples }}              recordings to fetch
     {{ everything }}            what is explained where      {{ python: study }}        public names of a group
 
 A page for every code of a finding is made as well (`reference/findings/GC-001.md`).
@@ -30,6 +31,7 @@ MAKERS: Final[dict[str, Callable[..., str]]] = {
     "command": commands.markdown,
     "table": tables.markdown,
     "marker-sets": tables.marker_sets,
+    "examples": tables.public_examples,
     "files": results.files_markdown,
     "columns": results.columns_markdown,
     "findings": findings.index,

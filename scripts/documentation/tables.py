@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from gaitcal.cohort.cohort_file import CohortFile, ListedPerson
+from gaitcal.examples.registry import examples
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
@@ -113,4 +114,11 @@ def marker_sets() -> str:
     """The built-in marker sets, each with its own description."""
     lines = ["| set | worn as |", "|---|---|"]
     lines += [f"| `{name}` | {marker_set.load_marker_set(name).description} |" for name in marker_set.built_in_sets()]
+    return "\n".join(lines)
+
+
+def public_examples() -> str:
+    """The public recordings that `gaitcal example` fetches."""
+    lines = ["| example | recordings | published by | licence |", "|---|---|---|---|"]
+    lines += [f"| `{one.name}` | {one.title} | {one.of} | {one.licence} |" for one in examples()]
     return "\n".join(lines)

@@ -28,6 +28,7 @@ KINDS = {
     ResultKind.SYNTHETIC.value: "synthetic",
     ResultKind.REPRODUCTION.value: "reproduction",
     ResultKind.EXPORT.value: "export",
+    ResultKind.EXAMPLE.value: "example",
     ResultKind.COHORT.value: "cohort",
     ResultKind.COMPARISON.value: "comparison",
 }
