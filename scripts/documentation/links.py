@@ -91,8 +91,6 @@ def check(site: Path) -> Links:
         inside=inside,
         broken=tuple(broken),
         outside=tuple(sorted(outside)),
-        unexplained=tuple(
-            sorted({name for path, page in pages.items() if path.stem == "python" for name in page.unexplained})
-        ),
+        unexplained=tuple(sorted(set().union(*types))),
         fetched=tuple(sorted(fetched)),
     )

@@ -38,7 +38,7 @@ from tests.figures.told import charts, told
 from tests.page.page_words import page_words
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the README, 0.02 deg, are RMS."""
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the reference, 0.02 deg, are RMS."""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
@@ -89,7 +89,7 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(tmp_path: Pat
     for name, curve in truth.of("gait").coordinates.items():
         if leg_of(name):
             assert curve.rms is not None and curve.nominal_rms is not None
-            assert curve.rms < 0.02 < 0.2 < curve.nominal_rms, name  # as the README says
+            assert curve.rms < 0.02 < 0.2 < curve.nominal_rms, name  # as the reference says of synthesize
     for name, curve in truth.of("gait").forces.items():
         if leg_of(name):
             assert curve.rms is not None

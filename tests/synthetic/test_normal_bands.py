@@ -26,7 +26,7 @@ PEOPLE = {
     "ankle_angle_moment": ((4, 1), (48, -1)),
 }
 """Variable -> percent of the stride and sign there: extensors and abductors bear the body, flexors begin the swing, the
-heel is let down, the calf pushes off; signs as in README, Concepts."""
+heel is let down, the calf pushes off; signs as in docs/explanation/conventions.md."""
 
 
 @pytest.fixture(scope="module")
