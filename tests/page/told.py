@@ -68,7 +68,8 @@ def told_sheet(scene: Scene) -> dict[str, Any]:
     }
     reasons = [
         {**explained_code(Code.PRESSURE_LEAVES_FOOT), "severity": "error",
-         "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}", "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
+         "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
+         "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
     ]  # fmt: skip
     return {
