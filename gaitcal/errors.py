@@ -22,6 +22,7 @@ class InputError(GaitcalError):
     """The input is at fault. The message is one line: file, field, what was found, what is allowed."""
 
     code = Code.INPUT
+    """Unless whoever raises it says a nearer one."""
 
     def __init__(
         self, message: str, *, source: object = None, field: str | None = None, code: Code | None = None
@@ -44,6 +45,7 @@ class ConvergenceError(GaitcalError):
     """An iteration ended without reaching its tolerance and without a usable result."""
 
     code = Code.NOT_CONVERGED
+    """Of every fit."""
     exit_code = 3
     """3: did not converge."""
 

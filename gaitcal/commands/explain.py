@@ -65,8 +65,7 @@ def page(told: Explanation, width: int) -> Iterator[str]:
                 for item in piece.items:
                     yield from _wrapped(item, width, "- ")
             else:
-                for line in piece.lines:
-                    yield from _wrapped(line, width)
+                yield from _wrapped(" ".join(piece.lines), width)
 
 
 def _wrapped(text: str, width: int, mark: str = "") -> list[str]:

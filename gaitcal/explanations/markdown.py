@@ -23,7 +23,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Verbatim:
-    """What a program prints, or a file holds, line by line."""
+    """A message as the program prints it; its lines are those of the page, and are one line of the program."""
 
     lines: tuple[str, ...]
 

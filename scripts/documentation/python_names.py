@@ -78,6 +78,7 @@ TYPES: Final = (
     "gaitcal.gait.normal_bands.Bands",
     "gaitcal.results.json_types.Json",
     "gaitcal.runtime.Progress",
+    "gaitcal.codes.Code",
 )
 """Types of signatures whose modules hold much else."""
 

@@ -38,7 +38,7 @@ from tests.figures.told import charts, told
 from tests.page.page_words import page_words
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; leg angles of the reference, 0.02 deg, are RMS."""
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; the documented 0.02 deg of leg angles are RMS."""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
