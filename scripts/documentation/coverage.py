@@ -32,8 +32,8 @@ class Item:
     """Of the reference, as `command: check`."""
     text: str
     """What the reference says of it; empty where it says nothing."""
-    words: str
-    """Pattern of a mention in other pages; empty where it is a word like any other."""
+    words: tuple[str, ...] = ()
+    """Patterns that a page with a mention has, all of them; none where it is a word like any other."""
 
 
 def _word(text: str) -> str:
@@ -44,20 +44,19 @@ def items() -> Iterator[Item]:
     """All of them."""
     for command in commands.commands():
         place = f"command: {command.name}"
-        yield Item(
-            kind="command", name=command.name, place=place, text=command.text, words=rf"gaitcal {command.name}\b"
-        )
+        called = rf"gaitcal {command.name}\b"
+        yield Item(kind="command", name=command.name, place=place, text=command.text, words=(called,))
         for option in commands.options_of(command):
-            name, words = option.names[0], _word(option.names[0]) if option.names[0].startswith("-") else ""
+            name = option.names[0]
+            words = (called, _word(name)) if name.startswith("-") else ()
             yield Item(kind="option", name=f"{command.name} {name}", place=place, text=option.text, words=words)
     for table in tables.TABLES:
         for field in tables.fields(table):
             name = f"{table}.{field.name}"
-            yield Item(
-                kind="field", name=name, place=f"table: {table}", text=field.text, words=f"`{re.escape(field.name)}`"
-            )
+            words = (rf"`{re.escape(field.name)}`|^{re.escape(field.name)} = ",)
+            yield Item(kind="field", name=name, place=f"table: {table}", text=field.text, words=words)
     for name in built_in_sets():
-        yield Item(kind="marker set", name=name, place="marker-sets", text=name, words=_word(name))
+        yield Item(kind="marker set", name=name, place="marker-sets", text=name, words=(_word(name),))
     for kind, files in FILES.items():
         for file in files:
             last = file.pattern.replace("*", "")
@@ -66,22 +65,22 @@ def items() -> Iterator[Item]:
                 name=f"{kind}: {file.pattern}",
                 place=f"files: {kind}",
                 text=file.text,
-                words=re.escape(last) if len(last) > 5 else "",
+                words=(re.escape(last),) if len(last) > 5 else (),
             )
     for key, text in SUMMARY.items():
-        yield Item(kind="column", name=f"summary: {key}", place="columns: summary", text=text, words="")
+        yield Item(kind="column", name=f"summary: {key}", place="columns: summary", text=text)
     for table, columns in TABLES.items():
         for column in columns:
             told = column.text or column.unit or column.name
-            yield Item(kind="column", name=f"{table}: {column.name}", place=f"columns: {table}", text=told, words="")
+            yield Item(kind="column", name=f"{table}: {column.name}", place=f"columns: {table}", text=told)
     for person in COLUMNS:
-        yield Item(kind="column", name=f"people: {person.name}", place="columns: people", text=person.meaning, words="")
+        yield Item(kind="column", name=f"people: {person.name}", place="columns: people", text=person.meaning)
     for code in findings.explanations():
-        yield Item(kind="finding", name=code.code.value, place="findings", text=code.text, words="")
+        yield Item(kind="finding", name=code.code.value, place="findings", text=code.text)
     for name in gaitcal.__all__:
         group = next((group for group, names in python_names.GROUPS.items() if name in names), "none")
         said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")
-        yield Item(kind="Python", name=name, place=f"python: {group}", text=said, words=_word(f"gc.{name}"))
+        yield Item(kind="Python", name=name, place=f"python: {group}", text=said, words=(_word(f"gc.{name}"),))
 
 
 @cache
@@ -105,7 +104,7 @@ def mentions(item: Item) -> tuple[str, ...]:
     """Pages besides the reference that speak of it."""
     if not item.words:
         return ()
-    return tuple(page for page, text in told_pages().items() if re.search(item.words, text))
+    return tuple(p for p, text in told_pages().items() if all(re.search(word, text, re.M) for word in item.words))
 
 
 def faults() -> list[str]:

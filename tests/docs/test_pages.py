@@ -10,9 +10,17 @@ import pytest
 
 import gaitcal
 from tests.docs.pages import DOCS, ROOT, blocks_of
+from tests.page.browser import browser, chromium
 from tests.scripts import script
 
 PAGES = sorted(DOCS.rglob("*.md"))
+SEARCH = """new Promise(done => setTimeout(done, 3000)).then(() => {
+    const field = document.querySelector("input.md-search__input");
+    document.querySelector("#__search").click();
+    field.focus();
+    field.value = "why masses nearly never move";
+    for (const kind of ["input", "keyup"]) field.dispatchEvent(new Event(kind, { bubbles: true }));
+})"""
 
 
 def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,21 +72,44 @@ def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPat
         return package
 
     monkeypatch.setattr(griffe, "load", spoilt)
-    assert python_names.undocumented() == ["save_model", "Study.subject"]
+    assert set(python_names.undocumented()) == {"save_model", "Study.subject"}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; an error where the build says a warning."""
+    pytest.importorskip("mkdocs", reason="extra `docs`")
+    folder = tmp_path_factory.mktemp("documentation") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
 
 
 @pytest.mark.slow
-def test_the_site_builds_without_a_warning_and_its_links_lead_somewhere(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("mkdocs", reason="extra `docs`")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert script("check_docs").main(["--site", str(tmp_path / "site")]) == 0, capsys.readouterr().err
-    page = (tmp_path / "site" / "reference" / "python.html").read_text(encoding="utf-8")
+def test_links_of_the_site_lead_somewhere(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert script("check_docs").main(["--site", str(site)]) == 0, capsys.readouterr().err
+    page = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert all(f'id="gaitcal.{name}"' in page for name in gaitcal.__all__)
     assert "<strong>Raises</strong>" in page, "sections of docstrings are lists"
+    assert not [place for place in site.rglob("*.html") if "<p>{{ " in place.read_text(encoding="utf-8")]
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_search_works_without_a_server_or_a_network(site: Path, tmp_path: Path) -> None:
+    binary = chromium()
+    if binary is None:
+        pytest.skip("no Chromium on the path")
+    with browser(tmp_path, binary) as page:
+        page.open((site / "how-to" / "figures.html").as_uri())
+        page.run(SEARCH)
+        for _ in range(60):
+            page.run("new Promise(done => setTimeout(done, 500))")
+            if page.run("document.querySelectorAll('.md-search-result__item').length"):
+                break
+        assert "masses.html" in page.run("document.querySelector('.md-search-result__item a').href")
+        assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
 
 
 def test_a_broken_link_is_told(tmp_path: Path) -> None:
