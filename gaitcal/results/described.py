@@ -105,7 +105,7 @@ FILES: Final[dict[str, tuple[ResultFile, ...]]] = {
         _file("SOURCE.txt", "whose the recordings are: addresses, licence, how to cite, SHA-256"),
         _file("study.toml", "a study of them, ready to be calibrated"),
         _MANIFEST,
-        _file("*.[ctm]*", "the recordings, as they were published"),
+        _file("*.*", "the recordings, as they were published"),
     ),
     "cohort": (
         _file("people.csv", "one row for each session of each person", "people"),
