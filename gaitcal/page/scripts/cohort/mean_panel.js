@@ -18,7 +18,7 @@ Gaitcal.MeanPanel = class {
     this.reading = Gaitcal.make("p", { class: "reading" });
     this.place = Gaitcal.make("div", { class: "mean-plot" });
     const words = Gaitcal.make("span", { class: "soft" }, ` ${unit}, + ${senses[0]}`);
-    this.root = Gaitcal.make("figure", { class: "mean-panel", "data-kind": kind, tabindex: "0", role: "group" }, Gaitcal.make("figcaption", {}, Gaitcal.make("strong", {}, title), words), this.place, this.reading);
+    this.root = Gaitcal.make("div", { class: "mean-panel", "data-kind": kind, tabindex: "0", role: "group" }, Gaitcal.make("p", { class: "caption" }, Gaitcal.make("strong", {}, title), words), this.place, this.reading);
     this.root.addEventListener("keydown", (event) => this.pressed(event));
     this.percents = Float64Array.from({ length: this.people.points }, (_, k) => k * this.people.every);
   }

@@ -35,6 +35,10 @@ Gaitcal.PeopleTable = class {
     const names = Gaitcal.make("tr", {}, ...this.heads.map(({ cell }) => cell));
     const tests = Gaitcal.make("tr", { class: "tests" }, ...this.tests.map(({ cell }) => cell));
     this.head.replaceChildren(names, tests);
+    // The filters stay in view below the names, however many lines those take.
+    this.tall ??= new ResizeObserver(([{ target }]) => this.table.style.setProperty("--head", `${target.offsetHeight}px`));
+    this.tall.disconnect();
+    this.tall.observe(names);
     this.fill();
   }
 
@@ -93,12 +97,12 @@ Gaitcal.PeopleTable = class {
   }
 
   cell(column, i, first) {
-    const cell = first ? Gaitcal.make("th", { scope: "row", class: "text" }) : Gaitcal.make("td", { class: column.text ? "text" : null });
+    const cell = first ? Gaitcal.make("th", { scope: "row", class: "text" }) : Gaitcal.make("td", { class: column.text ? `text ${column.name}` : null });
     if (first) cell.append(this.tick(i));
     if (column.name === "person") cell.append(this.person(i));
     else if (column.name === "verdict") cell.append(Gaitcal.judgement(column.at(i)));
     else if (column.text) {
-      const text = Gaitcal.visible(column.at(i));
+      const text = column.name === "first_cause" ? Gaitcal.capital(Gaitcal.visible(column.at(i))) : Gaitcal.visible(column.at(i));
       cell.append(text.length > 90 ? Gaitcal.make("span", { title: text }, `${text.slice(0, 89)}…`) : text);
     } else {
       cell.append(Gaitcal.numeral(column.at(i), column.digits));
