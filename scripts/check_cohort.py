@@ -31,7 +31,15 @@ from pathlib import Path
 from many_people import write_people
 from page_of_many import PAGE, copy_people, look_at
 
-TABLES = ("people.csv", "people.parquet", "cycles.parquet", "failures.csv", "columns.csv", "cohort.html", "manifest.json")
+TABLES = (
+    "people.csv",
+    "people.parquet",
+    "cycles.parquet",
+    "failures.csv",
+    "columns.csv",
+    "cohort.html",
+    "manifest.json",
+)
 """What must be the same; times.csv tells what is not."""
 MOST_GROWTH, LEAST_SPEED_UP, MOST_OVER_ONE = 1.10, 1.8, 1.05
 COPIED = 3

@@ -1,4 +1,4 @@
-"""`cohort.html` of many people, who are copies of few with noise: how large it is, how soon it can be used, what it takes.
+"""`cohort.html` of many people, copies of few with noise: how large it is, how soon ready, what writing it takes.
 
 What is kept of a person is copied, not calibrated: see `python scripts/check_cohort.py page`.
 """
@@ -17,13 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
-
 from gaitcal.cohort.columns import COLUMNS
 from gaitcal.cohort.mean_curves import GAP
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
-from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.tables import write_tables
 
@@ -74,10 +71,7 @@ def copied(source: Outcome, number: int) -> Outcome:
 def copy_people(source: Path, people: int, out: Path) -> None:
     """Keep so many people in a cohort's folder, whose strides are those of the people of another cohort."""
     found = [path for path in sorted((source / "state").rglob("*.json")) if json.loads(path.read_text())["curves"]]
-    known = [
-        kept(source, CohortPerson(folder=path, name=path.stem))
-        for path in found
-    ]
+    known = [kept(source, CohortPerson(folder=path, name=path.stem)) for path in found]
     for number in range(people):
         k = number % len(found)
         outcome = copied(known[k], number)
@@ -96,6 +90,7 @@ def write_many(out: Path, people: int) -> None:
 
 def ready(page: Path) -> float:
     """Seconds from opening the page in a headless browser until it has been drawn; the slowest of three."""
+    sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
     from tests.page.browser import browser, chromium
 
     binary = chromium()

@@ -34,13 +34,12 @@ PAGE: Final = "cohort.html"
 _DIGITS: Final = 4
 
 
-def write_page(path: Path, tables: Mapping[str, Path], people: Sequence[CohortPerson], out: Path, common: CommonSettings) -> None:
+def write_page(
+    path: Path, tables: Mapping[str, Path], people: Sequence[CohortPerson], out: Path, common: CommonSettings
+) -> None:
     """Write the page. `tables`: `people` (Parquet) and `failures`, as they are written; `out`: the cohort's folder."""
     causes = _Causes()
-    data = {
-        "CURVES": _curves(people, out, causes),
-        "COHORT": _content(tables, people, common, causes),
-    }
+    data = {"CURVES": _curves(people, out, causes), "COHORT": _content(tables, people, common, causes)}
     write_cohort_page(path, data)
 
 

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.cohort.fingerprint import fingerprint
-from gaitcal.cohort.one_person import CommonSettings, calibrate_person
 from gaitcal.cohort.mean_curves import mean_curves
+from gaitcal.cohort.one_person import CommonSettings, calibrate_person
 from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.row import reasons_of, row_of

@@ -7,7 +7,7 @@ Gaitcal.Choices = class {
     this.people = people;
     this.listeners = [];
     this.usual = {
-      verdict: "", cause: "", group: "", find: "", tests: new Map(), sort: "", page: 0, rows: Gaitcal.ROWS, legs: "both", doubtful: true,
+      verdict: "", cause: "", group: "", find: "", tests: new Map(), sort: "verdict", page: 0, rows: Gaitcal.ROWS, legs: "both", doubtful: true,
       columns: Gaitcal.USUAL_COLUMNS.filter((name) => people.columns.has(name)),
       measures: Gaitcal.USUAL_MEASURES.filter((name) => Gaitcal.distributed(people, "both").has(name)),
       shown: [],
@@ -51,7 +51,8 @@ Gaitcal.Choices = class {
     const way = this.sort.startsWith("-") ? -1 : 1;
     const last = (value) => value === "" || Number.isNaN(value);
     const words = new Intl.Collator("en", { numeric: true });
-    const order = (a, b) => (column.text ? words.compare(a, b) : a - b);
+    const rank = (verdict) => Gaitcal.VERDICTS.indexOf(verdict);
+    const order = (a, b) => (column.name === "verdict" ? rank(a) - rank(b) : column.text ? words.compare(a, b) : a - b);
     this.ordered ??= this.filtered()
       .map((i) => [i, column.at(i)])
       .sort(([, a], [, b]) => (last(a) || last(b) ? last(a) - last(b) : way * order(a, b)))
@@ -100,7 +101,7 @@ Gaitcal.Choices = class {
     const out = {};
     for (const field of ["cause", "group", "find"]) if (said.has(field)) out[field] = said.get(field).slice(0, 300);
     if (Gaitcal.VERDICTS.includes(said.get("verdict"))) out.verdict = said.get("verdict");
-    if (people.columns.has((said.get("sort") ?? "").replace(/^-/, ""))) out.sort = said.get("sort");
+    if (said.get("sort") === "" || people.columns.has((said.get("sort") ?? "").replace(/^-/, ""))) out.sort = said.get("sort");
     if (["both", "r", "l"].includes(said.get("legs"))) out.legs = said.get("legs");
     for (const field of ["page", "rows"]) if (/^\d{1,6}$/.test(said.get(field) ?? "")) out[field] = Number(said.get(field));
     if (said.has("doubtful")) out.doubtful = said.get("doubtful") !== "0";

@@ -20,12 +20,26 @@ Gaitcal.Distributions = class {
     const words = "A dot is a person and session that passes the filters; the box holds the middle half, the line is the median. Point at a dot, or press arrow keys, for the name; press it, or Enter, for the page.";
     this.place = Gaitcal.make("div", { class: "strips" });
     host.append(Gaitcal.make("div", { class: "bar" }, Gaitcal.legsChoice(choices), Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Measure"), this.add)), Gaitcal.make("p", { class: "hint" }, words), this.place);
-    choices.on([...Gaitcal.NARROWING, "legs", "measures"], () => this.draw());
-    new ResizeObserver(() => this.place.clientWidth !== this.wide && this.draw()).observe(this.place);
-    this.draw();
+    choices.on([...Gaitcal.NARROWING, "legs", "measures"], () => this.stale());
+    new ResizeObserver(() => this.place.clientWidth !== this.wide && this.stale()).observe(this.place);
+    // Thousands of dots are drawn when they are seen.
+    new IntersectionObserver(([{ isIntersecting }]) => this.seen(isIntersecting), { rootMargin: "300px" }).observe(host);
+    window.addEventListener("beforeprint", () => this.dirty && this.draw());
+    this.dirty = true;
+  }
+
+  stale() {
+    this.dirty = true;
+    if (this.visible) this.draw();
+  }
+
+  seen(visible) {
+    this.visible = visible;
+    if (visible && this.dirty) this.draw();
   }
 
   draw() {
+    this.dirty = false;
     const { choices } = this;
     this.wide = this.place.clientWidth;
     this.known = Gaitcal.distributed(this.people, choices.legs);
@@ -70,11 +84,11 @@ Gaitcal.Strip = class {
     this.lanes.setAttribute("aria-label", `${this.title}. ${told.join("; ") || "No values"}.`);
     this.dots = new Map();
     const label = (name, own) => Gaitcal.make("div", { class: "lane-label" }, Gaitcal.named(name), Gaitcal.make("small", {}, `n ${own.length}, median ${Gaitcal.numeral(Gaitcal.quantile(own.map(({ value }) => value), 0.5), digits)}`));
-    this.lanes.replaceChildren(...groups.flatMap(([name, own], k) => [label(name, own), Gaitcal.make("div", { class: "lane-place", "data-k": k })]));
+    this.lanes.replaceChildren(...groups.flatMap(([name, own]) => [label(name, own), Gaitcal.make("div", { class: "lane-place" })]));
     const places = [...this.lanes.querySelectorAll(".lane-place")];
     this.wide = Math.max(120, (places[0]?.clientWidth || 400) - 1);
-    groups.forEach(([, own], k) => {
-      places[k].append(this.lane(own, k));
+    groups.forEach(([name, own], k) => {
+      places[k].append(this.lane(own, this.people.groups.indexOf(name)));
     });
     if (groups.length) this.lanes.append(Gaitcal.make("div"), this.axis());
     else this.lanes.append(Gaitcal.make("p", { class: "soft" }, "Nobody who passes the filters has a value."));

@@ -7,19 +7,23 @@ Gaitcal.numberTest = (text, digits = 2) => {
   if (plain === "?") return (value) => Number.isNaN(value);
   const number = "(-?\\d+(?:\\.\\d*)?|-?\\.\\d+)";
   const range = new RegExp(`^${number}\\s*(?:\\.\\.+|…)\\s*${number}$`).exec(plain);
-  if (range) return (value) => value >= Number(range[1]) && value <= Number(range[2]);
+  // Numbers of the page have some seven digits: 1.2000000477 is 1.2.
+  const own = (test) => (value) => test(Number(value.toPrecision(6)));
+  if (range) return own((value) => value >= Number(range[1]) && value <= Number(range[2]));
   const found = new RegExp(`^(>=|<=|>|<|=|≥|≤)?\\s*${number}$`).exec(plain);
   if (!found) return null;
   const limit = Number(found[2]);
   const near = 0.5 * 10 ** -(digits ?? 0);
-  return {
-    ">": (value) => value > limit,
-    "<": (value) => value < limit,
-    ">=": (value) => value >= limit,
-    "≥": (value) => value >= limit,
-    "<=": (value) => value <= limit,
-    "≤": (value) => value <= limit,
-  }[found[1]] ?? ((value) => Math.abs(value - limit) <= near);
+  return own(
+    {
+      ">": (value) => value > limit,
+      "<": (value) => value < limit,
+      ">=": (value) => value >= limit,
+      "≥": (value) => value >= limit,
+      "<=": (value) => value <= limit,
+      "≤": (value) => value <= limit,
+    }[found[1]] ?? ((value) => Math.abs(value - limit) <= near),
+  );
 };
 
 Gaitcal.wordTest = (text) => {
