@@ -67,7 +67,8 @@ def row_of(folder: Path) -> dict[str, Cell]:
 
 def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
     """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
-    found = read_object(folder / SUMMARY).get("reasons") or ()
+    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
     return tuple({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")} for reason in found)
 
 

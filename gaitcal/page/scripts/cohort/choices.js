@@ -7,7 +7,16 @@ Gaitcal.Choices = class {
     this.people = people;
     this.listeners = [];
     this.usual = {
-      verdict: "", cause: "", group: "", find: "", tests: new Map(), sort: "verdict", page: 0, rows: Gaitcal.ROWS, legs: "both", doubtful: true,
+      verdict: "",
+      cause: "",
+      group: "",
+      find: "",
+      tests: new Map(),
+      sort: "verdict",
+      page: 0,
+      rows: Gaitcal.ROWS,
+      legs: "both",
+      doubtful: true,
       columns: Gaitcal.USUAL_COLUMNS.filter((name) => people.columns.has(name)),
       measures: Gaitcal.USUAL_MEASURES.filter((name) => Gaitcal.distributed(people, "both").has(name)),
       shown: [],
@@ -61,7 +70,9 @@ Gaitcal.Choices = class {
   }
 
   get narrowed() {
-    return this.filtered().length < this.people.count || Gaitcal.NARROWING.some((field) => field !== "tests" && this[field]);
+    return (
+      this.filtered().length < this.people.count || Gaitcal.NARROWING.some((field) => field !== "tests" && this[field])
+    );
   }
 
   clear() {
@@ -88,9 +99,19 @@ Gaitcal.Choices = class {
   texts(of) {
     const { people } = this;
     return {
-      verdict: of.verdict, cause: of.cause, group: of.group, find: of.find, sort: of.sort, legs: of.legs, page: String(of.page),
-      rows: String(of.rows), doubtful: String(Number(of.doubtful)), columns: of.columns.join(","), measures: of.measures.join(","),
-      tests: JSON.stringify([...of.tests]), shown: JSON.stringify(of.shown.map((i) => people.name(i))),
+      verdict: of.verdict,
+      cause: of.cause,
+      group: of.group,
+      find: of.find,
+      sort: of.sort,
+      legs: of.legs,
+      page: String(of.page),
+      rows: String(of.rows),
+      doubtful: String(Number(of.doubtful)),
+      columns: of.columns.join(","),
+      measures: of.measures.join(","),
+      tests: JSON.stringify([...of.tests]),
+      shown: JSON.stringify(of.shown.map((i) => people.name(i))),
     };
   }
 
@@ -101,16 +122,20 @@ Gaitcal.Choices = class {
     const out = {};
     for (const field of ["cause", "group", "find"]) if (said.has(field)) out[field] = said.get(field).slice(0, 300);
     if (Gaitcal.VERDICTS.includes(said.get("verdict"))) out.verdict = said.get("verdict");
-    if (said.get("sort") === "" || people.columns.has((said.get("sort") ?? "").replace(/^-/, ""))) out.sort = said.get("sort");
+    if (said.get("sort") === "" || people.columns.has((said.get("sort") ?? "").replace(/^-/, "")))
+      out.sort = said.get("sort");
     if (["both", "r", "l"].includes(said.get("legs"))) out.legs = said.get("legs");
-    for (const field of ["page", "rows"]) if (/^\d{1,6}$/.test(said.get(field) ?? "")) out[field] = Number(said.get(field));
+    for (const field of ["page", "rows"])
+      if (/^\d{1,6}$/.test(said.get(field) ?? "")) out[field] = Number(said.get(field));
     if (said.has("doubtful")) out.doubtful = said.get("doubtful") !== "0";
     const known = { columns: people.columns, measures: Gaitcal.distributed(people, "both") };
     for (const [field, names] of Object.entries(known)) {
       const found = [...new Set((said.get(field) ?? "").split(","))].filter((name) => names.has(name));
       if (found.length || (field === "measures" && said.get(field) === "")) out[field] = found;
     }
-    const tests = Gaitcal.listed(said.get("tests")).filter((pair) => Array.isArray(pair) && people.columns.has(pair[0]));
+    const tests = Gaitcal.listed(said.get("tests")).filter(
+      (pair) => Array.isArray(pair) && people.columns.has(pair[0]),
+    );
     if (tests.length) out.tests = new Map(tests.map(([name, text]) => [name, String(text).slice(0, 100)]));
     const names = new Set(Gaitcal.listed(said.get("shown")));
     if (names.size) out.shown = people.all.filter((i) => names.has(people.name(i))).slice(0, Gaitcal.MOST_SHOWN);

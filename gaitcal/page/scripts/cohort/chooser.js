@@ -17,7 +17,11 @@ Gaitcal.Chooser = class {
   build() {
     const find = Gaitcal.make("input", { type: "search", autocomplete: "off", spellcheck: "false" });
     this.entries = [...this.people.columns.values()].map((column) => this.entry(column));
-    this.list = Gaitcal.make("ul", { class: "column-list", tabindex: "0", "aria-label": "Columns" }, ...this.entries.map(({ item }) => item));
+    this.list = Gaitcal.make(
+      "ul",
+      { class: "column-list", tabindex: "0", "aria-label": "Columns" },
+      ...this.entries.map(({ item }) => item),
+    );
     find.addEventListener("input", () => {
       const words = find.value.toLowerCase().split(/\s+/).filter(Boolean);
       for (const { item, text } of this.entries) item.hidden = !words.every((word) => text.includes(word));
@@ -42,7 +46,13 @@ Gaitcal.Chooser = class {
     const title = Gaitcal.columnWords(column);
     const tick = Gaitcal.make("input", { type: "checkbox" });
     tick.addEventListener("change", () => this.chosen(name, tick.checked));
-    const words = Gaitcal.make("span", {}, Gaitcal.visible(title), unit ? Gaitcal.make("span", { class: "unit" }, ` ${unit}`) : null, Gaitcal.make("span", { class: "soft" }, ` ${meaning}`));
+    const words = Gaitcal.make(
+      "span",
+      {},
+      Gaitcal.visible(title),
+      unit ? Gaitcal.make("span", { class: "unit" }, ` ${unit}`) : null,
+      Gaitcal.make("span", { class: "soft" }, ` ${meaning}`),
+    );
     const item = Gaitcal.make("li", {}, Gaitcal.make("label", { class: "tick" }, tick, words));
     return { name, tick, item, text: `${title} ${name} ${unit} ${meaning}`.toLowerCase() };
   }

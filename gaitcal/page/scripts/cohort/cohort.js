@@ -1,8 +1,12 @@
 "use strict";
 // The page of a cohort, all together.
 Gaitcal.FILES = [
-  ["people.csv", "the table of people"], ["people.parquet", "the same, for programs"], ["columns.csv", "what its columns mean"],
-  ["cycles.parquet", "every stride of everyone"], ["failures.csv", "who has no result"], ["manifest.json", "settings and hashes"],
+  ["people.csv", "the table of people"],
+  ["people.parquet", "the same, for programs"],
+  ["columns.csv", "what its columns mean"],
+  ["cycles.parquet", "every stride of everyone"],
+  ["failures.csv", "who has no result"],
+  ["manifest.json", "settings and hashes"],
 ];
 
 // A part of the page comes into view; the address keeps what is chosen.
@@ -33,11 +37,17 @@ Gaitcal.Cohort = class {
   top() {
     const { about, failures, groups, grouped } = this.people;
     const made = new Date(document.lastModified);
-    const when = Number.isNaN(made.getTime()) ? "" : `, written ${made.toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric" })}`;
-    const in_groups = grouped ? ` in ${Gaitcal.count(groups.length, "group", "groups")}` : "";
+    const when = Number.isNaN(made.getTime())
+      ? ""
+      : `, written ${made.toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric" })}`;
+    const inGroups = grouped ? ` in ${Gaitcal.count(groups.length, "group", "groups")}` : "";
     const settings = Object.keys(about.settings).length ? "settings of their own (below)" : "default settings";
-    const words = `${Gaitcal.count(about.people, "person", "people")}, ${Gaitcal.count(about.sessions, "session", "sessions")}${in_groups}: ${Gaitcal.count(about.results, "result", "results")}, ${failures.length} without${when} by gaitcal ${about.version} with ${settings}.`;
-    document.getElementById("sentence").textContent = words;
+    const people = Gaitcal.count(about.people, "person", "people");
+    const sessions = Gaitcal.count(about.sessions, "session", "sessions");
+    const results = Gaitcal.count(about.results, "result", "results");
+    document.getElementById("sentence").textContent =
+      `${people}, ${sessions}${inGroups}: ${results}, ${failures.length} without${when} by gaitcal ${about.version} ` +
+      `with ${settings}.`;
     const nav = document.getElementById("parts");
     for (const id of ["triage", "people", "distributions", "means", "failures"]) {
       if (!about.results && !["triage", "failures"].includes(id)) continue;
@@ -49,15 +59,38 @@ Gaitcal.Cohort = class {
 
   bottom() {
     const { about, curves } = this.people;
-    const files = Gaitcal.FILES.map(([name, words]) => Gaitcal.make("li", {}, Gaitcal.make("a", { href: `./${name}` }, name), ` ${words}`));
-    const settings = Object.entries(about.settings).map(([name, value]) => [{ t: name, align: "text" }, { t: JSON.stringify(value), align: "text" }]);
+    const files = Gaitcal.FILES.map(([name, words]) =>
+      Gaitcal.make("li", {}, Gaitcal.make("a", { href: `./${name}` }, name), ` ${words}`),
+    );
+    const settings = Object.entries(about.settings).map(([name, value]) => [
+      { t: name, align: "text" },
+      { t: JSON.stringify(value), align: "text" },
+    ]);
     const sources = [...new Set(curves.flatMap(({ normal }) => (normal ? [normal.source] : [])))];
     document.getElementById("about").append(
       Gaitcal.make("h2", {}, "Files beside this page"),
       Gaitcal.make("ul", { class: "plain" }, ...files),
-      settings.length ? Gaitcal.fold("Settings that were said for everyone", Gaitcal.table({ head: [{ t: "Setting", align: "text" }, { t: "Value", align: "text" }], rows: settings }, "Settings")) : "",
+      settings.length
+        ? Gaitcal.fold(
+            "Settings that were said for everyone",
+            Gaitcal.table(
+              {
+                head: [
+                  { t: "Setting", align: "text" },
+                  { t: "Value", align: "text" },
+                ],
+                rows: settings,
+              },
+              "Settings",
+            ),
+          )
+        : "",
       ...sources.map((source) => Gaitcal.make("p", { class: "hint" }, `Normal band: ${Gaitcal.visible(source)}`)),
-      Gaitcal.make("p", { class: "hint" }, "Everything is in this file; it asks nothing of the network. Curves are drawn with uPlot (MIT)."),
+      Gaitcal.make(
+        "p",
+        { class: "hint" },
+        "Everything is in this file; it asks nothing of the network. Curves are drawn with uPlot (MIT).",
+      ),
     );
   }
 };

@@ -1,7 +1,8 @@
 "use strict";
 // Who is shown: words and numbers that people are to have, and the line that says which filters are on.
 
-// `>1.2`, `<= 3`, `1..2` (from, to), `=5`, `5` as a test of a number shown with so many digits, `?` of none; null where it is none.
+// `>1.2`, `<= 3`, `1..2` (from, to), `=5`, `5` as a test of a number that is shown with so many digits; `?`: there is no
+// number; null where the text is no test.
 Gaitcal.numberTest = (text, digits = 2) => {
   const plain = text.trim().replace(/,/g, ".").replace(/[−–]/g, "-");
   if (plain === "?") return (value) => Number.isNaN(value);
@@ -56,7 +57,11 @@ Gaitcal.Filters = class {
     const find = Gaitcal.make("input", { type: "search", id: "find", autocomplete: "off", spellcheck: "false" });
     find.addEventListener("input", () => choices.set({ find: find.value }));
     this.find = find;
-    const bar = Gaitcal.make("div", { class: "bar" }, Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Find"), find));
+    const bar = Gaitcal.make(
+      "div",
+      { class: "bar" },
+      Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Find"), find),
+    );
     if (people.groups.length > 1) {
       const all = Gaitcal.make("option", { value: "" }, "all groups");
       const options = people.groups.map((group) => Gaitcal.make("option", { value: group }, Gaitcal.visible(group)));
@@ -80,20 +85,29 @@ Gaitcal.Filters = class {
     const number = choices.filtered().length;
     this.said.textContent = `${number} of ${people.count} shown`;
     const chip = (words, off) => {
-      const button = Gaitcal.make("button", { type: "button", class: "chip" }, words, Gaitcal.make("span", { "aria-hidden": "true" }, " ✕"));
+      const button = Gaitcal.make(
+        "button",
+        { type: "button", class: "chip" },
+        words,
+        Gaitcal.make("span", { "aria-hidden": "true" }, " ✕"),
+      );
       button.setAttribute("aria-label", `Take off the filter: ${words}`);
       button.addEventListener("click", off);
       return Gaitcal.make("li", {}, button);
     };
     const chips = [];
     for (const field of ["verdict", "cause", "group", "find"]) {
-      if (choices[field]) chips.push(chip(`${field}: ${Gaitcal.visible(choices[field])}`, () => choices.set({ [field]: "" })));
+      if (choices[field])
+        chips.push(chip(`${field}: ${Gaitcal.visible(choices[field])}`, () => choices.set({ [field]: "" })));
     }
     for (const [name, text] of choices.tests) {
       const column = people.columns.get(name);
       const valid = column.text || Gaitcal.numberTest(text, column.digits);
-      const words = `${Gaitcal.columnWords(column)}: ${Gaitcal.visible(text)}${valid ? "" : " (not understood: >1.2, <=3, 1..2, ?)"}`;
-      chips.push(chip(words, () => choices.set({ tests: new Map([...choices.tests].filter(([other]) => other !== name)) })));
+      const hint = valid ? "" : " (not understood; allowed: >1.2, <=3, 1..2, ?)";
+      const words = `${Gaitcal.columnWords(column)}: ${Gaitcal.visible(text)}${hint}`;
+      chips.push(
+        chip(words, () => choices.set({ tests: new Map([...choices.tests].filter(([other]) => other !== name)) })),
+      );
     }
     if (chips.length > 1) {
       const none = Gaitcal.make("button", { type: "button", class: "chip" }, "Take off all");

@@ -36,7 +36,12 @@ Gaitcal.takesPart = (people, choices, i, side) => {
 Gaitcal.groupMeans = (people, choices, variable) => {
   const out = new Map();
   for (const group of people.groups) {
-    const curves = Gaitcal.curvesOf(people, choices, variable, choices.filtered().filter((i) => people.groupOf[i] === group));
+    const curves = Gaitcal.curvesOf(
+      people,
+      choices,
+      variable,
+      choices.filtered().filter((i) => people.groupOf[i] === group),
+    );
     if (curves.length) out.set(group, { ...Gaitcal.meanCurve(curves, people.points), people: curves.length });
   }
   return out;
@@ -52,7 +57,9 @@ Gaitcal.curvesOf = (people, choices, variable, indices) => {
     if (!named.has(name)) named.set(name, []);
     named.get(name).push(curve);
   }
-  return [...named.values()].map((curves) => (curves.length === 1 ? curves[0] : Gaitcal.meanCurve(curves, people.points).mean));
+  return [...named.values()].map((curves) =>
+    curves.length === 1 ? curves[0] : Gaitcal.meanCurve(curves, people.points).mean,
+  );
 };
 
 Gaitcal.meanCurve = (curves, points) => {

@@ -10,10 +10,13 @@ Gaitcal.MeanCurves = class {
     this.legend = Gaitcal.make("ul", { class: "mean-legend", "aria-label": "Legend" });
     this.far = Gaitcal.make("div", { class: "far" });
     this.panels = people.curves.map((_, k) => new Gaitcal.MeanPanel(this, k));
-    const words = "Mean and standard deviation between people, over the stride from foot strike to foot strike, of all who pass the filters. Each person counts the same: first the mean of the valid straight strides, then of people. Moments are internal, with OpenSim's signs. Refused legs take no part.";
     host.append(
-      Gaitcal.make("p", { class: "hint" }, words),
-      Gaitcal.make("div", { class: "bar" }, Gaitcal.legsChoice(choices), Gaitcal.make("label", { class: "tick" }, doubtful, "doubtful legs take part")),
+      Gaitcal.make(
+        "div",
+        { class: "bar" },
+        Gaitcal.legsChoice(choices),
+        Gaitcal.make("label", { class: "tick" }, doubtful, "doubtful legs take part"),
+      ),
       this.legend,
       Gaitcal.make("div", { class: "mean-grid" }, ...this.panels.map(({ root }) => root)),
       this.far,
@@ -49,10 +52,11 @@ Gaitcal.MeanCurves = class {
   }
 
   refresh(all = false) {
-    for (const panel of this.panels) if (this.dirty.has(panel.root) && (all || this.seen.has(panel.root))) {
-      this.dirty.delete(panel.root);
-      panel.draw();
-    }
+    for (const panel of this.panels)
+      if (this.dirty.has(panel.root) && (all || this.seen.has(panel.root))) {
+        this.dirty.delete(panel.root);
+        panel.draw();
+      }
     if (this.dirty.has(this.far) && (all || this.seen.has(this.far))) {
       this.dirty.delete(this.far);
       this.farthest();
@@ -75,17 +79,43 @@ Gaitcal.MeanCurves = class {
   label() {
     const { people, choices } = this;
     const inside = new Set(choices.filtered().map((i) => people.groupOf[i]));
-    const key = (k, colour) => Gaitcal.svg("svg", { class: "curve-key", width: 34, height: 14, "aria-hidden": "true" }, colour === "ink" ? null : Gaitcal.svg("rect", { class: `fill-${colour}`, y: 1, width: 34, height: 12 }), Gaitcal.svg("line", { class: `line-${colour}`, x1: 0, x2: 34, y1: 7, y2: 7, "stroke-dasharray": k === null ? "1 2.5" : Gaitcal.DASHES[k].join(" ") || null }));
+    const key = (k, colour) =>
+      Gaitcal.svg(
+        "svg",
+        { class: "curve-key", width: 34, height: 14, "aria-hidden": "true" },
+        colour === "ink" ? null : Gaitcal.svg("rect", { class: `fill-${colour}`, y: 1, width: 34, height: 12 }),
+        Gaitcal.svg("line", {
+          class: `line-${colour}`,
+          x1: 0,
+          x2: 34,
+          y1: 7,
+          y2: 7,
+          "stroke-dasharray": k === null ? "1 2.5" : Gaitcal.DASHES[k].join(" ") || null,
+        }),
+      );
     const item = (mark, ...words) => Gaitcal.make("li", {}, mark, ...words);
-    const items = people.groups.flatMap((name, k) => (inside.has(name) && k < Gaitcal.GROUP_COLOURS ? [item(key(k, `group${k}`), Gaitcal.named(name))] : []));
+    const items = people.groups.flatMap((name, k) =>
+      inside.has(name) && k < Gaitcal.GROUP_COLOURS ? [item(key(k, `group${k}`), Gaitcal.named(name))] : [],
+    );
     const normal = people.curves.find((curve) => curve.normal)?.normal;
-    if (normal) items.push(item(key(null, "norm"), Gaitcal.make("span", { title: normal.source }, "normal band, mean ± SD")));
+    if (normal)
+      items.push(item(key(null, "norm"), Gaitcal.make("span", { title: normal.source }, "normal band, mean ± SD")));
     choices.shown.forEach((i, n) => {
-      const off = Gaitcal.make("button", { type: "button", class: "off", "aria-label": `No longer draw ${Gaitcal.visible(people.name(i))}` }, "✕");
+      const off = Gaitcal.make(
+        "button",
+        { type: "button", class: "off", "aria-label": `No longer draw ${Gaitcal.visible(people.name(i))}` },
+        "✕",
+      );
       off.addEventListener("click", () => choices.set({ shown: choices.shown.filter((other) => other !== i) }));
       items.push(item(key(n, "ink"), Gaitcal.make("strong", {}, String(n + 1)), this.named(i), off));
     });
-    if (people.groups.length > Gaitcal.GROUP_COLOURS) items.push(item(Gaitcal.make("span"), `only the first ${Gaitcal.GROUP_COLOURS} of ${people.groups.length} groups are drawn`));
+    if (people.groups.length > Gaitcal.GROUP_COLOURS)
+      items.push(
+        item(
+          Gaitcal.make("span"),
+          `only the first ${Gaitcal.GROUP_COLOURS} of ${people.groups.length} groups are drawn`,
+        ),
+      );
     this.legend.replaceChildren(...items);
   }
 
@@ -99,10 +129,27 @@ Gaitcal.MeanCurves = class {
     const found = Gaitcal.farthest(this.people, this.choices);
     if (!found.length) return this.far.replaceChildren();
     const items = found.map(({ i, distance }) => {
-      const button = Gaitcal.make("button", { type: "button" }, Gaitcal.named(this.people.name(i)), Gaitcal.make("span", { class: "soft" }, ` ${Gaitcal.numeral(distance, 1)} SD`));
-      button.addEventListener("click", () => this.choices.set({ shown: [...this.choices.shown.filter((other) => other !== i), i].slice(-Gaitcal.MOST_SHOWN) }));
+      const button = Gaitcal.make(
+        "button",
+        { type: "button" },
+        Gaitcal.named(this.people.name(i)),
+        Gaitcal.make("span", { class: "soft" }, ` ${Gaitcal.numeral(distance, 1)} SD`),
+      );
+      button.addEventListener("click", () =>
+        this.choices.set({
+          shown: [...this.choices.shown.filter((other) => other !== i), i].slice(-Gaitcal.MOST_SHOWN),
+        }),
+      );
       return Gaitcal.make("li", {}, button);
     });
-    this.far.replaceChildren(Gaitcal.make("h3", {}, "Farthest from the mean of their group"), Gaitcal.make("p", { class: "hint" }, "Root mean square over all curves, in standard deviations between people. Press to draw over the means."), Gaitcal.make("ul", { class: "chips" }, ...items));
+    this.far.replaceChildren(
+      Gaitcal.make("h3", {}, "Farthest from the mean of their group"),
+      Gaitcal.make(
+        "p",
+        { class: "hint" },
+        "Root mean square over all curves, in standard deviations between people. Press to draw over the means.",
+      ),
+      Gaitcal.make("ul", { class: "chips" }, ...items),
+    );
   }
 };

@@ -6,7 +6,14 @@ Gaitcal.DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 2], [12, 5]];
 // The colours of the page as it is now, light or dark.
 Gaitcal.groupColours = () => {
   const style = window.getComputedStyle(document.documentElement);
-  const names = ["ink", "soft", "line", "paper", "norm", ...Array.from({ length: Gaitcal.GROUP_COLOURS }, (_, k) => `group${k}`)];
+  const names = [
+    "ink",
+    "soft",
+    "line",
+    "paper",
+    "norm",
+    ...Array.from({ length: Gaitcal.GROUP_COLOURS }, (_, k) => `group${k}`),
+  ];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim() || "#000"]));
 };
 
@@ -18,7 +25,13 @@ Gaitcal.MeanPanel = class {
     this.reading = Gaitcal.make("p", { class: "reading" });
     this.place = Gaitcal.make("div", { class: "mean-plot" });
     const words = Gaitcal.make("span", { class: "soft" }, ` ${unit}, + ${senses[0]}`);
-    this.root = Gaitcal.make("div", { class: "mean-panel", "data-kind": kind, tabindex: "0", role: "group" }, Gaitcal.make("p", { class: "caption" }, Gaitcal.make("strong", {}, title), words), this.place, this.reading);
+    this.root = Gaitcal.make(
+      "div",
+      { class: "mean-panel", "data-kind": kind, tabindex: "0", role: "group" },
+      Gaitcal.make("p", { class: "caption" }, Gaitcal.make("strong", {}, title), words),
+      this.place,
+      this.reading,
+    );
     this.root.addEventListener("keydown", (event) => this.pressed(event));
     this.percents = Float64Array.from({ length: this.people.points }, (_, k) => k * this.people.every);
   }
@@ -26,7 +39,9 @@ Gaitcal.MeanPanel = class {
   // What is drawn: groups in the order of the page, each with its colour and dashes.
   collect() {
     const means = Gaitcal.groupMeans(this.people, this.choices, this.variable);
-    this.groups = this.people.groups.flatMap((name, k) => (means.has(name) && k < Gaitcal.GROUP_COLOURS ? [{ name, k, ...means.get(name) }] : []));
+    this.groups = this.people.groups.flatMap((name, k) =>
+      means.has(name) && k < Gaitcal.GROUP_COLOURS ? [{ name, k, ...means.get(name) }] : [],
+    );
     this.singles = this.choices.shown.flatMap((i) => {
       const curve = Gaitcal.personCurve(this.people, { legs: this.choices.legs, doubtful: true }, i, this.variable);
       return curve ? [{ i, curve }] : [];
@@ -46,8 +61,11 @@ Gaitcal.MeanPanel = class {
 
   draw() {
     this.collect();
-    const told = this.groups.map(({ name, people, mean }) => `${Gaitcal.visible(name)}: ${people} people, ${this.ends(mean)}`);
-    this.root.setAttribute("aria-label", `${this.about.title}, ${this.about.unit}, over the stride. ${told.join("; ") || "No curve"}. Arrow keys read the means.`);
+    const told = this.groups.map(
+      ({ name, people, mean }) => `${Gaitcal.visible(name)}: ${people} people, ${this.ends(mean)}`,
+    );
+    const title = `${this.about.title}, ${this.about.unit}, over the stride`;
+    this.root.setAttribute("aria-label", `${title}. ${told.join("; ") || "No curve"}. Arrow keys read the means.`);
     this.place.classList.toggle("empty", !this.groups.length && !this.singles.length);
     const [width, height] = [this.place.clientWidth, this.place.clientHeight];
     if (!width || !height) return;
@@ -73,14 +91,22 @@ Gaitcal.MeanPanel = class {
     const axis = { font: "11px system-ui, sans-serif", stroke, grid: line, ticks: { ...line, size: 3 }, gap: 2 };
     const values = (_plot, splits) => {
       const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1;
-      return splits.map((value) => Gaitcal.number(value, Math.min(3, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))));
+      return splits.map((value) =>
+        Gaitcal.number(value, Math.min(3, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))),
+      );
     };
     this.plot = new uPlot(
       {
-        width, height, legend: { show: false }, padding: [4, 12, 0, 0],
+        width,
+        height,
+        legend: { show: false },
+        padding: [4, 12, 0, 0],
         cursor: { y: false, points: { show: false }, drag: { x: false, y: false } },
         scales: { x: { time: false, range: () => [0, 100] }, y: { range: () => this.range } },
-        axes: [{ ...axis, size: 18, values, incrs: [25, 50] }, { ...axis, size: 38, space: 24, values }],
+        axes: [
+          { ...axis, size: 18, values, incrs: [25, 50] },
+          { ...axis, size: 38, space: 24, values },
+        ],
         series: [{}, { paths: () => null, points: { show: false } }],
         hooks: { drawAxes: [(plot) => this.paint(plot)], setCursor: [({ cursor }) => this.read(cursor.idx ?? null)] },
       },
@@ -100,11 +126,18 @@ Gaitcal.MeanPanel = class {
     if (this.normal) {
       const { mean, sd } = this.normal;
       pen.fill(this.percents, mean, sd, () => true, this.owner.colours.norm, 0.25);
-      for (const sign of [1, -1]) pen.stroke(line(null), mean.map((value, k) => value + sign * sd[k]), { width: 1, colour: "norm", dash: [1, 2.5] });
+      for (const sign of [1, -1])
+        pen.stroke(
+          line(null),
+          mean.map((value, k) => value + sign * sd[k]),
+          { width: 1, colour: "norm", dash: [1, 2.5] },
+        );
     }
-    for (const { mean, sd, k } of this.groups) pen.fill(this.percents, mean, sd, () => true, this.owner.colours[`group${k}`], 0.14);
+    for (const { mean, sd, k } of this.groups)
+      pen.fill(this.percents, mean, sd, () => true, this.owner.colours[`group${k}`], 0.14);
     pen.zero();
-    for (const { mean, k } of this.groups) pen.stroke(line(mean), mean, { width: 2.2, colour: `group${k}`, dash: Gaitcal.DASHES[k] });
+    for (const { mean, k } of this.groups)
+      pen.stroke(line(mean), mean, { width: 2.2, colour: `group${k}`, dash: Gaitcal.DASHES[k] });
     this.singles.forEach(({ curve }, n) => {
       pen.stroke(line(curve), curve, { width: 1.4, colour: "ink", dash: Gaitcal.DASHES[n] });
       this.marks(pen, curve, n);

@@ -3,12 +3,37 @@
 
 // Those that are shown unless others are chosen; those without a value for anybody are passed over.
 Gaitcal.USUAL_COLUMNS = [
-  "person", "session", "group", "verdict", "first_cause", "mass", "height", "marker_rms", "residual", "speed", "cadence",
-  "step_asymmetry", "knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexion_moment_r",
-  "plantarflexion_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r", "adduction_moment_l",
+  "person",
+  "session",
+  "group",
+  "verdict",
+  "first_cause",
+  "mass",
+  "height",
+  "marker_rms",
+  "residual",
+  "speed",
+  "cadence",
+  "step_asymmetry",
+  "knee_flexion_r",
+  "knee_flexion_l",
+  "hip_extension_r",
+  "hip_extension_l",
+  "plantarflexion_moment_r",
+  "plantarflexion_moment_l",
+  "ankle_power_r",
+  "ankle_power_l",
+  "adduction_moment_r",
+  "adduction_moment_l",
 ];
 Gaitcal.USUAL_MEASURES = ["speed", "step_asymmetry", "knee_flexion", "plantarflexion_moment"];
-Gaitcal.TITLES = { person: "Person", session: "Session", group: "Group", verdict: "Verdict", first_cause: "First cause" };
+Gaitcal.TITLES = {
+  person: "Person",
+  session: "Session",
+  group: "Group",
+  verdict: "Verdict",
+  first_cause: "First cause",
+};
 
 // Name -> {name, title, unit, meaning, text, digits, side, at(i), error(i)}, in the order of the chooser.
 Gaitcal.tableColumns = (people) => {
@@ -19,7 +44,8 @@ Gaitcal.tableColumns = (people) => {
     if (raw) add({ ...raw, title: Gaitcal.TITLES[name] });
   }
   for (const measure of people.measures) for (const column of Gaitcal.measureColumns(measure, people)) add(column);
-  for (const raw of people.raw.values()) if (!out.has(raw.name)) add({ ...raw, title: raw.name, digits: Gaitcal.digitsOf(raw, people) });
+  for (const raw of people.raw.values())
+    if (!out.has(raw.name)) add({ ...raw, title: raw.name, digits: Gaitcal.digitsOf(raw, people) });
   return out;
 };
 
@@ -30,10 +56,19 @@ Gaitcal.measureColumns = (measure, people) => {
     const at = Gaitcal.measureAt(measure, people, side);
     if (!at) return [];
     const error = side && people.raw.get(measure.error.replace("{}", side));
-    return [{
-      name: side ? `${measure.name}_${side}` : measure.name, title: measure.title, unit: measure.unit, digits: measure.digits,
-      text: false, side, at, error: error ? error.at : null, meaning: Gaitcal.measureWords(measure, side),
-    }];
+    return [
+      {
+        name: side ? `${measure.name}_${side}` : measure.name,
+        title: measure.title,
+        unit: measure.unit,
+        digits: measure.digits,
+        text: false,
+        side,
+        at,
+        error: error ? error.at : null,
+        meaning: Gaitcal.measureWords(measure, side),
+      },
+    ];
   });
 };
 
@@ -42,7 +77,8 @@ Gaitcal.measureAt = (measure, people, side) => {
   const { sign } = measure;
   if (!measure.column.includes("{}")) return people.raw.get(measure.column)?.at ?? null;
   const [right, left] = ["r", "l"].map((leg) => people.raw.get(measure.column.replace("{}", leg))?.at ?? null);
-  if (measure.joined === "asymmetry") return right && left && ((i) => (200 * (right(i) - left(i))) / (right(i) + left(i)));
+  if (measure.joined === "asymmetry")
+    return right && left && ((i) => (200 * (right(i) - left(i))) / (right(i) + left(i)));
   const one = { r: right, l: left }[side];
   if (side && !measure.joined) return one && ((i) => sign * one(i));
   if (!right || !left) return right || left ? (i) => sign * (right ?? left)(i) : null;
@@ -81,7 +117,8 @@ Gaitcal.distributed = (people, legs) => {
     const legged = measure.column.includes("{}") && !measure.joined;
     if (at) out.set(measure.name, { ...measure, at, legged });
   }
-  for (const column of people.columns.values()) if (people.raw.has(column.name) && !column.text) out.set(column.name, column);
+  for (const column of people.columns.values())
+    if (people.raw.has(column.name) && !column.text) out.set(column.name, column);
   return out;
 };
 

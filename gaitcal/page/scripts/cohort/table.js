@@ -12,7 +12,6 @@ Gaitcal.PeopleTable = class {
     this.table = Gaitcal.make("table", { "aria-label": "People" }, this.head, this.body);
     this.pager = Gaitcal.make("div", { class: "bar pager" });
     host.append(
-      Gaitcal.make("p", { class: "hint" }, "Press a column's name to sort. Below it: words, or >1.2, <=3, 1..2, ? (no value). A person's name opens the page; the box before it draws the person's curves over the means."),
       Gaitcal.scroller(this.table, "People"),
       this.pager,
     );
@@ -36,7 +35,9 @@ Gaitcal.PeopleTable = class {
     const tests = Gaitcal.make("tr", { class: "tests" }, ...this.tests.map(({ cell }) => cell));
     this.head.replaceChildren(names, tests);
     // The filters stay in view below the names, however many lines those take.
-    this.tall ??= new ResizeObserver(([{ target }]) => this.table.style.setProperty("--head", `${target.offsetHeight}px`));
+    this.tall ??= new ResizeObserver(([{ target }]) =>
+      this.table.style.setProperty("--head", `${target.offsetHeight}px`),
+    );
     this.tall.disconnect();
     this.tall.observe(names);
     this.fill();
@@ -44,20 +45,40 @@ Gaitcal.PeopleTable = class {
 
   headCell(column) {
     const arrow = Gaitcal.make("span", { class: "arrow", "aria-hidden": "true" });
-    const button = Gaitcal.make("button", { type: "button", title: column.meaning || null }, Gaitcal.visible(column.title), arrow);
-    const cell = Gaitcal.make("th", { scope: "col", class: [column.text ? "text" : "", column.side ? `side-${column.side}` : ""].join(" ").trim() || null }, button);
+    const button = Gaitcal.make(
+      "button",
+      { type: "button", title: column.meaning || null },
+      Gaitcal.visible(column.title),
+      arrow,
+    );
+    const cell = Gaitcal.make(
+      "th",
+      {
+        scope: "col",
+        class: [column.text ? "text" : "", column.side ? `side-${column.side}` : ""].join(" ").trim() || null,
+      },
+      button,
+    );
     if (column.side) button.append(Gaitcal.make("span", { class: "unit" }, ` ${Gaitcal.SIDE_WORDS[column.side]}`));
     if (column.unit) button.append(Gaitcal.make("span", { class: "unit" }, ` ${column.unit}`));
     button.addEventListener("click", () => {
       const { sort } = this.choices;
-      this.choices.set({ sort: sort === column.name ? `-${column.name}` : sort === `-${column.name}` ? "" : column.name });
+      this.choices.set({
+        sort: sort === column.name ? `-${column.name}` : sort === `-${column.name}` ? "" : column.name,
+      });
     });
     return { column, cell, arrow };
   }
 
   testCell(column) {
     const words = Gaitcal.columnWords(column);
-    const input = Gaitcal.make("input", { type: "text", "aria-label": `Filter ${words}`, placeholder: column.text ? "words" : ">", autocomplete: "off", spellcheck: "false" });
+    const input = Gaitcal.make("input", {
+      type: "text",
+      "aria-label": `Filter ${words}`,
+      placeholder: column.text ? "words" : ">",
+      autocomplete: "off",
+      spellcheck: "false",
+    });
     input.addEventListener("input", () => {
       const tests = new Map(this.choices.tests);
       if (input.value.trim()) tests.set(column.name, input.value);
@@ -76,7 +97,14 @@ Gaitcal.PeopleTable = class {
     const page = most ? 0 : Math.min(choices.page, pages - 1);
     this.listed = order.slice(page * rows, (page + 1) * rows);
     this.body.replaceChildren(...this.listed.map((i) => this.row(i)));
-    if (!this.listed.length) this.body.append(Gaitcal.make("tr", {}, Gaitcal.make("td", { class: "text nobody", colspan: this.heads.length }, "Nobody passes all filters.")));
+    if (!this.listed.length)
+      this.body.append(
+        Gaitcal.make(
+          "tr",
+          {},
+          Gaitcal.make("td", { class: "text nobody", colspan: this.heads.length }, "Nobody passes all filters."),
+        ),
+      );
     for (const { column, cell, arrow } of this.heads) {
       const way = { [column.name]: "ascending", [`-${column.name}`]: "descending" }[choices.sort];
       way ? cell.setAttribute("aria-sort", way) : cell.removeAttribute("aria-sort");
@@ -97,17 +125,21 @@ Gaitcal.PeopleTable = class {
   }
 
   cell(column, i, first) {
-    const cell = first ? Gaitcal.make("th", { scope: "row", class: "text" }) : Gaitcal.make("td", { class: column.text ? `text ${column.name}` : null });
+    const cell = first
+      ? Gaitcal.make("th", { scope: "row", class: "text" })
+      : Gaitcal.make("td", { class: column.text ? `text ${column.name}` : null });
     if (first) cell.append(this.tick(i));
     if (column.name === "person") cell.append(this.person(i));
     else if (column.name === "verdict") cell.append(Gaitcal.judgement(column.at(i)));
     else if (column.text) {
-      const text = column.name === "first_cause" ? Gaitcal.capital(Gaitcal.visible(column.at(i))) : Gaitcal.visible(column.at(i));
+      const text =
+        column.name === "first_cause" ? Gaitcal.capital(Gaitcal.visible(column.at(i))) : Gaitcal.visible(column.at(i));
       cell.append(text.length > 90 ? Gaitcal.make("span", { title: text }, `${text.slice(0, 89)}…`) : text);
     } else {
       cell.append(Gaitcal.numeral(column.at(i), column.digits));
       const error = column.error?.(i);
-      if (Number.isFinite(error)) cell.append(Gaitcal.make("span", { class: "soft" }, ` ± ${Gaitcal.numeral(error, column.digits)}`));
+      if (Number.isFinite(error))
+        cell.append(Gaitcal.make("span", { class: "soft" }, ` ± ${Gaitcal.numeral(error, column.digits)}`));
     }
     return cell;
   }
@@ -119,7 +151,10 @@ Gaitcal.PeopleTable = class {
   }
 
   tick(i) {
-    const box = Gaitcal.make("input", { type: "checkbox", "aria-label": `Draw the curves of ${Gaitcal.visible(this.people.name(i))}` });
+    const box = Gaitcal.make("input", {
+      type: "checkbox",
+      "aria-label": `Draw the curves of ${Gaitcal.visible(this.people.name(i))}`,
+    });
     box.addEventListener("change", () => {
       const others = this.choices.shown.filter((other) => other !== i);
       this.choices.set({ shown: box.checked ? [...others, i].slice(-Gaitcal.MOST_SHOWN) : others });
@@ -141,7 +176,13 @@ Gaitcal.PeopleTable = class {
       out.addEventListener("click", () => this.choices.set({ page: to }));
       return out;
     };
-    const choice = Gaitcal.make("select", {}, ...[25, 50, 100, 0].map((number) => Gaitcal.make("option", { value: number, selected: number === this.choices.rows }, number || "all")));
+    const choice = Gaitcal.make(
+      "select",
+      {},
+      ...[25, 50, 100, 0].map((number) =>
+        Gaitcal.make("option", { value: number, selected: number === this.choices.rows }, number || "all"),
+      ),
+    );
     choice.addEventListener("change", () => this.choices.set({ rows: Number(choice.value), page: 0 }));
     const words = count ? `${page * rows + 1} to ${Math.min(count, (page + 1) * rows)} of ${count}` : "none";
     this.pager.replaceChildren(

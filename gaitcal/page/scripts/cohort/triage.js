@@ -13,7 +13,11 @@ Gaitcal.Triage = class {
   constructor(host, people, choices) {
     Object.assign(this, { people, choices });
     this.buttons = [];
-    const cards = Gaitcal.make("ul", { class: "cards triage" }, ...["refused", "doubtful", "trustworthy", "failed"].map((word) => this.card(word)));
+    const cards = Gaitcal.make(
+      "ul",
+      { class: "cards triage" },
+      ...["refused", "doubtful", "trustworthy", "failed"].map((word) => this.card(word)),
+    );
     host.append(cards, this.causes());
     choices.on(["verdict", "cause"], () => this.draw());
     this.draw();
@@ -43,7 +47,8 @@ Gaitcal.Triage = class {
   }
 
   draw() {
-    for (const [button, field, value] of this.buttons) button.setAttribute("aria-pressed", String(this.choices[field] === value));
+    for (const [button, field, value] of this.buttons)
+      button.setAttribute("aria-pressed", String(this.choices[field] === value));
   }
 
   // Each cause once, those of failures too, the one of most people first.
@@ -57,7 +62,11 @@ Gaitcal.Triage = class {
       return found.set(cause, entry).get(cause);
     };
     for (const indices of people.reasons.of) {
-      const own = new Set(indices.map((k) => people.reasons.causes[k]).map(({ severity, cause, action }) => note(severity, cause, action)));
+      const own = new Set(
+        indices
+          .map((k) => people.reasons.causes[k])
+          .map(({ severity, cause, action }) => note(severity, cause, action)),
+      );
       for (const entry of own) entry.count++;
     }
     for (const { cause, what_to_do: action } of people.failures) note("failed", cause, action).count++;
@@ -75,21 +84,40 @@ Gaitcal.Triage = class {
 
   list(entries, label) {
     const most = Math.max(1, this.people.count + this.people.failures.length);
-    const head = ["Cause", "Severity", "People and sessions", "What to do"].map((text) => Gaitcal.make("th", { scope: "col", class: "text" }, text));
+    const head = ["Cause", "Severity", "People and sessions", "What to do"].map((text) =>
+      Gaitcal.make("th", { scope: "col", class: "text" }, text),
+    );
     const rows = entries.map((entry) => this.row(entry, most));
-    const table = Gaitcal.make("table", { class: "causes" }, Gaitcal.make("caption", {}, Gaitcal.make("span", {}, label)), Gaitcal.make("thead", {}, Gaitcal.make("tr", {}, ...head)), Gaitcal.make("tbody", {}, ...rows));
+    const table = Gaitcal.make(
+      "table",
+      { class: "causes" },
+      Gaitcal.make("caption", {}, Gaitcal.make("span", {}, label)),
+      Gaitcal.make("thead", {}, Gaitcal.make("tr", {}, ...head)),
+      Gaitcal.make("tbody", {}, ...rows),
+    );
     return Gaitcal.scroller(table, label);
   }
 
   row({ severity, cause, actions, count }, most) {
-    const button = Gaitcal.make("button", { type: "button", class: "plain-button" }, Gaitcal.capital(Gaitcal.visible(cause)));
+    const button = Gaitcal.make(
+      "button",
+      { type: "button", class: "plain-button" },
+      Gaitcal.capital(Gaitcal.visible(cause)),
+    );
     if (severity === "failed") button.addEventListener("click", () => Gaitcal.go("failures"));
     else this.toggle(button, "cause", cause);
-    const bar = Gaitcal.svg("svg", { class: "share", width: 90, height: 10, "aria-hidden": "true" }, Gaitcal.svg("rect", { class: "whole", width: 90, height: 10 }), Gaitcal.svg("rect", { class: severity, width: Math.max(2, (90 * count) / most).toFixed(1), height: 10 }));
+    const bar = Gaitcal.svg(
+      "svg",
+      { class: "share", width: 90, height: 10, "aria-hidden": "true" },
+      Gaitcal.svg("rect", { class: "whole", width: 90, height: 10 }),
+      Gaitcal.svg("rect", { class: severity, width: Math.max(2, (90 * count) / most).toFixed(1), height: 10 }),
+    );
     const [action = "–", ...others] = [...actions];
     const words = others.length ? `${action} (and ${others.length} other wordings: see each person's page)` : action;
     const long = words.length > 170;
-    const told = long ? Gaitcal.fold(`${words.slice(0, 130).replace(/\s+\S*$/, "")} …`, Gaitcal.make("p", {}, Gaitcal.visible(words))) : Gaitcal.visible(words);
+    const told = long
+      ? Gaitcal.fold(`${words.slice(0, 130).replace(/\s+\S*$/, "")} …`, Gaitcal.make("p", {}, Gaitcal.visible(words)))
+      : Gaitcal.visible(words);
     const word = severity === "failed" ? "no result" : severity;
     return Gaitcal.make(
       "tr",
