@@ -182,6 +182,8 @@ def test_a_ticked_person_is_drawn_over_the_means(page: Page) -> None:
     page.run(SETTLED)
     assert page.run("document.querySelector('.mean-plot canvas').toDataURL()") != before
     assert "Bob" in page.run("document.querySelector('.mean-legend').textContent")
+    press(page, "tr[data-person='0'] td:last-child")
+    assert page.run("gaitcal.choices.shown") == [1, 0]
     assert page.run("document.querySelector('.mean-panel').getAttribute('aria-label')").startswith(
         "Hip flexion, deg, over the stride. a: 2 people"
     )

@@ -1,6 +1,8 @@
 "use strict";
 // One variable over the stride: each group's mean with its standard deviation, people who are shown over it, normal
 // people behind it. Drawn when it is seen.
+// Steps between the values that an axis tells: 1, 2 or 5 of something, which few digits can tell.
+Gaitcal.ROUND = [-3, -2, -1, 0, 1, 2, 3].flatMap((power) => [1, 2, 5].map((digit) => Number(`${digit}e${power}`)));
 Gaitcal.DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 2], [12, 5]];
 
 // The colours of the page as it is now, light or dark.
@@ -105,7 +107,7 @@ Gaitcal.MeanPanel = class {
         scales: { x: { time: false, range: () => [0, 100] }, y: { range: () => this.range } },
         axes: [
           { ...axis, size: 18, values, incrs: [25, 50] },
-          { ...axis, size: 38, space: 24, values },
+          { ...axis, size: 38, incrs: Gaitcal.ROUND, space: 24, values },
         ],
         series: [{}, { paths: () => null, points: { show: false } }],
         hooks: { drawAxes: [(plot) => this.paint(plot)], setCursor: [({ cursor }) => this.read(cursor.idx ?? null)] },

@@ -16,12 +16,19 @@ Gaitcal.PeopleTable = class {
       this.pager,
     );
     this.table.parentElement.classList.add("people-table");
+    this.body.addEventListener("click", (event) => this.pressed(event));
     choices.on(["columns"], () => this.draw());
     choices.on([...Gaitcal.NARROWING, "sort", "page", "rows"], () => this.fill());
     choices.on(["shown"], () => this.mark());
     window.addEventListener("beforeprint", () => this.fill(this.people.count));
     window.addEventListener("afterprint", () => this.fill());
     this.draw();
+  }
+
+  // A press on a row does what its box does, unless it is on something else, or words were marked.
+  pressed({ target }) {
+    if (target.closest("a, input, label") || String(window.getSelection())) return;
+    target.closest("tr").querySelector("input")?.click();
   }
 
   get columns() {
