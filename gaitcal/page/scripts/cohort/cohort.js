@@ -41,7 +41,7 @@ Gaitcal.Cohort = class {
       ? ""
       : `, written ${made.toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric" })}`;
     const inGroups = grouped ? ` in ${Gaitcal.count(groups.length, "group", "groups")}` : "";
-    const settings = Object.keys(about.settings).length ? "settings of their own (below)" : "default settings";
+    const settings = Object.keys(about.settings).length ? "the settings that stand below" : "default settings";
     const people = Gaitcal.count(about.people, "person", "people");
     const sessions = Gaitcal.count(about.sessions, "session", "sessions");
     const results = Gaitcal.count(about.results, "result", "results");
