@@ -29,7 +29,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from many_people import write_people
-from page_of_many import PAGE, copy_people, look_at
+from page_of_many import copy_people, look_at
+
+from gaitcal.cohort.page import PAGE
 
 TABLES = (
     "people.csv",
