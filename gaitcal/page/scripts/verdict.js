@@ -70,10 +70,26 @@ Gaitcal.Verdict = class {
       return made;
     };
     const shown = results.filter((result, index) => result.sheet && (index === state.result || state.second));
-    this.host.replaceChildren(
-      Gaitcal.make("div", { class: "judgements" }, ...shown.map(button)),
-      Gaitcal.verdictLines(sheet),
-    );
+    const lines = Gaitcal.verdictLines(sheet);
+    lines.id = "verdict-lines";
+    this.host.replaceChildren(Gaitcal.make("div", { class: "judgements" }, ...shown.map(button), this.more(lines)), lines);
+  }
+
+  // Where the window is narrow, one line is shown until more is asked for.
+  more(lines) {
+    if (lines.children.length < 2) return null;
+    const button = Gaitcal.make("button", { type: "button", class: "more", "aria-controls": lines.id });
+    const write = () => {
+      lines.classList.toggle("folded", !this.unfolded);
+      button.setAttribute("aria-expanded", String(Boolean(this.unfolded)));
+      button.textContent = this.unfolded ? "Less" : "More";
+    };
+    button.addEventListener("click", () => {
+      this.unfolded = !this.unfolded;
+      write();
+    });
+    write();
+    return button;
   }
 };
 

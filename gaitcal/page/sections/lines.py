@@ -66,14 +66,14 @@ def _fit(calibration: Calibration) -> Line | None:
     if not fits:
         return None
     fit, trial = max(fits, key=lambda pair: pair[0].joint_ratio or pair[0].ratio or 0.0)
-    of = "markers of pelvis and legs" if trial.joint is None else "markers"
-    words = f"The model follows the {of} to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
+    of = "Markers of pelvis and legs" if trial.joint is None else "Markers"
+    words = f"{of} are met to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
     ratio, floor = (fit.joint_ratio, fit.joint_floor) if fit.joint_ratio is not None else (fit.ratio, fit.floor)
     if ratio is None:
         return Line("plain", visible(f"{words}."))
-    least = "each joint by itself reaches" if fit.joint_ratio is not None else "rigid segments alone reach"
+    least = "each joint by itself to" if fit.joint_ratio is not None else "rigid segments alone to"
     tone = "good" if ratio <= GOOD_RATIO else "look" if ratio <= FAIR_RATIO else "poor"
-    return Line(tone, visible(f"{words}; {least} {number(floor)} mm."))
+    return Line(tone, visible(f"{words}, {least} {number(floor)} mm."))
 
 
 def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
@@ -86,12 +86,12 @@ def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
     last, limits = walk.stages[-1], walk.limits
     if limits is None:
         return None
-    words = f"Forces and motion agree but for {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
+    words = f"Forces and motion agree to {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
     if excess <= 1.0:
         return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
     peaks = (
-        f"peaks {number(last.peak_force, 0)} N (common limit {number(limits.force, 0)}) and "
-        f"{number(last.peak_moment, 0)} N·m ({number(limits.moment, 0)})"
+        f"peaks {number(last.peak_force, 0)} N and {number(last.peak_moment, 0)} N·m "
+        f"(limits {number(limits.force, 0)} and {number(limits.moment, 0)})"
     )
     return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
 
