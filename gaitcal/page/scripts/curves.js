@@ -235,13 +235,16 @@ Gaitcal.Curves = class {
         if (side) panel.lead = side;
         if (panel.title.type === "button") panel.title.setAttribute("aria-pressed", String(chosen));
       }
-      // Where the body stands above the curves, it would be scrolled away.
-      if (chosen && move && window.matchMedia("(min-width: 761px)").matches) {
-        const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-        group.root.scrollIntoView({ block: "nearest", behavior: still ? "auto" : "smooth" });
-      }
     }
     this.schedule();
+    if (move) this.reveal(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+  }
+
+  // The enlarged curves come into view; where the body stands above the curves, it would be scrolled away.
+  reveal(smooth) {
+    const large = this.groups.find(({ root }) => root.classList.contains("large"));
+    if (!large || this.host.hidden || !window.matchMedia("(min-width: 761px)").matches) return;
+    large.root.scrollIntoView({ block: "start", behavior: smooth ? "smooth" : "auto" });
   }
 
   // For paper: all panels at once, light, at twice the density, by kind; and back.

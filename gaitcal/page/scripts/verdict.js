@@ -93,6 +93,19 @@ Gaitcal.Verdict = class {
   }
 };
 
+// Reasons of more letters than this are folded: what they make of the moments stands below them.
+Gaitcal.FEW_LETTERS = 320;
+
+// What speaks for a reason, and what to do about it.
+Gaitcal.told = (evidence, action) => {
+  const parts = [
+    evidence ? Gaitcal.make("p", {}, Gaitcal.capital(Gaitcal.visible(evidence))) : null,
+    action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
+  ].filter(Boolean);
+  if (evidence.length + action.length <= Gaitcal.FEW_LETTERS) return parts;
+  return [Gaitcal.fold(action ? "What was found, and what to do" : "What was found", ...parts)];
+};
+
 // Sentence, reasons (the worst first), walks and legs: at the head of the preset trust.
 Gaitcal.reasons = ({ verdict, trials }) => {
   const out = Gaitcal.make("div", {
@@ -115,8 +128,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       " ",
       Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(cause))),
       places.length ? Gaitcal.make("span", { class: "soft" }, " ", ...listed) : null,
-      evidence ? Gaitcal.make("p", {}, Gaitcal.visible(evidence)) : null,
-      action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
+      ...Gaitcal.told(evidence, action),
     );
   };
   if (verdict.reasons.length) out.append(Gaitcal.make("ol", {}, ...verdict.reasons.map(reason)));
@@ -128,7 +140,10 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       head: ["Trial", ...["Verdict", "Right leg", "Left leg"].map((t) => ({ t, align: "text" }))],
       rows: judged.map(({ name, verdict: { judgement, r, l } }) => [name, cell(judgement), cell(r), cell(l)]),
     };
-    out.append(Gaitcal.scroller(Gaitcal.table(table, "Verdict of each trial"), "Verdict of each trial"));
+    const place = Gaitcal.scroller(Gaitcal.table(table, "Verdict of each trial"), "Verdict of each trial");
+    const words = new Set(judged.flatMap(({ verdict: { judgement, r, l } }) => [judgement, r, l]));
+    const alike = words.size === 1 && judged.length > 1;
+    out.append(alike ? Gaitcal.fold(`All ${judged.length} trials and both legs: ${[...words][0]}`, place) : place);
   }
   return out;
 };

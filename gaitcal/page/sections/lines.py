@@ -91,7 +91,7 @@ def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
         return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
     peaks = (
         f"peaks {number(last.peak_force, 0)} N and {number(last.peak_moment, 0)} N·m "
-        f"(limits {number(limits.force, 0)} and {number(limits.moment, 0)})"
+        f"(limits {number(limits.force, 0)}, {number(limits.moment, 0)})"
     )
     return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
 
