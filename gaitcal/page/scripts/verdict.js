@@ -143,7 +143,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
     const place = Gaitcal.scroller(Gaitcal.table(table, "Verdict of each trial"), "Verdict of each trial");
     const words = new Set(judged.flatMap(({ verdict: { judgement, r, l } }) => [judgement, r, l]));
     const alike = words.size === 1 && judged.length > 1;
-    out.append(alike ? Gaitcal.fold(`All ${judged.length} trials and both legs: ${[...words][0]}`, place) : place);
+    out.append(alike ? Gaitcal.fold(`All trials, both legs: ${[...words][0]}`, place) : place);
   }
   return out;
 };

@@ -12,9 +12,10 @@ from typing import Any, Final
 
 from gaitcal.gait.words import role_words
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.sections.blocks import Block, Sections, fold, heading, named, number, text, visible
+from gaitcal.page.sections.blocks import Block, Sections, fold, heading, named, number, text
 from gaitcal.page.sections.gait_numbers import gait_numbers
 from gaitcal.page.sections.lines import Line, agreement_line, counting_line
+from gaitcal.page.sections.provenance import note_blocks
 from gaitcal.page.sections.trial_rows import file_name
 from gaitcal.person.result import TrialResult
 
@@ -64,7 +65,7 @@ def _model(origin: Origin) -> list[Block]:
         made = f"Calibrated on {sheet['made']} with {sheet['program']} from {_trials(sheet['trials'])}."
     except (KeyError, TypeError):
         return [*out, text(NOT_KNOWN, "warning")]
-    return [*out, text(f"{made} Nothing of it was fitted to these trials. Its own verdict: {judgement}. {sentence}")]
+    return [*out, text(f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. {sentence}")]
 
 
 def _trials(trials: Sequence[Mapping[str, Any]]) -> str:
@@ -80,8 +81,8 @@ def recorded_blocks(trial: TrialResult) -> list[Block]:
         f"{number(float(time[-1] - time[0]), 2)} s, {number(len(time), 0)} frames at {number(recording.rate, 0)} Hz, "
         f"{len(recording.labels)} markers, {_plates(len(recording.plates))}."
     )
-    notes = [text(visible(note), "soft") for note in trial.notes]
-    return [heading(f"Trial {named(trial.name)}"), text(words), *notes]
+    notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
+    return [heading(f"Trial {named(trial.name)}"), text(words), *note_blocks(notes)]
 
 
 def _plates(count: int) -> str:

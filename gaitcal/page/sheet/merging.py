@@ -17,7 +17,7 @@ def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]
     verdict, rest = _joined(kept, new), list(new["lines"][1:])
     if kept["trials"]:
         last = ", ".join(visible(name) for name in sorted(names))
-        rest = [{**line, "text": f"{last}: {line['text']}"} for line in rest]
+        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
     lines = [verdict_line(verdict), *rest]
     return {**new, "trials": [*kept["trials"], *new["trials"]], "verdict": verdict, "lines": lines}
 
