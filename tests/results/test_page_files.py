@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import Result
 from typer.testing import CliRunner
@@ -22,9 +23,11 @@ from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST
 from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
 from gaitcal.page import load_scene
+from gaitcal.page.packing import FULL
 from gaitcal.page.sheet import read_sheet
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.results.cycles import read_cycles
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
 from gaitcal.study.study import Study
 from tests.synthetic_studies import write_synthetic_study
@@ -102,6 +105,21 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert trials(result / "dynamics" / PAGE) == [["walk2"]]
 
 
+def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
+    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    assert len(sheet["lines"]) == 3 and "mm RMS (walk2)" in sheet["lines"][1]["text"]
+    whole = json.dumps(sheet["sections"]["provenance"])
+    assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
+    assert "was edited since" not in whole
+    assert sheet["sections"]["joints"][1:] == read_sheet(folder / "result" / SHEET)["sections"]["joints"]
+    assert "walk2.csv" in json.dumps(sheet["trials"][0]["sections"]["provenance"])
+    with_another_model(folder / "result")
+    assert run("dynamics", folder / "result", trial(folder, "walk3"), "-q").exit_code == 0
+    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    assert [line["text"][:6] for line in sheet["lines"]][2] == "walk3:"
+    assert "was edited since" in json.dumps(sheet["sections"]["provenance"])
+
+
 @pytest.mark.parametrize("name", ["report.html", "view.html"])
 def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
     text = (folder / "result" / name).read_text(encoding="utf-8")
@@ -111,6 +129,22 @@ def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
     assert script == 'location.replace("result.html" + location.hash);'
     assert '<noscript><meta http-equiv="refresh" content="0; url=result.html"></noscript>' in text
     assert '<a href="result.html">' in text and "for one release" in text and len(text) < 1000
+
+
+def test_pelvis_angles_of_the_page_are_those_of_cycles(made: Path) -> None:
+    table, compared = read_cycles(made / "result"), 0
+    for shown in read_sheet(made / "result" / SHEET)["trials"]:
+        for stride in shown["strides"]:
+            own = table[(table.trial == shown["name"]) & (table.side == stride["side"])]
+            for name, parts in stride["pelvis"].items():
+                packed = parts["value"]
+                steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + FULL
+                rows = own[(own.stride == stride["number"]) & (own.variable == name)]
+                assert packed["low"] + packed["step"] * steps == pytest.approx(
+                    rows.value.to_numpy(), abs=packed["step"]
+                )
+                compared += 1
+    assert compared >= 3
 
 
 def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
