@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from click.testing import Result
 from typer.testing import CliRunner
@@ -23,11 +22,9 @@ from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST
 from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
 from gaitcal.page import load_scene
-from gaitcal.page.packing import FULL
 from gaitcal.page.sheet import read_sheet
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
-from gaitcal.results.cycles import read_cycles
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
 from gaitcal.study.study import Study
 from tests.synthetic_studies import write_synthetic_study
@@ -129,22 +126,6 @@ def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
     assert script == 'location.replace("result.html" + location.hash);'
     assert '<noscript><meta http-equiv="refresh" content="0; url=result.html"></noscript>' in text
     assert '<a href="result.html">' in text and "for one release" in text and len(text) < 1000
-
-
-def test_pelvis_angles_of_the_page_are_those_of_cycles(made: Path) -> None:
-    table, compared = read_cycles(made / "result"), 0
-    for shown in read_sheet(made / "result" / SHEET)["trials"]:
-        for stride in shown["strides"]:
-            own = table[(table.trial == shown["name"]) & (table.side == stride["side"])]
-            for name, parts in stride["pelvis"].items():
-                packed = parts["value"]
-                steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + FULL
-                rows = own[(own.stride == stride["number"]) & (own.variable == name)]
-                assert packed["low"] + packed["step"] * steps == pytest.approx(
-                    rows.value.to_numpy(), abs=packed["step"]
-                )
-                compared += 1
-    assert compared >= 3
 
 
 def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
