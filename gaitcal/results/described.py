@@ -108,6 +108,7 @@ FILES: Final[dict[str, tuple[ResultFile, ...]]] = {
         _file("*.*", "the recordings, as they were published"),
     ),
     "cohort": (
+        _file("cohort.html", "the page of all: triage, table, distributions, mean curves by group"),
         _file("people.csv", "one row for each session of each person", "people"),
         _file("people.parquet", "the same, with types"),
         _file("cycles.parquet", "every stride of everyone, columns as in `cycles.csv`"),
