@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import gaitcal
 from tests.docs.pages import DOCS, ROOT, blocks_of
 from tests.page.browser import browser, chromium
 from tests.scripts import script
+from tests.synthetic_studies import write_synthetic_study
 
 PAGES = sorted(DOCS.rglob("*.md"))
 SEARCH = """new Promise(done => setTimeout(done, 3000)).then(() => {
@@ -121,3 +123,42 @@ def test_a_broken_link_is_told(tmp_path: Path) -> None:
     found = check(tmp_path)
     assert found.broken == ("a.html: b.html#there: no such place in it", "a.html: c.html")
     assert found.fetched == ("https://example.org/x.png",)
+
+
+def test_versions_lie_beside_each_other(tmp_path: Path) -> None:
+    from documentation.versions import write
+
+    for name in ("0.9.0", "0.10.0", "assets"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "index.html").touch()
+    assert write(tmp_path) == ["0.10.0", "0.9.0"]
+    assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    listed = json.loads((tmp_path / "versions.json").read_text(encoding="utf-8"))
+    assert [(entry["version"], entry["aliases"]) for entry in listed] == [("0.10.0", ["latest"]), ("0.9.0", [])]
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_pictures_are_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from gaitcal.person.calibrate import calibrate
+    from gaitcal.results.calibration import write_results
+
+    if chromium() is None:
+        pytest.skip("no Chromium on the path")
+    write_synthetic_study(tmp_path / "study")
+    result = write_results(calibrate(gaitcal.Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")
+    script("make_pictures").main(
+        [
+            "--result",
+            str(result),
+            "--out",
+            str(tmp_path / "pictures"),
+            "--only",
+            "page-trust",
+            "--only",
+            "error-sources",
+        ]
+    )
+    sizes = {path.stem: len(path.read_bytes()) for path in (tmp_path / "pictures").iterdir()}
+    assert set(sizes) == {"page-trust", "error-sources"} and min(sizes.values()) > 10_000
+    assert "page-trust.png: " in capsys.readouterr().out
