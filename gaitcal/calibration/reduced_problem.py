@@ -181,7 +181,7 @@ class ReducedProblem:
             predicted = track_nodes(self.fixed[k], constants.without_parameters(), self.starts[k], about).nodes
         else:
             last = self.best.trials[k]
-            ahead = last.matrices.eliminated.sensitivity @ (p - self.best.p)[self.columns[k]]
+            ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
             predicted, kept = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
         if self._curved(k):
             return self._tracked(k, predicted, values, constants, self.settings)

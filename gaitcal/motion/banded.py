@@ -9,10 +9,12 @@ S = H_pp - H_pq H_qq^-1 H_qp. Memory is 8 * 6 nq^2 bytes a node, whatever the nu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
+from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import blas, lapack
 
 from gaitcal.arrays import Array
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
@@ -146,7 +148,11 @@ def _mixed_masks(pairs: VariablePairs, nq: int, parameters: int) -> tuple[Array,
 
 
 class BandFactor:
-    """Cholesky factor of H_qq + damping * diagonal (+ a floor where nothing determines a node)."""
+    """Cholesky factor L of H_qq + damping * diagonal (+ a floor where nothing determines a node).
+
+    Many right sides at once are solved in dense blocks of the width of the band: LAPACK's own routine takes them one by
+    one, in a multiple of the time.
+    """
 
     def __init__(self, band: Array, damping: float = 0.0, *, overwrite: bool = False) -> None:
         """`overwrite`: the factor takes the place of `band`, which saves its size in memory; LinAlgError if there is
@@ -168,6 +174,60 @@ class BandFactor:
 
     def solve(self, right: Array) -> Array:
         """H_qq^-1 right, for right (n,) or (n, k)."""
-        solution, _ = lapack.dpbtrs(self.factor, right, lower=1)
-        out: Array = solution
+        if right.ndim == 1:
+            solution, _ = lapack.dpbtrs(self.factor, right, lower=1)
+            out: Array = solution
+            return out
+        return self.backward(self.forward(right))
+
+    def forward(self, right: Array) -> Array:
+        """L^-1 right, for right (n,) or (n, k)."""
+        if right.ndim == 1:
+            return self._one(right, transposed=0)
+        out = np.array(right, order="C")
+        for first, own in self._blocks():
+            if first:
+                before = slice(first - len(self.factor), first)
+                out[own] -= self._coupling(before.start) @ out[before]
+            out[own] = self._divided(own, out[own], transposed=1)
         return out
+
+    def backward(self, right: Array) -> Array:
+        """L^-T right, for right (n,) or (n, k)."""
+        if right.ndim == 1:
+            return self._one(right, transposed=1)
+        out, n = np.array(right, order="C"), len(right)
+        for first, own in reversed(list(self._blocks())):
+            if own.stop < n:
+                after = slice(own.stop, min(own.stop + len(self.factor), n))
+                out[own] -= self._coupling(first).T @ out[after]
+            out[own] = self._divided(own, out[own], transposed=0)
+        return out
+
+    def _one(self, right: Array, *, transposed: int) -> Array:
+        out: Array = blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=transposed)
+        return out
+
+    def _blocks(self) -> Iterator[tuple[int, slice]]:
+        """Rows in blocks of the width of the band, so that only neighbours are coupled: L = [D; E D; E D; ...]."""
+        width, n = self.factor.shape
+        return ((first, slice(first, min(first + width, n))) for first in range(0, n, width))
+
+    def _divided(self, own: slice, rows: Array, *, transposed: int) -> Array:
+        """D^-1 rows (`transposed` = 1, as D stands on the right of the rows' transpose) or D^-T rows."""
+        block = self._dense(own.start, 0, own.stop - own.start, own.stop - own.start)
+        out: Array = blas.dtrsm(1.0, block, rows.T, side=1, lower=1, trans_a=transposed).T
+        return out
+
+    def _coupling(self, first: int) -> Array:
+        """E of the rows after a block and the columns of the block that begins at `first`."""
+        width, n = self.factor.shape
+        return np.triu(self._dense(first, width, min(width, n - first - width), width), 1)
+
+    def _dense(self, first: int, below: int, rows: int, columns: int) -> Array:
+        """A part of L as a matrix, from column `first` and so far below the diagonal; what is beyond the band or above
+        the diagonal means nothing.
+        """
+        width = len(self.factor)
+        flat, size = self.factor.T.reshape(-1)[first * width + below :], self.factor.itemsize
+        return as_strided(flat, (rows, columns), (size, size * (width - 1)), writeable=False)
