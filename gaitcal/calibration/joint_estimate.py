@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations
 from gaitcal.calibration.reduced_problem import NULL
@@ -48,6 +48,8 @@ FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
 """Fits after which the noise of every trial is found anew."""
+NEAR = 1e-7
+"""Relative tolerance of those: what they leave of the cost is less than a thousandth of one sample."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,23 +229,38 @@ def estimate_joints(
     return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
 
 
+def noise_of_joints(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
+    """m, nu of every trial, as fits of the joint parameters alone find it."""
+    _, noise = _weighed(problems, nominal, free)
+    return noise
+
+
 def _without_skin(
     problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
 ) -> tuple[JointFit, list[float]]:
     """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
+    search, noise = _weighed(problems, nominal, free)
+    return search.run(), noise
+
+
+def _weighed(
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
+) -> tuple[JointSearch, list[float]]:
+    """A search that is near its end, every trial weighed by its noise, and that noise."""
     noise = [first_noise(p) for p in problems]
-    starts: Sequence[Array] = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    least, values = [least_noise(p.basis) for p in problems], None
+    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    least = [least_noise(p.basis) for p in problems]
     precision = np.diag(1.0 / prior_deviations(free) ** 2)
-    for remaining in reversed(range(ROUNDS + 1)):
-        weighed = [p.scaled(1.0 / nu**2) for p, nu in zip(problems, noise, strict=True)]
-        fit = calibrate_joints(weighed, nominal, free, starts, PLAIN, start_values=values)
-        starts, values = fit.nodes, fit.values
-        if remaining:
-            served = float(np.trace(np.linalg.solve(fit.state.hessian + precision, fit.state.hessian)))
-            seen = [seen_noise(p, fit.parameters, n) for p, n in zip(problems, fit.nodes, strict=True)]
-            noise = trial_noises(seen, least, served)
-    return fit, noise
+    search = JointSearch(problems, nominal, free, starts, PLAIN)
+    for _ in range(ROUNDS):
+        search.weigh([1.0 / nu**2 for nu in noise])
+        state = search.approach(NEAR)
+        served = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
+        moved = nominal.with_joint(free, state.p)
+        seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]
+        noise = trial_noises(seen, least, served)
+    search.weigh([1.0 / nu**2 for nu in noise])
+    return search, noise
 
 
 def _influence(

@@ -17,7 +17,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.identifiability import LEG_JOINTS, Turns, beyond_bounds, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
+from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, noise_of_joints, skin_prior
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
@@ -182,10 +182,8 @@ def _quiet_joints(
     free = free_of([piece for _, piece in pieces], plain.free)
     if not free:
         return []
-    alone, _ = estimate_joints([piece for _, piece in pieces], nominal, free)
-    return [
-        (walk, piece) for (walk, piece), nu in zip(pieces, alone.noise, strict=True) if nu < QUIET * legs[walk.name]
-    ]
+    alone = noise_of_joints([piece for _, piece in pieces], nominal, free)
+    return [(walk, piece) for (walk, piece), nu in zip(pieces, alone, strict=True) if nu < QUIET * legs[walk.name]]
 
 
 def _shows(problem: TrialProblem, joint: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gaitcal.calibration import reduced_problem
+from gaitcal.calibration import open_motion
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
@@ -198,8 +198,8 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     problem, truth = knee_trial(9, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
     used: list[int] = []
-    plain = reduced_problem._OpenMotion.evaluate
-    monkeypatch.setattr(reduced_problem._OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
+    plain = open_motion.OpenMotion.evaluate
+    monkeypatch.setattr(open_motion.OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
