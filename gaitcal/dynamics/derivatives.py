@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, pelvis_axes, pelvis_residual, root_wrench
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain
@@ -128,8 +128,8 @@ def _contact_derivatives(
         force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
         v, w = columns[:, moved, :3], columns[:, moved, 3:]
         # F . (w_j x v_i) = w_j . (v_i x F), and so on
-        by_turn = np.cross(v, force[:, None]) + np.cross(w, moment[:, None])
-        product = by_turn @ w.transpose(0, 2, 1) + np.cross(w, force[:, None]) @ v.transpose(0, 2, 1)
+        by_turn = cross(v, force[:, None]) + cross(w, moment[:, None])
+        product = by_turn @ w.transpose(0, 2, 1) + cross(w, force[:, None]) @ v.transpose(0, 2, 1)
         out[np.ix_(np.arange(len(q)), moved, moved)] += product * before
     rows = np.array([place[name] for name in forces])
     by = np.array([place[name] for name in (*COORDINATES, *free)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gaitcal.calibration import open_motion
+from gaitcal.calibration import open_motion, reduced_problem
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
@@ -209,7 +209,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
     assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
-    monkeypatch.setattr(reduced_problem, "KEPT_WITHIN", 0.0)
+    monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))
     fresh = fit(problem, start, KNEE)
     np.testing.assert_allclose(kept.values, fresh.values, rtol=0, atol=2e-5)
