@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, diags_array, eye_array
 
 from gaitcal.arrays import Array, BoolArray
@@ -150,6 +149,8 @@ def derivative(knots: Array, order: int) -> csr_array:
 
 def products_of(knots: Array, order: int) -> csr_array:
     """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every span."""
+    from scipy.interpolate import BSpline  # only fits ask for it
+
     degree, own = DEGREE - order, knots[order : len(knots) - order]
     edges = own[degree : len(own) - degree]
     x, w = np.polynomial.legendre.leggauss(degree + 1)

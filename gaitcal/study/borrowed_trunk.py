@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.marker_set import MarkerSet
@@ -86,6 +85,8 @@ def with_trunk_of_walks(
 
 def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
     """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m lumbar joint."""
+    from scipy.spatial.transform import Rotation  # few trials borrow, and it loads much else
+
     column = {label: i for i, label in enumerate(walk.labels)}
     pelvis = [
         i
