@@ -165,9 +165,9 @@ class JointSearch:
             at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
         )
 
-    def approach(self, tolerance: float) -> ReducedState:
-        """Where a search from there ends that stops at a larger tolerance; motions are those on the way."""
-        return self.problem.at(self._least_squares(self._first(None), tolerance).x)
+    def approach(self, tolerance: float, start_values: Array | None = None) -> ReducedState:
+        """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
+        return self.problem.at(self._least_squares(self._first(start_values), tolerance).x)
 
     def _first(self, start_values: Array | None) -> Array:
         best = self.problem.best

@@ -229,9 +229,11 @@ def estimate_joints(
     return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
 
 
-def noise_of_joints(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
-    """m, nu of every trial, as fits of the joint parameters alone find it."""
-    _, noise = _weighed(problems, nominal, free)
+def noise_of_joints(
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], near: Parameters
+) -> list[float]:
+    """m, nu of every trial, as fits of the joint parameters alone find it that start from those of `near`."""
+    _, noise = _weighed(problems, nominal, free, near)
     return noise
 
 
@@ -239,22 +241,23 @@ def _without_skin(
     problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
 ) -> tuple[JointFit, list[float]]:
     """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
-    search, noise = _weighed(problems, nominal, free)
+    search, noise = _weighed(problems, nominal, free, nominal)
     return search.run(), noise
 
 
 def _weighed(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], start: Parameters
 ) -> tuple[JointSearch, list[float]]:
-    """A search that is near its end, every trial weighed by its noise, and that noise."""
+    """A search from `start` that is near its end, every trial weighed by its noise, and that noise."""
     noise = [first_noise(p) for p in problems]
-    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in problems]
+    values: Array | None = start.joint[[JP_INDEX[name] for name in free]]
     least = [least_noise(p.basis) for p in problems]
     precision = np.diag(1.0 / prior_deviations(free) ** 2)
     search = JointSearch(problems, nominal, free, starts, PLAIN)
     for _ in range(ROUNDS):
         search.weigh([1.0 / nu**2 for nu in noise])
-        state = search.approach(NEAR)
+        state, values = search.approach(NEAR, values), None
         served = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
         moved = nominal.with_joint(free, state.p)
         seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]

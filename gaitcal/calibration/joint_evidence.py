@@ -182,7 +182,7 @@ def _quiet_joints(
     free = free_of([piece for _, piece in pieces], plain.free)
     if not free:
         return []
-    alone = noise_of_joints([piece for _, piece in pieces], nominal, free)
+    alone = noise_of_joints([piece for _, piece in pieces], nominal, free, plain.parameters)
     return [(walk, piece) for (walk, piece), nu in zip(pieces, alone, strict=True) if nu < QUIET * legs[walk.name]]
 
 

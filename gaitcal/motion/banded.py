@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import blas, lapack
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
 from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
 
@@ -147,6 +148,12 @@ def _mixed_masks(pairs: VariablePairs, nq: int, parameters: int) -> tuple[Array,
     return later, earlier
 
 
+@lru_cache(maxsize=64)
+def _above(size: int) -> BoolArray:
+    """(size, size) above the diagonal."""
+    return np.triu(np.ones((size, size), dtype=bool), 1)
+
+
 class BandFactor:
     """Cholesky factor L of H_qq + damping * diagonal (+ a floor where nothing determines a node).
 
@@ -222,7 +229,8 @@ class BandFactor:
     def _coupling(self, first: int) -> Array:
         """E of the rows after a block and the columns of the block that begins at `first`."""
         width, n = self.factor.shape
-        return np.triu(self._dense(first, width, min(width, n - first - width), width), 1)
+        part = self._dense(first, width, min(width, n - first - width), width)
+        return np.where(_above(width)[: len(part)], part, 0.0)
 
     def _dense(self, first: int, below: int, rows: int, columns: int) -> Array:
         """A part of L as a matrix, from column `first` and so far below the diagonal; what is beyond the band or above

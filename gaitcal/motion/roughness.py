@@ -31,6 +31,8 @@ TENSION_HZ = 0.5
 """f_0: in a gap longer than about a third of a second coordinates come to rest."""
 NODES_AT_ONCE = 256
 """Rows of the band worked on together, to bound memory."""
+KEPT_BYTES = 4 << 20
+"""Of half a Hessian that is kept: smaller ones are added again and again."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,20 @@ class Smoothing:
 
     def add_to(self, band: Array) -> None:
         """Add half the Hessian to `band` (nn * nq, 6 nq), in the layout of `NormalEquations`, in place."""
+        if band.nbytes <= KEPT_BYTES:
+            band += self._whole
+        else:
+            self._add_blocks(band)
+
+    @cached_property
+    def _whole(self) -> Array:
+        """(nn * nq, 6 nq) half the Hessian: it is the same at all nodes."""
+        nq = len(self.coupling)
+        out = np.zeros((len(self.roughness.band) * nq, ORDER * nq))
+        self._add_blocks(out)
+        return out
+
+    def _add_blocks(self, band: Array) -> None:
         nq, rough = len(self.coupling), self.roughness.band
         blocks = band.reshape(-1, nq, ORDER * nq)
         j, i = np.indices((nq, nq))
