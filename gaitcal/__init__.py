@@ -35,6 +35,7 @@ __all__ = [
     "cycles_to_xarray",
     "ensemble",
     "spatiotemporal",
+    "compare_results",
     "read_normal_bands",
     "synthesize",
     "read_recording",

@@ -41,6 +41,7 @@ from .results.calibration import write_results as write_results
 from .results.cycle_arrays import cycles_to_xarray as cycles_to_xarray
 from .results.cycles import cycles as cycles
 from .results.cycles import read_cycles as read_cycles
+from .results.sessions import compare_results as compare_results
 from .results.spatiotemporal import spatiotemporal as spatiotemporal
 from .study.study import Study as Study
 from .synthetic.subject import synthesize as synthesize

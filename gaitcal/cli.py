@@ -7,49 +7,21 @@ SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal 
 import gc
 import os
 import sys
-from collections.abc import Callable
-from inspect import Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gaitcal.commands import options as told
+from gaitcal.commands.application import app, command
 from gaitcal.commands.faults import told_in_a_line
-from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Quiet, Result, Sex, StudyPath, Verbose
+from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
 
-app = typer.Typer(
-    name="gaitcal",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
-    "and how far each can be trusted.",
-)
-
-
 RARELY = (50_000, 20, 20)
 """Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
-
-
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
-
-    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
-        from gaitcal.commands.console import Talk
-
-        function(Talk(quiet=quiet, verbose=verbose), **arguments)
-
-    _, *of_command = signature(function).parameters.values()
-    *of_all, _ = signature(run).parameters.values()
-    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__)(run)
-    return function
 
 
 @command
@@ -61,10 +33,20 @@ def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
 
 
 @command
+def example(
+    talk: "Talk", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
+) -> None:
+    """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
+    from gaitcal.commands.example import run
+
+    run(name, out, mirror, talk)
+
+
+@command
 def init(
     talk: "Talk",
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")],
-    out: Annotated[Path | None, typer.Option(help="The study file; FOLDER/study.toml unless given.")] = None,
+    folder: told.Recordings,
+    out: told.StudyOut = None,
     mass: Mass = None,
     height: Height = None,
     sex: Sex = None,
@@ -109,15 +91,37 @@ def calibrate(
 
 
 @command
+def cohort(
+    talk: "Talk",
+    source: told.People,
+    out: told.CohortOut,
+    jobs: told.Jobs = -1,
+    cluster: told.Scheduler = None,
+    retry: told.Retry = False,
+    mass: Mass = None,
+    height: Height = None,
+    sex: Sex = None,
+    age: Age = None,
+    normal: Normal = None,
+) -> None:
+    """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
+    from gaitcal.commands.cohort import CohortOptions, run
+    from gaitcal.commands.init import options_of
+
+    said = options_of(mass, height, sex, age)
+    run(source, out, talk, CohortOptions(jobs=jobs, cluster=cluster, normal=normal, retry=retry, told=said))
+
+
+@command
 def dynamics(
     talk: "Talk",
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
-    forces: Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")] = None,
+    forces: told.Forces = None,
     plates: told.Plates = None,
-    time: Annotated[str | None, typer.Option(help="Part of a single TRIAL to use, start,end in seconds.")] = None,
+    time: told.Part = None,
     filter_hz: told.FilterHz = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; DIR/dynamics unless given.")] = None,
+    out: told.DynamicsOut = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
     from gaitcal.commands.dynamics import Options, run
@@ -143,9 +147,7 @@ def synthesize(
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
     noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
-    perturb: Annotated[
-        bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
-    ] = False,
+    perturb: told.Perturb = False,
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
@@ -156,14 +158,12 @@ def synthesize(
 @command
 def montecarlo(
     talk: "Talk",
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate', or a study folder.")
-    ],
+    folder: told.ResultOrStudy,
     vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
     levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
     draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: one for every core.")] = -1,
-    cluster: Annotated[str | None, typer.Option(help="A running dask scheduler, tcp://host:port, instead.")] = None,
+    jobs: told.Jobs = -1,
+    cluster: told.Scheduler = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
     grf: Annotated[str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")] = "lab",
     parameters: Annotated[str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")] = "27",
@@ -172,12 +172,8 @@ def montecarlo(
     ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
     noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
     trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
-    until_converged: Annotated[
-        bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
-    ] = False,
-    expect: Annotated[
-        float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
-    ] = None,
+    until_converged: told.UntilConverged = False,
+    expect: told.Expect = None,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
     from gaitcal.commands.montecarlo import Options, run
@@ -206,9 +202,7 @@ def reproduce(
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
-    sensitivities: Annotated[
-        bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
-    ] = True,
+    sensitivities: told.Sensitivities = True,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
     from gaitcal.commands.reproduce import run
@@ -280,12 +274,18 @@ def view(
 
 @command
 def compare(
-    talk: "Talk", result: Result, osim: Annotated[Path, typer.Option(help="An OpenSim model of the same person.")]
+    talk: "Talk",
+    result: Result,
+    other: told.OtherResult = None,
+    osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
+    shared_model: told.SharedModel = False,
+    study: told.Studies = None,
 ) -> None:
-    """Hip centres, joint axes, masses and lengths of an OpenSim model beside ours, in our segment frames."""
-    from gaitcal.commands.other_programs import compare_models
+    """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
+    from gaitcal.commands.compare import Options, run
 
-    compare_models(result, osim, talk)
+    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
 
 
 def main() -> None:

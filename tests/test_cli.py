@@ -17,9 +17,11 @@ from gaitcal.study.settings import CalibrationSettings
 ROOT = Path(__file__).parents[1]
 ORDER = (
     "demo",
+    "example",
     "init",
     "check",
     "calibrate",
+    "cohort",
     "dynamics",
     "convert",
     "synthesize",

@@ -8,7 +8,7 @@ from pathlib import Path
 from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
-from gaitcal.commands.init import NOTHING_SAID, files_of, study_or_draft, tell_faulty
+from gaitcal.commands.init import study_or_draft, tell_faulty
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -18,8 +18,9 @@ from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
 from gaitcal.intake.draft_text import STUDY, draft_text, study_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
-from gaitcal.intake.person_facts import Options
+from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.intake.rejected_forces import rejected_forces
+from gaitcal.intake.source import files_of
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE

@@ -11,11 +11,11 @@ from rich.text import Text
 
 from gaitcal.checks import check_file, check_study
 from gaitcal.commands.console import Talk
-from gaitcal.commands.init import NOTHING_SAID, study_or_draft
+from gaitcal.commands.init import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft_text import study_of
-from gaitcal.intake.person_facts import Options
+from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.verdict.verdict import stopping
 

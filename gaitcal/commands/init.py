@@ -18,11 +18,11 @@ from gaitcal.intake.draft import NEEDED, Draft
 from gaitcal.intake.draft_lines import doubtful_lines, marker_set_line
 from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
 from gaitcal.intake.drafting import draft_of, draft_study
-from gaitcal.intake.folder import FileKind, Folder, read_folder
-from gaitcal.intake.person_facts import Options
+from gaitcal.intake.folder import Folder, read_folder
+from gaitcal.intake.person_facts import NOTHING_SAID, Options
+from gaitcal.intake.source import own_study
 from gaitcal.study.study import nominal_of
 
-NOTHING_SAID = Options()
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
 SEXES = ("female", "male")
 QUESTIONS = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": "female or male"}
@@ -91,14 +91,11 @@ def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
     with talk.working() as step:
         step("reading the folder")
         folder = read_folder(path)
-    own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
-    if len(own) > 1:
-        names = ", ".join(p.name for p in own)
-        raise InputError(f"holds {len(own)} study files: {names}; name one of them instead of the folder", source=path)
-    if own:
-        _no_options_beside(own[0], options)
-        talk.line(f"the folder's own study is used: {own[0]}")
-        return own[0]
+    own = own_study(folder)
+    if own is not None:
+        _no_options_beside(own, options)
+        talk.line(f"the folder's own study is used: {own}")
+        return own
     draft = _asked(folder, options, talk)
     if draft.fault:
         print_seen(talk, draft)
@@ -143,13 +140,6 @@ def _answered(options: Options, field: str, answer: str) -> Options:
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
     out = replace(options, **{name: value})  # type: ignore[arg-type]
     return options_of(out.mass, out.height, out.sex, out.age)
-
-
-def files_of(draft: Draft) -> tuple[Path, ...]:
-    """The files that a drafted study reads."""
-    own = [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
-    forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
-    return (*(trial.file.path for trial in draft.trials), *forces, *own)
 
 
 def print_seen(talk: Talk, draft: Draft) -> None:

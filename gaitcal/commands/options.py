@@ -22,12 +22,54 @@ Normal = Annotated[
     ),
 ]
 
+ExampleName = Annotated[str | None, typer.Argument(metavar="[NAME]", help="Which; without it, all are listed.")]
+ExampleOut = Annotated[Path | None, typer.Option("--out", help="Folder for the files; NAME unless given.")]
+Mirror = Annotated[
+    str | None, typer.Option(metavar="URL", help="Address of a copy, https://, http:// or file:///, instead of GitHub.")
+]
+
+Recordings = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")]
+StudyOut = Annotated[Path | None, typer.Option("--out", help="The study file; FOLDER/study.toml unless given.")]
+
+People = Annotated[
+    Path,
+    typer.Argument(
+        metavar="COHORT", help="Folder with a folder of recordings for each person, or a cohort.toml that names them."
+    ),
+]
+CohortOut = Annotated[
+    Path, typer.Option("--out", help="Folder for results and tables; what is there and unchanged is not run again.")
+]
+Retry = Annotated[bool, typer.Option("--retry", help="Try those again who failed, though nothing changed.")]
+Jobs = Annotated[int, typer.Option(help="Processes; -1: one for every core.")]
+Scheduler = Annotated[str | None, typer.Option("--cluster", help="A running dask scheduler, tcp://host:port, instead.")]
+
+ResultOrStudy = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate', or a study folder.")
+]
+UntilConverged = Annotated[
+    bool, typer.Option("--until-converged", help="More draws until mean and CV stay within 2 %.")
+]
+Expect = Annotated[
+    float | None, typer.Option(min=0, help="Marker RMS (mm): print the torque errors to expect from it.")
+]
+
 HoldOut = Annotated[
     bool, typer.Option("--hold-out", help="Report the marker error on blocks of time left out of the fit too.")
 ]
 Plates = Annotated[str | None, typer.Option(help="Feet on the plates of a single TRIAL, 1=r,2=l or none; else found.")]
+Forces = Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")]
+Part = Annotated[str | None, typer.Option("--time", help="Part of a single TRIAL to use, start,end in seconds.")]
+DynamicsOut = Annotated[Path | None, typer.Option("--out", help="Folder for the results; DIR/dynamics unless given.")]
 FilterHz = Annotated[
     str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
+]
+
+Perturb = Annotated[
+    bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
+]
+Sensitivities = Annotated[
+    bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
 ]
 
 Formats = Annotated[
@@ -85,6 +127,18 @@ FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/
 Other = Annotated[
     Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
 ]
+OtherResult = Annotated[
+    Path | None,
+    typer.Argument(metavar="[OTHER]", help="Result of the same person's other session; differences are OTHER - DIR."),
+]
+SharedModel = Annotated[
+    bool, typer.Option("--shared-model", help="Joint parameters from both sessions together, then every trial anew.")
+]
+Studies = Annotated[
+    list[Path] | None,
+    typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
+]
+
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]

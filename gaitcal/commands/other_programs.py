@@ -1,4 +1,4 @@
-"""`gaitcal convert`, `export` and `compare`: files from other programs, for them, and beside ours."""
+"""`gaitcal convert` and `export`: files from other programs, and for them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from rich.text import Text
-
-from gaitcal.commands.console import Talk, frameless_table
-from gaitcal.compare import compare
+from gaitcal.commands.console import Talk
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import UsageError, nearest
 from gaitcal.export import write_mjcf, write_osim, write_urdf
@@ -132,17 +129,6 @@ def export_model(
         talk.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
     if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
         talk.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
-
-
-def compare_models(result: Path, osim: Path, talk: Talk) -> None:
-    """Print an OpenSim model's joint axes, masses and lengths beside ours."""
-    table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
-    model, read, doubts = load_result_model(result)
-    _tell(talk, read, doubts)
-    for row in compare(model, osim):
-        numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
-        table.add_row(Text(row.quantity), Text(row.unit), *numbers)
-    talk.out.print(table)
 
 
 def _tell(talk: Talk, read: Snapshot, doubts: Sequence[Finding]) -> None:

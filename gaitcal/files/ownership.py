@@ -33,6 +33,9 @@ class ResultKind(Enum):
     SYNTHETIC = "synthetic study"
     REPRODUCTION = "reproduction"
     EXPORT = "files for other programs"
+    COHORT = "cohort"
+    COMPARISON = "comparison of two results"
+    EXAMPLE = "example recordings"
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
@@ -41,6 +44,9 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.SYNTHETIC: ("montecarlo",),
     ResultKind.REPRODUCTION: (),
     ResultKind.EXPORT: (),
+    ResultKind.COHORT: (),
+    ResultKind.COMPARISON: (),
+    ResultKind.EXAMPLE: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
 
@@ -61,6 +67,9 @@ _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ),
     ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
     ResultKind.EXPORT: (),
+    ResultKind.COHORT: (),
+    ResultKind.COMPARISON: (),
+    ResultKind.EXAMPLE: (),
 }
 """Names that results had whose manifest lists no files."""
 

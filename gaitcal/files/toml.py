@@ -59,22 +59,22 @@ def _beside(path: Path) -> str:
     return "; the folder holds " + ", ".join(f"'{name}'" for name in names[:4]) + (", ..." if len(names) > 4 else "")
 
 
-def read_toml(path: Path, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by `parse_float`.
 
     Raises
     ------
     InputError
-        Missing or unreadable, over 100 kB, nested absurdly, not UTF-8, or not TOML (with the line).
+        Missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the line).
     """
     require_file(path)
     try:
         with path.open("rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
+            raw = stream.read(most_bytes + 1)
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=path) from None
-    if len(raw) > MAX_BYTES:
-        raise InputError(f"over {MAX_BYTES // 1000} kB: no TOML file of this kind is that long", source=path)
+    if len(raw) > most_bytes:
+        raise InputError(f"over {most_bytes // 1000} kB: no TOML file of this kind is that long", source=path)
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
     try:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.toml import read_toml
+from gaitcal.files.toml import MAX_BYTES, read_toml
 
 # pydantic's name of an error -> what is allowed instead; the names in braces are entries of the error's context
 _ALLOWED = {
@@ -54,13 +54,19 @@ class Table(BaseModel):
 _T = TypeVar("_T", bound=Table)
 
 
-def read_validated(table: type[_T], path: Path, parse_float: Callable[[str], Any] = float) -> _T:
+def read_validated(
+    table: type[_T], path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES
+) -> _T:
     """The TOML file at `path` as a table; InputError, in one line, where it is none."""
-    content = read_toml(path, parse_float)
+    return validated(table, read_toml(path, parse_float, most_bytes), path)
+
+
+def validated(table: type[_T], content: Mapping[str, object], source: object) -> _T:
+    """What a file says as a table; InputError, in one line, where it is none. `source`: the file, for the message."""
     try:
         return table.model_validate(content)
     except ValidationError as error:
-        raise _input_error(error, table, path) from None
+        raise _input_error(error, table, source) from None
 
 
 def require_known(

@@ -50,7 +50,7 @@ def draft_text(draft: Draft, folder: Path | None) -> str:
 
 def _subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
-    for field in ("name", "mass_kg", "height_m", "sex", "age_years"):
+    for field in ("name", "session", "mass_kg", "height_m", "sex", "age_years"):
         known = draft.person.get(field)
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)

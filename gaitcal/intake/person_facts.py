@@ -49,6 +49,11 @@ class Options:
     age: float | None = None
     """Years."""
     name: str | None = None
+    session: str | None = None
+    """The day of the recordings, a date or a label."""
+
+
+NOTHING_SAID = Options()
 
 
 def person_of(
@@ -62,6 +67,8 @@ def person_of(
     plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
     """
     out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
+    if options.session:
+        out["session"] = Known(value=options.session, reason="option")
     if (mass := _number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
         if plates is not None and abs(plates[1] / float(str(mass.value)) - 1) > WEIGHS_OTHERWISE:
             words = f"{mass.reason}; but the plates weigh {plates[1]:.1f} kg in {plates[0]}"

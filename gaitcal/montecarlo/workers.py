@@ -78,10 +78,15 @@ _watched: set[int] = set()
 
 def _while_parent_lives(parent: int, function: Callable[[Task], Result], task: Task) -> Result:
     """Run a task in a worker process that ends soon after its parent: joblib's would wait for work for minutes."""
+    end_with(parent)
+    return function(task)
+
+
+def end_with(parent: int) -> None:
+    """Let this process end soon after its parent does, whatever it is doing then."""
     if parent not in _watched and os.getpid() != parent:
         _watched.add(parent)
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    return function(task)
 
 
 def _end_with(parent: int) -> None:
@@ -97,8 +102,17 @@ class Cluster:
     address: str
     """For example tcp://10.0.0.1:8786."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Iterable[Task],
+        lost: Callable[[Task, str], Result] | None = None,
+    ) -> Iterator[Result]:
         """Yield the results as they are ready.
+
+        Parameters
+        ----------
+        lost : what stands for a task that the cluster gives up, and why it did; None: that ends the run.
 
         Raises
         ------
@@ -108,7 +122,7 @@ class Cluster:
             The workers cannot do it: another version of gaitcal, or none.
         """
         with _connected(self.address) as client:
-            yield from _run(client, function, iter(tasks))
+            yield from _run(client, function, iter(tasks), lost)
 
 
 def _library() -> Any:
@@ -137,7 +151,9 @@ def _connected(address: str) -> Any:
     return client
 
 
-def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[Result]:
+def _run(
+    client: Any, function: Callable[[Task], Result], tasks: Iterator[Task], lost: Callable[[Task, str], Result] | None
+) -> Iterator[Result]:
     again: dict[str, tuple[Task, int]] = {}
     running = _library().as_completed(loop=client.loop, raise_errors=False)
 
@@ -151,12 +167,17 @@ def _run(client: Any, function: Callable[[Task], Result], tasks: Iterator[Task])
     for future in running:
         task, left = again.pop(future.key)
         if future.status != "finished":
-            _give_up_or_not(future, left)
-            hand_in(task, left - 1)
-            continue
-        result: Result = future.result()
-        future.release()
-        yield result
+            words = _given_up(future, left)
+            if not words:
+                hand_in(task, left - 1)
+                continue
+            if lost is None:
+                raise GaitcalError(f"the cluster could not compute a chunk: {words}")
+            yield lost(task, words)
+        else:
+            result: Result = future.result()
+            future.release()
+            yield result
         for new in islice(tasks, max(_room(client) - len(again), 0)):
             hand_in(new, HANDED_IN_AGAIN)
 
@@ -166,9 +187,9 @@ def _room(client: Any) -> int:
     return AHEAD * max(threads, 1)
 
 
-def _give_up_or_not(future: Any, left: int) -> None:
-    """Return where a chunk may be tried again; raise where it was the chunk's own fault, or too often."""
+def _given_up(future: Any, left: int) -> str:
+    """Why a task that was its own fault, or was tried too often, is not tried again; empty where it may be."""
     error = future.exception() if future.status == "error" else None
     if (error is None or isinstance(error, _library().KilledWorker)) and left > 0:
-        return
-    raise GaitcalError(f"the cluster could not compute a chunk: {future.status}: {type(error).__name__}: {error}")
+        return ""
+    return f"{future.status}: {type(error).__name__}: {error}"

@@ -89,8 +89,8 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
         curves: dict[str, tuple[TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
-            placed = _on_the_floor(model, motion)
-            recording = _recording(name, placed, model, labels)
+            placed = on_the_floor(model, motion)
+            recording = recording_of(name, placed, model, labels)
             if name != "static":
                 curves[name] = placed, residual_free_wrench(model.parameters, placed) if name == "gait" else None
             if noise and name != "static":
@@ -117,7 +117,7 @@ def _generators(seed: int) -> list[np.random.Generator]:
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
-def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
+def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
     """The same motion, raised or lowered so that the lowest foot marker stays just above the floor, where a gait is."""
     if motion.phase is not None:
         return motion
@@ -128,7 +128,8 @@ def _on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
     return TrueMotion(motion.basis, nodes)
 
 
-def _recording(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...]) -> Recording:
+def recording_of(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...]) -> Recording:
+    """What markers with these labels, and plates under a gait, show of a motion."""
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
     plates = () if name != "gait" else _plates(motion, residual_free_wrench(model.parameters, motion))

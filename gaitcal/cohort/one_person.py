@@ -1,0 +1,134 @@
+"""One person of a cohort, from the folder of recordings to the result folder: what `gaitcal calibrate FOLDER` does,
+with nobody to ask.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from gaitcal.checks import check_study
+from gaitcal.cohort.cohort_file import settings_text
+from gaitcal.cohort.people import CohortPerson, no_folder
+from gaitcal.errors import InputError
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import ResultKind
+from gaitcal.files.snapshot import sha256_of
+from gaitcal.findings import STUDY, Finding
+from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.intake.draft import Draft
+from gaitcal.intake.draft_lines import draft_notes
+from gaitcal.intake.draft_text import draft_text, missing_words, study_of
+from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.faulty_trials import without_faulty_trials
+from gaitcal.intake.folder import read_folder
+from gaitcal.intake.rejected_forces import rejected_forces
+from gaitcal.intake.source import files_of, own_study
+from gaitcal.person.calibrate import calibrate
+from gaitcal.results.calibration import write_results
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study, input_files
+from gaitcal.study.study_file import load_study_file
+from gaitcal.verdict.verdict import stopping
+
+ANYWAY = 0.005
+"""Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonSettings:
+    """What is the same for everyone of a cohort."""
+
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    """Of it, what was said; a study file of a person's own comes before."""
+    normal: Path | None = None
+    """File of normal bands."""
+
+    @property
+    def said(self) -> dict[str, object]:
+        """The settings that were said."""
+        return {name: getattr(self.calibration, name) for name in sorted(self.calibration.model_fields_set)}
+
+
+class PersonError(InputError):
+    """Why a person has no result, and what to do."""
+
+    def __init__(self, cause: str, action: str = "") -> None:
+        super().__init__(cause)
+        self.action = " ".join(action.split())
+
+
+def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) -> None:
+    """Calibrate a person and write the result folder `out`; a refused verdict is a result, too.
+
+    Raises
+    ------
+    InputError
+        No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
+    """
+    if not person.folder.is_dir():
+        raise PersonError(no_folder(person), "put the recordings there, or take the person out of the list")
+    folder = read_folder(person.folder)
+    own = own_study(folder)
+    drafted = None
+    if own is not None:
+        inputs, loaded = input_files(load_study_file(own), own), Study.load(own)
+    else:
+        drafted = _ready(draft_of(folder, person.told))
+        inputs, loaded = files_of(drafted), study_of(drafted)
+    del folder  # the recordings of all files, also of those that are not used
+    require_room(out, ResultKind.CALIBRATION, inputs)
+    loaded = replace(loaded, settings=_settings(loaded.settings, common))
+    findings = check_study(loaded)
+    if drafted is not None:
+        loaded, findings, faulty = without_faulty_trials(loaded, findings)
+        drafted = drafted.without(faulty)
+        findings = (*findings, *rejected_forces(drafted))
+    _stop_on_errors(findings, loaded)
+    calibration = calibrate(loaded, checked=findings)
+    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, loaded)
+    calibration = replace(calibration, notes=(*notes, *calibration.notes))
+    made_with = {}
+    if common.normal is not None:
+        made_with = {"normal": common.normal.name, "normal_sha256": sha256_of(common.normal)}
+    bands = None if common.normal is None else read_normal_bands(common.normal)
+    text = None if drafted is None else draft_text(drafted, out) + settings_text(common.calibration)
+    write_results(calibration, out, made_with, drafted=text, normal=bands)
+
+
+def _ready(draft: Draft) -> Draft:
+    """The draft; PersonError where it cannot be run."""
+    if draft.fault or draft.problem:
+        cause, _, action = (draft.fault or draft.problem).partition(": put each")
+        raise PersonError(cause, f"put each{action}" if action else "gaitcal init on this folder shows every file")
+    if draft.missing:
+        fields = ", ".join(draft.missing)
+        raise PersonError(missing_words(draft), f"give {fields} in people.csv or cohort.toml")
+    return draft
+
+
+def _settings(own: CalibrationSettings, common: CommonSettings) -> CalibrationSettings:
+    """Settings of a study, filled with those said for everyone."""
+    new = {name: value for name, value in common.said.items() if name not in own.model_fields_set}
+    return own.model_copy(update=new)
+
+
+def _stop_on_errors(findings: Sequence[Finding], study: Study) -> None:
+    errors = stopping(findings, study.walks)
+    if not errors:
+        return
+    first = errors[0]
+    place = "" if first.where == STUDY else f"trial '{first.where}': "
+    more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
+    raise PersonError(f"{place}{first.topic}: {first.evidence}{more}", first.cure or "gaitcal check shows all of it")
+
+
+def _contradictions(person: CohortPerson, study: Study) -> tuple[str, ...]:
+    """What was said of a person whose own study file says otherwise, and is used."""
+    said = (("mass_kg", person.told.mass, study.subject.mass), ("height_m", person.told.height, study.subject.height))
+    return tuple(
+        f"{field} = {other:g} was said for the cohort; the study file's {value:g} is used"
+        for field, other, value in said
+        if other is not None and abs(other / value - 1) > ANYWAY
+    )

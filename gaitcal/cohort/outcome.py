@@ -1,0 +1,85 @@
+"""What became of a person, as it is kept on disk beside the results: a small file each, and the strides as Parquet.
+
+`state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when the person has ended,
+so that nothing but people at work is lost, whatever ends the run.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from gaitcal.cohort.people import CohortPerson
+from gaitcal.files.atomic import atomic_text
+from gaitcal.files.ownership import read_object
+
+STATE = "state"
+Cell: TypeAlias = str | int | float | None
+"""Of the table of people."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How one person ended."""
+
+    name: str
+    session: str
+    place: str
+    """Folder of the result within that of the cohort."""
+    fingerprint: str
+    """Of what it follows from."""
+    cause: str = ""
+    """Why there is no result; empty where there is one."""
+    action: str = ""
+    """What to do about it."""
+    passing: bool = False
+    """Whether the cause was of the moment, as a full disk, so that the next run tries again."""
+    result: str = ""
+    """SHA-256 by which the manifest of the result tells itself."""
+    seconds: float = 0.0
+    mebibytes: float = 0.0
+    """Largest memory of the worker until then."""
+    row: Mapping[str, Cell] = field(default_factory=dict)
+    """Of the table of people."""
+    computed: bool = True
+    """Whether this run did it; False where nothing had changed."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no result."""
+        return bool(self.cause)
+
+    @property
+    def verdict(self) -> str:
+        """Of the result; `failed` where there is none."""
+        return "failed" if self.failed else str(self.row.get("verdict") or "")
+
+    @property
+    def first_cause(self) -> str:
+        """Why it failed, or the worst reason of its verdict."""
+        return self.cause or str(self.row.get("first_cause") or "")
+
+
+def state_file(out: Path, place: str, ending: str) -> Path:
+    """A file of the state of a person."""
+    return out / STATE / f"{place}{ending}"
+
+
+def keep(out: Path, outcome: Outcome) -> None:
+    """Write an outcome, whole or not at all."""
+    path = state_file(out, outcome.place, ".json")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = asdict(replace(outcome, row={**outcome.row}))
+    atomic_text(path, json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def kept(out: Path, person: CohortPerson) -> Outcome | None:
+    """The outcome of an earlier run; None where there is none that can be read."""
+    content: dict[str, Any] = read_object(state_file(out, person.place, ".json"))
+    try:
+        return Outcome(**content)
+    except TypeError:
+        return None

@@ -1,0 +1,120 @@
+"""The row of the table of people that a result folder gives, from its files alone.
+
+Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from gaitcal.cohort.columns import MEASURED, NAMES
+from gaitcal.cohort.outcome import Cell
+from gaitcal.cohort.peaks import peaks
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.model.linkage import SIDES
+from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results.verdict import SUMMARY
+from gaitcal.verdict.verdict import Judgement
+
+PAGES = ("result.html", "report.html")
+"""The first of them that is there is the person's page."""
+DIGITS = 6
+_FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
+
+
+def row_of(folder: Path) -> dict[str, Cell]:
+    """Column -> value of a result folder, all but those of the cohort itself (group, folder, ...).
+
+    Raises
+    ------
+    InputError
+        It is no result of a calibration.
+    """
+    manifest: dict[str, Any] = read_object(folder / MANIFEST)
+    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    if "subject" not in manifest or "trials" not in summary:
+        raise InputError("is no result of 'gaitcal calibrate'", source=folder)
+    subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
+    trials: dict[str, dict[str, Any]] = summary["trials"]
+    walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
+    row: dict[str, Cell] = {
+        "person": subject["name"],
+        "page": next((name for name in PAGES if (folder / name).is_file()), ""),
+        "verdict": summary["verdict"],
+        "first_cause": reasons[0].get("cause", ""),
+        "first_action": reasons[0].get("action", ""),
+        "reasons": len(summary.get("reasons") or ()),
+        "status": summary.get("status", ""),
+        **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years")},
+        "walks": len(walks),
+        **_legs(walks),
+        **dict(_fits(walks or list(trials.values()))),
+        **dict(_residuals(walks)),
+        **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
+        **peaks(folder / ENSEMBLE, float(subject["mass_kg"])),
+        "gaitcal": manifest["gaitcal"],
+        "settings_sha256": _digest(manifest.get("settings")),
+        "inputs_sha256": _digest(manifest.get("inputs_sha256")),
+    }
+    return {name: _cell(row[name]) for name in NAMES if name in row}
+
+
+def _cell(value: Cell) -> Cell:
+    if isinstance(value, float):
+        return round(value, DIGITS) if math.isfinite(value) else None
+    return value
+
+
+def _digest(content: object) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _legs(walks: Iterable[Mapping[str, Any]]) -> dict[str, Cell]:
+    """Verdict of each leg, and in how many walks it is refused."""
+    out: dict[str, Cell] = {}
+    for side in SIDES:
+        said = [Judgement(walk[f"verdict_{side}"]) for walk in walks if f"verdict_{side}" in walk]
+        left = [judgement for judgement in said if judgement is not Judgement.REFUSED]
+        judged = Judgement.worst(left) if left else Judgement.REFUSED
+        out[f"verdict_{side}"] = judged.value if said else ""
+        out[f"walks_refused_{side}"] = len(said) - len(left)
+    return out
+
+
+def _fits(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    found = list(trials)
+    for where, entry in _FITS.items():
+        for name in ("nominal", "calibrated", "rigid_floor", "joint_floor"):
+            pairs = [(t["frames"], (t.get(entry) or t.get("rms_mm") or {}).get(name)) for t in found if "frames" in t]
+            yield f"{where}_{name}_mm", _together(pairs)
+
+
+def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    told = [
+        (walk["valid_frames"], list(walk["pelvis_residual"].values())) for walk in walks if "pelvis_residual" in walk
+    ]
+    for name, k in (("nominal", 0), ("calibrated", -1)):
+        yield f"residual_force_{name}_N", _together([(n, stages[k]["force_N"]) for n, stages in told])
+        yield f"residual_moment_{name}_Nm", _together([(n, stages[k]["torque_Nm"]) for n, stages in told])
+
+
+def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:
+    """RMS over trials of so many frames; None where none tells it."""
+    known = [(n, value) for n, value in pairs if value is not None]
+    frames = sum(n for n, _ in known)
+    return math.sqrt(sum(n * value**2 for n, value in known) / frames) if frames else None
+
+
+def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    for side in SIDES:
+        for name in MEASURED:
+            found = means.get(name, {}).get(side) or {}
+            yield f"{name}_{side}", found.get("mean")
+            yield f"{name}_sd_{side}", found.get("sd")
+        yield f"strides_{side}", (means.get("stride_time", {}).get(side) or {}).get("strides", 0)

@@ -1,0 +1,34 @@
+"""The program that commands register themselves with, and what each of them is handed besides its own options."""
+
+from collections.abc import Callable
+from inspect import Signature, signature
+
+import typer
+
+from gaitcal.commands.options import Quiet, Verbose
+
+app = typer.Typer(
+    name="gaitcal",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
+    "and how far each can be trusted.",
+)
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
+
+    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
+        from gaitcal.commands.console import Talk
+
+        function(Talk(quiet=quiet, verbose=verbose), **arguments)
+
+    _, *of_command = signature(function).parameters.values()
+    *of_all, _ = signature(run).parameters.values()
+    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
+    app.command(function.__name__, help=function.__doc__)(run)
+    return function

@@ -1,0 +1,116 @@
+"""`gaitcal cohort`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gaitcal.cohort.cohort_file import read_cohort
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.people import Cohort, joined
+from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
+from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
+from gaitcal.commands.console import Talk
+from gaitcal.errors import UsageError
+from gaitcal.files.interruption import InterruptedWork, Stopped
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.intake.person_facts import NOTHING_SAID, Options
+from gaitcal.montecarlo.workers import Cluster
+
+ORDER = ("refused", "doubtful", "trustworthy")
+"""Verdicts, those first that somebody should look at."""
+MOST_TOLD = 20
+"""Failures that are printed at the end; all of them are in the table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CohortOptions:
+    """The options of the command line, as they were written."""
+
+    jobs: int = -1
+    cluster: str | None = None
+    normal: Path | None = None
+    retry: bool = False
+    told: Options = NOTHING_SAID
+    """Of everyone, where nothing else is said of a person."""
+
+    @property
+    def engine(self) -> Engine:
+        """Who computes."""
+        if self.cluster is not None:
+            return Cluster(self.cluster)
+        if self.jobs == 0 or self.jobs < -1:
+            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+        return processes(self.jobs)
+
+
+def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
+    """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
+    engine = options.engine
+    normal = None if options.normal is None else bands_file(options.normal).resolve()
+    if normal is not None:
+        read_normal_bands(normal)  # what is wrong with it is told before the night
+    cohort, calibration = read_cohort(path, out)
+    cohort = _with_options(cohort, options.told)
+    for name in cohort.ignored:
+        talk.line(f"not used: {name}: holds no recordings")
+    common = CommonSettings(calibration=calibration, normal=normal)
+    try:
+        with talk.working() as step:
+            written = run_cohort(
+                cohort, out, common, engine=engine, retry=options.retry, told=_teller(talk, step, len(cohort.people))
+            )
+    except (KeyboardInterrupt, Stopped) as ending:
+        work = "whoever had ended is kept, the same command goes on with the others"
+        raise InterruptedWork(ending, work) from None
+    _tell_end(talk, written, out)
+    if written.verdicts.get("failed"):
+        sys.exit(1)
+
+
+def _with_options(cohort: Cohort, told: Options) -> Cohort:
+    people = tuple(replace(person, told=joined(told, person.told)) for person in cohort.people)
+    return replace(cohort, people=people)
+
+
+def _teller(talk: Talk, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
+    step(f"0 of {people} people")
+
+    def tell(ended: Ended) -> None:
+        outcome = ended.outcome
+        left = "" if ended.remaining_s is None or ended.done == ended.todo else f", {duration(ended.remaining_s)} left"
+        far = f"{ended.done} of {ended.todo}{left}"
+        if outcome.computed:
+            cause = f": {outcome.first_cause}" if outcome.first_cause else ""
+            who = " ".join(filter(None, (outcome.name, outcome.session)))
+            talk.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
+        elif talk.verbose:
+            talk.line(f"{outcome.name} {outcome.session}: {outcome.verdict}, unchanged ({far})")
+        step(far)
+
+    return tell
+
+
+def duration(seconds: float) -> str:
+    """`40 s`, `3 min`, `2 h 05 min`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _tell_end(talk: Talk, written: Written, out: Path) -> None:
+    counts = ", ".join(f"{written.verdicts[name]} {name}" for name in ORDER if written.verdicts.get(name))
+    failed = written.verdicts.get("failed", 0)
+    talk.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
+    for number, line in enumerate(failures(out)):
+        if number == MOST_TOLD:
+            talk.line(f"and {failed - MOST_TOLD} more")
+            break
+        who = " ".join(filter(None, (line["person"], line["session"])))
+        talk.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
+    if failed:
+        talk.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
+    talk.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")

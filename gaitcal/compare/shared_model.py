@@ -1,0 +1,153 @@
+"""Joint parameters of a person from two sessions together, told in the segment frames of each.
+
+Markers that are put on anew make other segment frames, so that the same joints have other parameters, theta_A and
+theta_B. Each session's calibration (`calibration/joint_estimate.py`) says of its deviations d = theta - p0 from its
+nominal joints: the estimate d^ with covariance C, in which the prior sigma counts already. What its markers say alone
+is S = C^-1 - sigma^-2 (nothing negative), and C^-1 d^ = S m, m being where the markers alone would have it. Deviations
+of a person in two sessions go together, but for where markers were put (`parameter_differences.placement`, p):
+
+    cov [d_A, d_B] = Pi = sigma^2 [1, r; r, 1],      r = 1 - p^2 / sigma^2      (r = 1 - 1e-9 on one static trial),
+
+    [d_A, d_B] = L^-1 [C_A^-1 d^_A, C_B^-1 d^_B],    L = diag(S_A, S_B) + Pi^-1,    covariance L^-1.
+
+To first order that is one calibration of all trials with a static trial for each session: the trials' information meets
+in full, and no trial is fitted again. It is about each session's own fit that the trials are taken as linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.identifiability import LEG_JOINTS
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.compare.parameter_differences import placement, told_parameters
+from gaitcal.compare.session import Common, Session
+from gaitcal.errors import InputError
+from gaitcal.model.joint_parameters import JP_INDEX
+
+SAME = 1e-9
+"""1 - r on one static trial: what is the same there is it but for rounding."""
+
+RANK = 1e-6
+"""Part of the largest standard error, in units of the prior's, below which a direction would be known exactly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointKnowledge:
+    """What one session knows of n joint parameters."""
+
+    nominal: Array
+    """(n,) m, rad: p0."""
+    fitted: Array
+    """(n,) m, rad."""
+    covariance: Array
+    """(n, n) C."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharedJoints:
+    """Joint parameters of both sessions, from both."""
+
+    names: tuple[str, ...]
+    a: Array
+    """(n,) m, rad, in the frames of A."""
+    b: Array
+    """(n,) the same in those of B."""
+    influences: tuple[Influence, Influence]
+    """Their errors by source, of A and of B."""
+
+    @property
+    def errors(self) -> tuple[Array, Array]:
+        """(n,) m, rad each: standard errors of A's and of B's."""
+        one, other = (np.sqrt((i.parameters**2).sum(axis=1)) for i in self.influences)
+        return one, other
+
+
+def require_fit_to_share(a: Session, b: Session) -> None:
+    """InputError where a session is refused, or its joint parameters were not calibrated."""
+    for session in (a, b):
+        if session.verdict == "refused":
+            raise InputError("is refused: it has no say in a shared model", source=session.name)
+        if session.influence is None:
+            raise InputError(
+                "its joint parameters were not calibrated, which a shared model needs", source=session.name
+            )
+
+
+def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
+    """The legs' joint parameters that both sessions told something of.
+
+    Raises
+    ------
+    InputError
+        A session is refused, or its joint parameters were not calibrated.
+    """
+    require_fit_to_share(a, b)
+    known = set(told_parameters(b.influence))
+    names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(LEG_JOINTS))
+    if not names:
+        raise InputError("no joint parameter was fitted in both", source=f"{a.name}, {b.name}")
+    return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON)
+
+
+def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
+    """What the result of a session says of `names`."""
+    index = [JP_INDEX[name] for name in names]
+    model, influence = session.model, session.influence
+    if influence is None:
+        raise InputError("its joint parameters were not calibrated", source=session.name)
+    rows = influence.parameters[[influence.free.index(name) for name in names]] / prior_deviations(names)[:, None]
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    if rows.shape[1] < len(rows) or sizes[-1] <= RANK * sizes[0]:
+        message = (
+            "its joint errors are not those of the evidence of all trials (protocol = 'evidence'); calibrate again"
+        )
+        raise InputError(message, source=session.name)
+    rows = rows * prior_deviations(names)[:, None]
+    return JointKnowledge(
+        nominal=model.nominal.joint[index], fitted=model.parameters.joint[index], covariance=rows @ rows.T
+    )
+
+
+def joined(names: tuple[str, ...], a: JointKnowledge, b: JointKnowledge, placed_anew: bool) -> SharedJoints:
+    """Both sessions' knowledge together; `placed_anew`: each has a static trial of its own."""
+    count, spread = len(names), prior_deviations(names)
+    own = placement(names) ** 2 / spread**2 if placed_anew else np.zeros(count)
+    together = np.diag(spread**2 * np.minimum(1.0 - own, 1.0 - SAME))
+    prior = np.block([[np.diag(spread**2), together], [together, np.diag(spread**2)]])
+    precision = np.linalg.inv(prior)
+    inverses = [np.linalg.inv(k.covariance) for k in (a, b)]
+    roots = [_root(np.asarray(inverse - np.diag(spread**-2.0), float)) for inverse in inverses]
+    right = np.concatenate([i @ (k.fitted - k.nominal) for i, k in zip(inverses, (a, b), strict=True)])
+    covariance = np.linalg.inv(block_diag(*(r @ r.T for r in roots)) + precision)
+    moved = covariance @ right
+    by_markers = covariance @ block_diag(*roots)
+    by_nominal = covariance @ np.linalg.cholesky(precision)
+    clusters = (
+        *(f"markers/{session}/{k}" for session in ("A", "B") for k in range(count)),
+        *(f"nominal/{name}" for name in names),
+    )
+
+    def errors_of(rows: slice) -> Influence:
+        compressed = np.asarray(np.linalg.qr(by_nominal[rows].T, mode="r")).T
+        return Influence(names, np.hstack([by_markers[rows], compressed]), clusters)
+
+    halves = slice(0, count), slice(count, 2 * count)
+    return SharedJoints(
+        names=names,
+        a=a.nominal + moved[halves[0]],
+        b=b.nominal + moved[halves[1]],
+        influences=(errors_of(halves[0]), errors_of(halves[1])),
+    )
+
+
+def _root(information: Array) -> Array:
+    """(n, n) R with R R^T = the information, nothing of it negative."""
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return out

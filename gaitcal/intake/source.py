@@ -1,0 +1,28 @@
+"""What of a folder a study comes from: a study file of its own, or the files that its draft reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gaitcal.errors import InputError
+from gaitcal.intake.draft import Draft
+from gaitcal.intake.draft_text import STUDY
+from gaitcal.intake.folder import FileKind, Folder
+
+
+def own_study(folder: Folder) -> Path | None:
+    """The study file that lies in a folder; None where none does. InputError for several."""
+    own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
+    if len(own) > 1:
+        names = ", ".join(p.name for p in own)
+        raise InputError(
+            f"holds {len(own)} study files: {names}; name one of them instead of the folder", source=folder.path
+        )
+    return own[0] if own else None
+
+
+def files_of(draft: Draft) -> tuple[Path, ...]:
+    """The files that a drafted study reads."""
+    own = [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
+    forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
+    return (*(trial.file.path for trial in draft.trials), *forces, *own)

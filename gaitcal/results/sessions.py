@@ -1,0 +1,159 @@
+"""Two result folders of one person, read for `gaitcal compare A B`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.compare.session import Session
+from gaitcal.compare.sessions import SessionComparison, compare_sessions
+from gaitcal.errors import InputError
+from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.snapshot import Snapshot, read_whole
+from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.stride_table import typed
+from gaitcal.model.model_file import load_model
+from gaitcal.person.trial_result import axis_deviations
+from gaitcal.results.cycles import CYCLES, read_cycles
+from gaitcal.results.cycles_export import made_with_another_model
+from gaitcal.results.originals import trial_files
+from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
+from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.table_file import read_csv
+from gaitcal.results.verdict import SUMMARY
+from gaitcal.study.settings import CalibrationSettings
+
+FURTHER = "model_sha256"
+"""Entry of the manifest of further trials, whose model lies in the folder above."""
+
+
+def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
+    """Set two results of one person side by side: before and after, or test and retest.
+
+    Parameters
+    ----------
+    a, b : result folders of `gaitcal calibrate`, or the `dynamics` folders in them.
+
+    Returns
+    -------
+    Differences b - a of angles, moments, powers, spatiotemporal measures and joint parameters with their error bars,
+    as tables (`differences`, `curves`), and in words (`lines`).
+
+    Raises
+    ------
+    InputError
+        One is no result, damaged, or of another person by the lengths of its legs.
+    """
+    one, other = (load_session(Path(folder))[0] for folder in (a, b))
+    return compare_sessions(*named_apart(one, other))
+
+
+def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
+    """Read one result folder, or one of further trials; and what was read.
+
+    Raises
+    ------
+    InputError
+        It is none, damaged, or of an earlier version that did not write what this needs.
+    """
+    manifest = read_object(folder / MANIFEST)
+    if not manifest:
+        message = (
+            "is no result of 'gaitcal calibrate': found no manifest.json in it" if folder.is_dir() else "not found"
+        )
+        raise InputError(message, source=folder)
+    whole = folder.resolve()
+    calibrated = folder / ".." if FURTHER in manifest else folder
+    tables = (CYCLES, SPATIOTEMPORAL, SUMMARY)
+    (strides, measures, summary), read = read_whole(
+        folder, tables, lambda: (read_cycles(folder), _measures(folder), read_object(folder / SUMMARY))
+    )
+    needed = (MODEL, UNCERTAINTY, SUMMARY)
+    (model, uncertainty), of_model = read_whole(
+        calibrated,
+        needed,
+        lambda: (load_model(calibrated / MODEL), load_uncertainty(calibrated / UNCERTAINTY)),
+        (MODEL,),
+    )
+    settings = _settings(calibrated)
+    stale = () if calibrated is folder else made_with_another_model(folder, of_model.sha256[MODEL])
+    other = (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",) if stale else ()
+    session = Session(
+        name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
+        model=model,
+        model_key=str(of_model.sha256[MODEL]),
+        statics=_recordings(calibrated, moving=False),
+        recordings=frozenset(_recordings(calibrated, moving=True) if calibrated is folder else ()),
+        influence=uncertainty.joint,
+        strides=typed(strides, folder / CYCLES),
+        measures=measures,
+        verdict=str(summary.get("verdict") or ""),
+        reasons=_reasons(summary),
+        remarks=(*of_model.remarks, *other),
+        axis_deviations=axis_deviations(settings),
+        error_shares=_shares(summary),
+        relative=settings.angles == "relative",
+    )
+    return session, (read, of_model)
+
+
+def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
+    """Both, with other names where their folders have one name."""
+    return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
+
+
+def _settings(folder: Path) -> CalibrationSettings:
+    settings = read_object(folder / MANIFEST).get("settings")
+    if not isinstance(settings, dict):
+        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
+    known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
+    return CalibrationSettings.model_validate(known)
+
+
+def _measures(folder: Path) -> pd.DataFrame:
+    source = folder / SPATIOTEMPORAL
+    try:
+        table, _ = read_csv(source)
+        if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
+            raise InputError(f"is no table of measures: found no column {', '.join(missing)}", source=source)
+        numbers = {name: pd.to_numeric(table[name]) for name in ("stride", "value", "valid", "turn")}
+    except (OSError, UnicodeError, ValueError) as error:
+        raise InputError(f"cannot be read as a table of measures: {error}", source=source) from None
+    whole = table.assign(**numbers)
+    return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
+
+
+def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
+    """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
+    told = read_object(folder / SUMMARY).get("trials")
+    hashes = read_object(folder / MANIFEST).get("inputs_sha256")
+    if not isinstance(told, dict) or not isinstance(hashes, dict):
+        return ()
+    files = (files.get("file", "") for trial, files in trial_files(folder).items() if (trial in told) is moving)
+    return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
+
+
+def _reasons(summary: Mapping[str, object]) -> tuple[str, ...]:
+    stored = summary.get("reasons")
+    found = [r for r in stored if isinstance(r, dict)] if isinstance(stored, list) else []
+    return tuple(f"{', '.join(map(str, r.get('trials') or ['study']))}: {r.get('cause')}" for r in found)
+
+
+def _shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]]:
+    """Torque -> source -> part of its variance, the mean over trials."""
+    trials = summary.get("trials")
+    found: dict[str, list[dict[str, float]]] = {}
+    for entry in trials.values() if isinstance(trials, dict) else ():
+        told = entry.get("torque_error_sources") if isinstance(entry, dict) else None
+        for torque, shares in told.items() if isinstance(told, dict) else ():
+            found.setdefault(torque, []).append(cast(dict[str, float], shares))
+    out = {}
+    for torque, listed in found.items():
+        sources = dict.fromkeys(source for shares in listed for source in shares)
+        out[torque] = {s: float(np.mean([shares.get(s, 0.0) for shares in listed])) for s in sources}
+    return out

@@ -1,0 +1,78 @@
+"""`gaitcal cohort` from bare folders to tables, on made-up people."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from gaitcal.cli import app
+from gaitcal.cohort.people import people_in
+from gaitcal.commands.cohort import duration
+from gaitcal.errors import InputError, UsageError
+from tests.intake.folders import recordings, write
+
+
+def run(*words: object) -> Result:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_usage(tmp_path: Path) -> None:
+    assert run("cohort", tmp_path).exit_code == 2
+    with pytest.raises(UsageError, match="--jobs: found 0"):
+        run("cohort", tmp_path, "--out", tmp_path / "out", "--jobs", 0)
+    with pytest.raises(InputError, match="no sub-folder holds recordings"):
+        run("cohort", tmp_path, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_durations() -> None:
+    assert [duration(s) for s in (12, 200, 7500)] == ["12 s", "3 min", "2 h 05 min"]
+
+
+def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path: Path) -> None:
+    write(tmp_path / "Ann", recordings(), forces="grf")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "list.csv").write_text("a;b\n1;2\n")
+    cohort = people_in(tmp_path, tmp_path / "out")
+    assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
+
+
+@pytest.mark.slow
+def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
+    """One is calibrated, one has nobody who tells the mass, one has a file that is none; a second run does nothing."""
+    lab, out = tmp_path / "lab", tmp_path / "out"
+    write(lab / "Ann" / "day 1", recordings(), forces="grf")
+    write(lab / "Bob", recordings(), forces="grf")
+    (lab / "Cid").mkdir()
+    (lab / "Cid" / "walk.c3d").write_bytes(b"no recording")
+    (lab / "people.csv").write_text("person,group,sex,mass_kg,height_m\nAnn,controls,m,69.4,1.70\n")
+    command = [sys.executable, "-c", "from gaitcal.cli import main; main()", "cohort", lab, "--out", out, "--jobs", "1"]
+    first = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert first.returncode == 1, first.stderr
+    assert "1 of 3" in first.stdout
+    with (out / "people.csv").open(newline="") as stream:
+        (ann,) = csv.DictReader(stream)
+    assert (ann["person"], ann["session"], ann["group"]) == ("Ann", "day 1", "controls")
+    result = out / ann["folder"]
+    assert json.loads((result / "manifest.json").read_text())["subject"]["name"] == "Ann"
+    assert 'session = "day 1"' in (result / "study.toml").read_text()
+    with (out / "failures.csv").open(newline="") as stream:
+        bob, cid = csv.DictReader(stream)
+    assert bob["cause"] == "no file says subject.mass_kg, subject.height_m, subject.sex"
+    assert bob["what_to_do"] == "give mass_kg, height_m, sex in people.csv or cohort.toml"
+    assert cid["person"] == "Cid"
+    written = (result / "manifest.json").stat().st_mtime_ns
+    again = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert again.returncode == 1
+    assert "failed: Bob: no file says" in again.stdout
+    assert " of 3" not in again.stdout
+    assert (result / "manifest.json").stat().st_mtime_ns == written

@@ -1,0 +1,76 @@
+"""Sessions made of plain numbers: strides of one angle and one moment, a calibrated model, errors by source."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.compare.session import Session
+from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.model.nominal import published_model
+
+NAMES = ("hip_r.pelvis.ant", "knee_r.thigh.front")
+STANCE = 60.0
+SHARED = {"knee_angle": 2.0, "knee_angle_moment": 1.0}
+"""Variable -> deg, N·m: the error that all strides share."""
+OWN = 0.5
+SD = 1.0
+"""Of strides, an offset each."""
+
+
+def made_session(
+    name: str = "first", seed: int = 0, strides: int = 6, swing: float = 0.0, person: str = "S07", **changes: object
+) -> Session:
+    """`swing`: deg added to the right knee in swing."""
+    rng, percent = np.random.default_rng(seed), np.arange(POINTS)
+    parts, measures = [], []
+    for side in ("r", "l"):
+        for stride in range(1, strides + 1):
+            offset = rng.normal(0.0, SD)
+            for variable, shared in SHARED.items():
+                curve = 30.0 - 30.0 * np.cos(2.0 * np.pi * percent / 100.0) + offset
+                curve = curve + swing * (percent > STANCE) * (side == "r" and variable == "knee_angle")
+                values = (
+                    person,
+                    "",
+                    "walk",
+                    side,
+                    stride,
+                    percent,
+                    variable,
+                    curve,
+                    np.hypot(shared, OWN),
+                    1,
+                    OWN,
+                    0.0,
+                )
+                parts.append(pd.DataFrame(dict(zip(CYCLE_COLUMNS, values, strict=True))))
+            for measure, value in (("stance_percent", STANCE), ("stride_time", 1.1 + 0.01 * offset)):
+                measures.append({"trial": "walk", "side": side, "stride": stride, "variable": measure, "value": value})
+    model = published_model()
+    whole = pd.DataFrame(measures).assign(valid=1, turn=0.0)
+    made = Session(
+        name=name,
+        model=replace(model, subject=replace(model.subject, name=person)),
+        model_key=name,
+        statics=("static",),
+        recordings=frozenset({name}),
+        influence=made_influence(rng),
+        strides=pd.concat(parts, ignore_index=True),
+        measures=whole,
+        verdict="trustworthy",
+    )
+    return replace(made, **changes)  # type: ignore[arg-type]
+
+
+def made_influence(rng: np.random.Generator) -> Influence:
+    """Of two joint parameters: three columns of markers, two of nominal joints."""
+    sigma = prior_deviations(NAMES)
+    markers = rng.normal(0.0, 1.0, (2, 3)) * sigma[:, None] / 5.0
+    clusters = (*(f"markers/walk/{k}" for k in range(3)), *(f"nominal/{name}" for name in NAMES))
+    return Influence(NAMES, np.hstack([markers, np.diag(0.5 * sigma)]), clusters)

@@ -1,0 +1,117 @@
+"""Differences between two sessions: identities, a shift that is known, what is shared, who is compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from gaitcal.compare.difference_error import MDC
+from gaitcal.compare.difference_words import sentence
+from gaitcal.compare.parameter_differences import difference_variance, placement
+from gaitcal.compare.session import Common
+from gaitcal.compare.sessions import compare_sessions
+from gaitcal.errors import InputError
+from gaitcal.model.joint_parameters import JP_INDEX
+from tests.compare.made_sessions import NAMES, SD, SHARED, made_session
+
+EXACT = 1e-9
+SWING = 8.0
+"""deg."""
+
+
+def test_a_session_against_itself_differs_in_nothing() -> None:
+    session = made_session()
+    found = compare_sessions(session, session)
+    assert found.common is Common.MODEL
+    table = found.differences
+    assert len(table) and (table["difference"] == 0.0).all() and not table["exceeds"].any()
+    assert (table["se_shared"] == 0.0).all()
+    assert (found.curves["difference"].dropna() == 0.0).all() and not found.curves["exceeds"].any()
+
+
+def test_a_known_shift_comes_first_and_nothing_else_exceeds() -> None:
+    a, b = made_session("before"), made_session("after", seed=0, swing=-SWING)
+    found = compare_sessions(a, b)
+    first = found.found[0]
+    assert (first.side, first.name, first.difference) == ("r", "knee_angle", pytest.approx(-SWING, abs=EXACT))
+    assert {(d.side, d.name) for d in found.found if d.exceeds} == {("r", "knee_angle")}
+    beyond = found.curves[found.curves["exceeds"] == 1]
+    assert set(beyond["side"]) == {"r"} and beyond["percent"].min() == 61 and beyond["percent"].max() == 100
+    said = next(line for line in found.lines if line.startswith("right knee flexion"))
+    assert "8.0 deg less" in said and "times what these recordings could miss" in said
+
+
+def test_the_error_of_a_difference_is_that_of_strides_and_of_what_is_not_shared() -> None:
+    a, b = made_session("a", strides=12), made_session("b", seed=1, strides=12, statics=("another",))
+    found = compare_sessions(a, b)
+    assert found.common is Common.PERSON
+    largest = next(d for d in found.found if (d.side, d.name, d.measure) == ("r", "knee_angle", "largest in swing"))
+    tops = [s.strides.query("side == 'r' and variable == 'knee_angle' and percent == 61")["value"] for s in (a, b)]
+    pooled = sum(((t - t.mean()) ** 2).sum() for t in tops) / 22
+    widened = student.ppf(0.975, 22) / MDC
+    assert largest.se_strides == pytest.approx(widened * np.sqrt(pooled / 6.0), rel=1e-6)
+    assert largest.se_shared == pytest.approx(np.sqrt(2.0) * SHARED["knee_angle"], rel=1e-6)
+    assert largest.mdc95 == pytest.approx(MDC * np.hypot(largest.se_strides, largest.se_shared))
+    assert 0.3 * SD < np.sqrt(pooled) < 3.0 * SD
+
+
+def test_one_stride_each_is_never_more_than_could_be_missed() -> None:
+    found = compare_sessions(made_session("a", strides=1), made_session("b", strides=1, swing=50.0))
+    curves = [d for d in found.found if d.kind in ("angle", "moment")]
+    assert curves and not any(d.exceeds for d in curves) and not found.curves["exceeds"].any()
+    assert any("cannot be judged" in line for line in found.lines)
+
+
+def test_what_both_share_counts_once() -> None:
+    one, other = (made_session(seed=seed).influence for seed in (0, 1))
+    assert one is not None and other is not None
+    assert not difference_variance(one, other, NAMES, Common.MODEL).any()
+    markers = [(i.parameters[:, :3] ** 2).sum(axis=1) for i in (one, other)]
+    static = difference_variance(one, other, NAMES, Common.STATIC)
+    assert static == pytest.approx(sum(markers), rel=1e-12)  # nominal columns are alike: they cancel
+    person = difference_variance(one, other, NAMES, Common.PERSON)
+    assert person == pytest.approx(sum(markers) + 2.0 * placement(NAMES) ** 2, rel=1e-12)
+
+
+def test_refused_and_doubtful_results_are_said_first() -> None:
+    a = made_session("a", verdict="doubtful", reasons=("walk: a marker fell off",))
+    b = made_session("b", verdict="refused", reasons=("walk: the forces come late",))
+    lines = compare_sessions(a, b).lines
+    assert lines[0].startswith("warning: b is refused") and "the forces come late" in lines[0]
+    assert lines[1].startswith("warning: a is doubtful")
+
+
+def test_negative_values_are_told_as_more_or_less_negative() -> None:
+    found = compare_sessions(made_session("a"), made_session("b", swing=SWING)).found
+    peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
+    assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
+    assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
+
+
+def test_a_recording_in_both_is_said() -> None:
+    warnings = compare_sessions(made_session("a"), made_session("b", recordings=frozenset({"a"}))).warnings
+    assert any(text.startswith("1 recording in both") for text in warnings)
+
+
+def test_another_person_is_refused_or_doubted() -> None:
+    a, b = made_session("a"), made_session("b", person="S08")
+    assert any("of one person? the names differ" in text for text in compare_sessions(a, b).warnings)
+    longer = b.model.parameters.joint.copy()
+    for side in "rl":
+        longer[JP_INDEX[f"knee_{side}.thigh.sup"]] *= 1.3
+    stretched = replace(b.model, parameters=replace(b.model.parameters, joint=longer))
+    with pytest.raises(InputError, match="not two results of one person: right thigh"):
+        compare_sessions(a, replace(b, model=stretched))
+
+
+def test_strides_that_turn_and_samples_that_do_not_count_are_left_out() -> None:
+    a, b = made_session("a"), made_session("b", seed=1, swing=SWING)
+    turned = b.strides.assign(turn=40.0)
+    found = compare_sessions(a, replace(b, strides=turned))
+    assert not [d for d in found.found if d.kind in ("angle", "moment")]
+    assert any("no stride that is complete and straight" in text for text in found.warnings)
+    invalid = b.strides.assign(valid=0)
+    assert not [d for d in compare_sessions(a, replace(b, strides=invalid)).found if d.kind == "angle"]

@@ -1,0 +1,130 @@
+"""`gaitcal compare A B` on result folders: read whole, written whole, hostile names, damaged and foreign folders."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from gaitcal.commands.compare import Options, run
+from gaitcal.commands.console import Talk
+from gaitcal.compare.session import Common
+from gaitcal.errors import InputError, UsageError
+from gaitcal.files.atomic import atomic_directory
+from gaitcal.files.ownership import MANIFEST, ResultKind
+from gaitcal.model.model_file import save_model
+from gaitcal.person.result import Calibration
+from gaitcal.results.calibration import json_text
+from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
+from gaitcal.results.sessions import compare_results
+from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
+from gaitcal.results.stride_files import write_stride_files
+from gaitcal.results.summary import summary
+from gaitcal.results.table_file import read_csv
+from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.write_comparison import CURVES, DIFFERENCES, WORDS, write_comparison
+from gaitcal.study.settings import CalibrationSettings
+from tests.fake_result import HOSTILE, Names, fake_calibration
+
+
+def write_result(calibration: Calibration, folder: Path) -> None:
+    """What a comparison reads of a result folder, signed as one."""
+    with atomic_directory(folder, ResultKind.CALIBRATION) as out:
+        settings = json.loads(CalibrationSettings().model_dump_json())
+        content = {"gaitcal": "0", "settings": settings, "trials": {}, "inputs_sha256": {}}
+        (out / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+        (out / SUMMARY).write_text(json_text(summary(calibration)), encoding="utf-8")
+        save_model(calibration.model, out / MODEL)
+        save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
+        write_stride_files(out, calibration.model, calibration.trials)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> tuple[Path, Path]:
+    """Before and after, of a person and a trial with hostile names; the second has another knee."""
+    names = Names(subject=HOSTILE, trial=HOSTILE)
+    before = fake_calibration(names)
+    joint = before.model.parameters.joint.copy()
+    joint[:3] += 1e-4
+    model = replace(before.model, parameters=replace(before.model.parameters, joint=joint))
+    folders = tmp_path / "before #1 [bold]x", tmp_path / "after"
+    for calibration, folder in zip((before, replace(before, model=model)), folders, strict=True):
+        write_result(calibration, folder)
+    return folders
+
+
+def test_a_result_against_itself_and_against_another(results: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = results
+    same = compare_results(before, before)
+    assert same.common is Common.MODEL and not same.differences["exceeds"].any()
+    assert (same.differences["difference"].abs() == 0.0).all()
+    found = compare_results(before, after)
+    assert found.common is not Common.MODEL
+    assert len(found.curves) and set(found.curves["side"]) == {"r", "l"}
+    out = write_comparison(found, tmp_path / "comparison", results)
+    for name, table in ((DIFFERENCES, found.differences), (CURVES, found.curves)):
+        read, comments = read_csv(out / name)
+        assert len(read) == len(table) and list(read.columns) == list(table.columns) and comments
+        assert len(pd.read_csv(out / name, comment="#")) == len(table)
+    lines = (out / WORDS).read_text(encoding="utf-8").splitlines()
+    assert len(lines) == len(found.lines) and all(line.isprintable() for line in lines)
+    write_comparison(same, out, results)  # an earlier one is replaced
+
+
+def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    run(*results, Options(), Talk(quiet=False, verbose=False))
+    assert "after against before #1 [bold]x" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("file", ["cycles.csv", "spatiotemporal.csv", "summary.json", "uncertainty.npz"])
+def test_damaged_files_are_named(results: tuple[Path, Path], file: str) -> None:
+    before, after = results
+    content = (after / file).read_bytes()
+    (after / file).write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match=f"{file}.*damaged"):
+        compare_results(before, after)
+    (after / file).unlink()
+    with pytest.raises(InputError, match=f"{file}.*missing"):
+        compare_results(before, after)
+
+
+def test_an_edited_model_is_said(results: tuple[Path, Path]) -> None:
+    before, after = results
+    with (after / "model.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n# looked at\n")
+    assert any(text.startswith("after: model.toml is not as") for text in compare_results(before, after).warnings)
+
+
+def test_no_result_and_no_room_are_told(results: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = results
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "empty", tmp_path / "nowhere"):
+        with pytest.raises(InputError, match="no result|not found"):
+            compare_results(before, folder)
+    with pytest.raises(InputError, match="an input of this run"):
+        write_comparison(compare_results(before, after), after, results)
+    assert json.loads((after / "manifest.json").read_text())["kind"] == "calibration"
+
+
+def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> None:
+    before, after = results
+    talk = Talk(quiet=True, verbose=False)
+    for other, options in (
+        (None, Options()),
+        (after, Options(osim=tmp_path / "model.osim")),
+        (after, Options(studies=(tmp_path / "study.toml",))),
+    ):
+        with pytest.raises(UsageError):
+            run(before, other, options, talk)
+
+
+def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="evidence of all trials"):
+        compare_with_shared_model(*results)
+    with pytest.raises(InputError, match="one model already"):
+        compare_with_shared_model(results[0], results[0])
+    with pytest.raises(InputError, match="--study FILE"):
+        study_of_result(results[0], tmp_path / "study.toml")
