@@ -153,10 +153,15 @@ class _MarkersAndPriors(SharedTrials):
     def reduced(self, x: Array) -> list[Array]:
         """Per trial S_t among all (np + nz) unknowns, motions eliminated."""
         trials, moved, _, nodes = self.at(x)
+        equations = [problem.equations(n, problem.constants(moved)) for problem, n in zip(trials, nodes, strict=True)]
+        return self.placed([eliminate(of_trial).hessian for of_trial in equations])
+
+    def placed(self, hessians: Sequence[Array]) -> list[Array]:
+        """The same from what is left of each trial (np_t, np_t), m^2."""
         out = []
-        for problem, n, share, places in zip(trials, nodes, self.share, self.columns, strict=True):
+        for hessian, share, places in zip(hessians, self.share, self.columns, strict=True):
             whole = np.zeros((self.size, self.size))
-            whole[np.ix_(places, places)] = share * eliminate(problem.equations(n, problem.constants(moved))).hessian
+            whole[np.ix_(places, places)] = share * hessian
             out.append(whole)
         return out
 
@@ -198,6 +203,7 @@ def estimate_joints(
         Unless given, the noise of every trial is found by fitting `ROUNDS` times.
     """
     began = time.perf_counter()
+    fit: JointFit | None = None
     if start is None:
         fit, noise = _without_skin(problems, nominal, free)
         theta, nodes, steps = fit.values, list(fit.nodes), fit.iterations
@@ -211,7 +217,10 @@ def estimate_joints(
         end = descend(shared, x, WITH_SKIN)
         x, steps, converged, message = end.x, steps + end.steps, end.converged, end.ending.value
     theta, nodes = shared.parted(x)
-    parts = shared.reduced(x)
+    if fit is None or skin.keys:
+        parts = shared.reduced(x)
+    else:
+        parts = shared.placed([trial.matrices.hessian for trial in fit.state.trials])
     inverse = np.linalg.inv(sum(parts) + shared.precision)
     estimate = JointEstimate(
         free=free,

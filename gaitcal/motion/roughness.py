@@ -61,12 +61,25 @@ class Roughness:
         derivatives = ((by_node @ nodes, products) for by_node, products in self.terms)
         return sum(float(np.vdot(values, products @ values @ coupling)) for values, products in derivatives)
 
+    def both(self, nodes: Array, coupling: Array) -> tuple[float, Array]:
+        """tr(N^T R N K), and (nn, k) R N K."""
+        cost, out = 0.0, np.zeros_like(nodes)
+        for (by_node, products), back in zip(self.terms, self._back, strict=True):
+            values = by_node @ nodes
+            pull = products @ values @ coupling
+            cost += float(np.vdot(values, pull))
+            out += back @ pull
+        return cost, out
+
     def times(self, nodes: Array) -> Array:
         """(nn, k) R N."""
-        out = np.zeros_like(nodes)
-        for by_node, products in self.terms:
-            out += by_node.T @ (products @ (by_node @ nodes))
+        _, out = self.both(nodes, np.eye(nodes.shape[1]))
         return out
+
+    @cached_property
+    def _back(self) -> tuple[csr_array, ...]:
+        """(nn, nn - k) D^T of each term."""
+        return tuple(by_node.T.tocsr() for by_node, _ in self.terms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +105,13 @@ class Smoothing:
         """m^2, for nodes (nn, nq)."""
         return self.roughness.cost(nodes, self.coupling)
 
+    def both(self, nodes: Array) -> tuple[float, Array]:
+        """Cost, and (nn, nq) half its gradient."""
+        return self.roughness.both(nodes, self.coupling)
+
     def gradient(self, nodes: Array) -> Array:
         """(nn, nq) half gradient of the cost."""
-        out: Array = self.roughness.times(nodes) @ self.coupling
+        _, out = self.both(nodes)
         return out
 
     def add_to(self, band: Array) -> None:

@@ -148,8 +148,9 @@ class TrialProblem:
         equations = assembler.finish(sums, cost)
         if self.penalty is not None:
             self.penalty.add_to(equations.band)
-            gradient = equations.node_gradient + self.penalty.gradient(nodes)
-            equations = replace(equations, cost=cost + self.penalty.cost(nodes), node_gradient=gradient)
+            more, gradient = self.penalty.both(nodes)
+            gradient += equations.node_gradient
+            equations = replace(equations, cost=cost + more, node_gradient=gradient)
         if self.tissue is None:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
@@ -185,7 +186,8 @@ class TrialProblem:
             stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
         if self.penalty is not None:
-            cost, by_nodes = cost + self.penalty.cost(nodes), by_nodes + self.penalty.gradient(nodes)
+            more, gradient = self.penalty.both(nodes)
+            cost, by_nodes = cost + more, by_nodes + gradient
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
