@@ -93,11 +93,12 @@ def force_derivatives(
     model, data = linkage.model, linkage.model.createData()
     by_q, by_v, by_a = (np.empty((nf, len(rows), len(COORDINATES))) for _ in range(3))
     by_p = np.empty((nf, len(rows), len(free)))
+    places, held_places = np.ix_(rows, moving), np.ix_(rows, fixed)
+    upper = np.minimum(*places), np.maximum(*places)  # Pinocchio fills the upper half of the mass matrix alone
     for f in range(nf):
         dq, dv, da = pin.computeRNEADerivatives(model, data, state[0, f], state[1, f], state[2, f])
-        mass = np.triu(da) + np.triu(da, 1).T  # Pinocchio fills the upper half alone
-        by_q[f], by_p[f] = dq[np.ix_(rows, moving)], dq[np.ix_(rows, fixed)]
-        by_v[f], by_a[f] = dv[np.ix_(rows, moving)], mass[np.ix_(rows, moving)]
+        by_q[f], by_p[f] = dq[places], dq[held_places]
+        by_v[f], by_a[f] = dv[places], da[upper]
     contact = _contact_derivatives(chain, linkage.coordinates, parameters, q, wrenches, names, free)
     by_q -= contact[:, :, :27]
     by_p -= contact[:, :, 27:]
