@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from gaitcal.calibration import open_motion, reduced_problem
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
-from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings, calibrate_joints
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
@@ -131,6 +131,24 @@ def test_a_strong_prior_keeps_parameters_where_they_are() -> None:
     strong = fit(problem, start, KNEE, prior_position=1e-7, prior_orientation=1e-7)
     assert np.abs(strong.values - values(start, KNEE)).max() < 1e-4
     assert np.abs(weak.values - values(start, KNEE)).max() > 1e-2
+
+
+def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
+    """Trials of people with different knees, so that their weights tell; the search goes on from the even weights."""
+    settings, shares = JointSettings(prior_position=0.01, prior_orientation=0.1), (9.0, 0.5)
+    trials, start = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)], published_subject()
+    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
+    search = JointSearch(trials, start, KNEE, starts, settings)
+    even = search.approach(1e-7)
+    search.weigh(shares)
+    found = search.run()
+    scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
+    expected = calibrate_joints(scaled, start, KNEE, starts, settings)
+    assert np.abs(even.p - expected.values).max() > 1e-3
+    np.testing.assert_allclose(found.values, expected.values, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(
+        found.state.hessian, expected.state.hessian, rtol=0, atol=1e-4 * np.abs(expected.state.hessian).max()
+    )
 
 
 def test_what_earlier_trials_know_counts_like_their_markers() -> None:
