@@ -3,7 +3,8 @@
     min  sum_t C_t(p, z, N_t) / nu_t^2  +  |(p - p_0) / sigma|^2  +  z^T Sigma^-1 z
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
-about their nominal values p_0 (`joint_prior.py`), z the skin's movement where there is evidence of it
+about p_0, their nominal values, sigma^2 the default prior's variance or p_0 and sigma^2 those that a cohort expects
+(`joint_prior.py`), z the skin's movement where there is evidence of it
 (`skin_evidence.py`), nu_t the noise of the trial's independent samples (`joint_noise.py`). Trials meet by their full
 information, each in units of its own noise. Without skin the motions are eliminated (`reduced_problem.py`), which
 follows the narrow valleys of ankles; skin is then found by steps of `descend` on the arrow of `motion/arrow.py`.
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -28,10 +29,10 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
-from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations
+from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations, prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.skin_movement import unit_covariance
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials, eliminate
 from gaitcal.motion.descent import DescentSettings, descend
@@ -39,6 +40,7 @@ from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
 PLAIN = JointSettings(prior_position=POSITION, prior_orientation=ORIENTATION, marker_noise=1.0, tolerance=1e-9)
 """Costs are in units of the noise already."""
@@ -117,12 +119,13 @@ class _MarkersAndPriors(SharedTrials):
         free: tuple[str, ...],
         skin: SkinPrior,
         noise: Sequence[float],
+        learnt: JointPrior | None,
     ) -> None:
         super().__init__(problems, nominal, free, skin.keys)
         self.share = [1.0 / nu**2 for nu in noise]
         self.nothing_left = 0.0
-        self.centre = np.concatenate([nominal.joint[[JP_INDEX[n] for n in free]], np.zeros(len(skin.keys))])
-        own = np.diag(1.0 / prior_deviations(free) ** 2)
+        expected, own = _prior(nominal, free, learnt)
+        self.centre = np.concatenate([expected, np.zeros(len(skin.keys))])
         self.precision = block_diag(own, np.linalg.inv(skin.covariance)) if skin.keys else own
 
     def at(self, x: Array) -> tuple[list[TrialProblem], Parameters, Array, list[Array]]:
@@ -185,6 +188,7 @@ def estimate_joints(
     *,
     skin: SkinPrior = NO_SKIN,
     start: JointEstimate | None = None,
+    learnt: JointPrior | None = None,
 ) -> tuple[JointEstimate, Influence]:
     """Fit the joint parameters `free` and the skin to all trials together, and tell their errors by source.
 
@@ -194,16 +198,17 @@ def estimate_joints(
     nominal : centre of the prior, and values of all that is not free.
     start : an estimate of the same trials without skin; its noise is kept, as skin that is free explains noise, too.
         Unless given, the noise of every trial is found by fitting `ROUNDS` times.
+    learnt : prior of a cohort, about `nominal`; the default prior unless given.
     """
     began = time.perf_counter()
     if start is None:
-        fit, noise = _without_skin(problems, nominal, free)
+        fit, noise = _without_skin(problems, nominal, free, learnt)
         theta, nodes, steps = fit.values, list(fit.nodes), fit.iterations
         converged, message = fit.converged, fit.message
     else:
         noise, theta = list(start.noise), np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
         nodes, steps, converged, message = list(start.nodes), 0, start.converged, start.message
-    shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
+    shared = _MarkersAndPriors(problems, nominal, free, skin, noise, learnt)
     x = shared.joined(theta, nodes)
     if skin.keys:
         end = descend(shared, x, WITH_SKIN)
@@ -227,17 +232,35 @@ def estimate_joints(
     return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
 
 
+def _prior(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None) -> tuple[Array, Array]:
+    """(np,) expected values and (np, np) precision of joint parameters before any trial."""
+    middle = nominal.joint[[JP_INDEX[n] for n in free]]
+    if learnt is None:
+        return middle, np.diag(1.0 / prior_deviations(free) ** 2)
+    mean, covariance = prior_of(free, learnt)
+    return middle + mean, np.linalg.inv(covariance)
+
+
 def _without_skin(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
 ) -> tuple[JointFit, list[float]]:
     """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
     noise = [first_noise(p) for p in problems]
     starts: Sequence[Array] = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     least, values = [least_noise(p.basis) for p in problems], None
-    precision = np.diag(1.0 / prior_deviations(free) ** 2)
+    expected, precision = _prior(nominal, free, learnt)
+    centre, settings, information = nominal, PLAIN, None
+    if learnt is not None:  # all of the prior is information about its own centre
+        centre, settings = (
+            nominal.with_joint(free, expected),
+            replace(PLAIN, prior_position=np.inf, prior_orientation=np.inf),
+        )
+        index = [JP_INDEX[n] for n in free]
+        information = np.zeros((len(JP_NAMES),) * 2)
+        information[np.ix_(index, index)] = precision
     for remaining in reversed(range(ROUNDS + 1)):
         weighed = [p.scaled(1.0 / nu**2) for p, nu in zip(problems, noise, strict=True)]
-        fit = calibrate_joints(weighed, nominal, free, starts, PLAIN, start_values=values)
+        fit = calibrate_joints(weighed, centre, free, starts, settings, start_values=values, information=information)
         starts, values = fit.nodes, fit.values
         if remaining:
             served = float(np.trace(np.linalg.solve(fit.state.hessian + precision, fit.state.hessian)))
@@ -257,7 +280,7 @@ def _influence(
         columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
     count = len(estimate.free)
-    columns.append(inverse[:, :count] * np.sqrt(np.diag(shared.precision)[:count]))
+    columns.append(inverse[:, :count] @ np.linalg.cholesky(shared.precision[:count, :count]))
     sources += [f"nominal/{name}" for name in estimate.free]
     if estimate.keys:
         columns.append(inverse[:, count:] @ np.linalg.cholesky(shared.precision[count:, count:]))
