@@ -1,11 +1,11 @@
 """Which prior of joint parameters a cohort supports, decided by people who were left out.
 
-The default prior says N(0, 1) of every deviation (in its own units). Of that variance a part (`COMMON`) is taken to be
-the same in all people along directions in which both sides deviate alike: an error of the nominal model. From there on
-more and more is learnt (`Learning`): nothing; where people are on average; how far they spread along each direction
-that their recordings show; how all of it goes together; whether it goes with size and sex. People are dealt into folds; each
-step is taken if people of a fold are likelier by what the other folds teach, by more than the standard error of that
-gain. Spreads that still turn out too narrow for people left out are widened until they fit.
+The default prior says N(0, 1) of every deviation (in its own units). Of that variance a part (`COMMON`) is the same in
+all people along directions in which both sides deviate alike: an error of the nominal model. From there on more and
+more is learnt (`Learning`): nothing; where people are on average; how far they spread along each direction that their
+recordings show; how all of it goes together; whether it goes with size and sex. People are dealt into folds; each step
+is taken if people of a fold are likelier by what the other folds teach, by more than the standard error of that gain.
+Spreads that still turn out too narrow for people left out are widened until they fit.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from gaitcal.population.person_evidence import PersonEvidence
 from gaitcal.population.random_effects import Axes, Evidence, Known, Population, Structure, Whole, learn, log_density
 from gaitcal.study.people_design import design, mirror, sided_directions
 
-COMMON = (0.5, 0.1)
-"""Of the default variance, the part that is the same in all people: an error of the nominal model, or hardly one."""
+COMMON = (0.5, 0.2, 0.05)
+"""Of the default variance, the part that is the same in all people; the likeliest of them is taken."""
 BY_SIZE = 0.25
 """Variance of what goes with 10 cm of height, and with sex, before anybody is known."""
 FEWEST, FOLDS = 8, 8
@@ -77,7 +77,6 @@ class _Way:
     """How a population is learnt."""
 
     learning: Learning
-    common: float
     by_size: bool = False
 
 
@@ -113,11 +112,10 @@ def learn_part(
 ) -> PartPrior:
     """What people teach of the joint parameters `names` of a part of the body."""
     cohort = _Cohort(names, people, part, folds, heights_of(people))
-    nothing = best = _tried(cohort, _Way(Learning.NOTHING, 0.0))
+    nothing = best = _tried(cohort, _Way(Learning.NOTHING))
     for learning in (Learning.OFFSET, Learning.SPREAD):
         told(f"{part}: {learning.value}")
-        for common in COMMON:
-            best = _better(best, _tried(cohort, _Way(learning, common)))
+        best = _better(best, _tried(cohort, _Way(learning)))
     if best is not nothing:
         told(f"{part}: {Learning.WHOLE.value}")
         best = _better(best, _tried(cohort, replace(best.way, learning=Learning.WHOLE)))
@@ -176,15 +174,18 @@ def _population(evidence: Evidence, names: tuple[str, ...], way: _Way) -> Popula
         nothing = np.zeros(count)
         return Population(effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names)))
     reflected = mirror(names)
-    effects = np.full(count, BY_SIZE)
-    effects[: alike.shape[1]] = way.common
-    structure: Structure = Known(np.eye(len(names)) - way.common * alike @ alike.T)
-    if way.learning is not Learning.OFFSET:
-        structure = _axes(evidence, (alike, 1.0 - way.common), (opposite, 1.0), reflected)
-    found = learn(evidence, effects, reflected, structure).population
+    tried = []
+    for common in COMMON:
+        effects = np.full(count, BY_SIZE)
+        effects[: alike.shape[1]] = common
+        structure: Structure = Known(np.eye(len(names)) - common * alike @ alike.T)
+        if way.learning is not Learning.OFFSET:
+            structure = _axes(evidence, (alike, 1.0 - common), (opposite, 1.0), reflected)
+        tried.append((learn(evidence, effects, reflected, structure), effects))
+    found, effects = max(tried, key=lambda one: one[0].rises[-1])
     if way.learning is Learning.WHOLE:
-        found = learn(evidence, effects, reflected, Whole(found.spread, SURE_OF_ALL)).population
-    return found
+        found = learn(evidence, effects, reflected, Whole(found.population.spread, SURE_OF_ALL))
+    return found.population
 
 
 def _axes(evidence: Evidence, alike: tuple[Array, float], opposite: tuple[Array, float], reflected: Array) -> Axes:

@@ -59,7 +59,7 @@ class Structure(Protocol):
         ...
 
     def penalty(self, spread: Array) -> float:
-        """Twice the log density of the prior, but for a constant."""
+        """Twice the log density of the prior, but for what is the same in all priors of as much weight."""
         ...
 
 
@@ -107,7 +107,8 @@ class Axes:
     def penalty(self, spread: Array) -> float:
         """As of `Structure`."""
         learnt = np.einsum("ik,ij,jk->k", self.directions, spread, self.directions)
-        return -float(self.weight * (np.log(learnt) + self.variances / learnt).sum())
+        ratio = self.variances / learnt
+        return float(self.weight * (np.log(ratio) - ratio).sum())
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,8 @@ class Whole:
 
     def penalty(self, spread: Array) -> float:
         """As of `Structure`."""
-        return -float(self.weight * (np.linalg.slogdet(spread)[1] + np.trace(np.linalg.solve(spread, self.target))))
+        ratio = np.linalg.solve(spread, self.target)
+        return float(self.weight * (np.linalg.slogdet(ratio)[1] - np.trace(ratio)))
 
 
 @dataclass(frozen=True, kw_only=True)

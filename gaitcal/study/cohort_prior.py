@@ -175,8 +175,12 @@ def _fold(priors: CohortPriors, name: str, inputs: Iterable[str]) -> int | None:
 
 
 def expected(part: StoredPart, number: int, person: Person, heights: tuple[float, float]) -> tuple[Array, Array]:
-    """(n,) and (n, n) mean and covariance of a person, in units of `people_design.UNIT`, by the population of that number;
-    ValueError or LinAlgError where it is no covariance.
+    """(n,) and (n, n) mean and covariance of a person by the population of that number, in units of `UNIT`.
+
+    Raises
+    ------
+    ValueError, LinAlgError
+        They are no mean and covariance.
     """
     stored = part.populations[number]
     matrix = design(part.parameters, person, heights, by_size=part.by_size)
