@@ -72,12 +72,14 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
     hold_out: told.HoldOut = False,
     normal: Normal = None,
+    priors: told.Priors = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
     from gaitcal.commands.init import options_of
 
-    run(study, out, talk, options_of(mass, height, sex, age), force=force, hold_out=hold_out, normal=normal)
+    said = options_of(mass, height, sex, age)
+    run(study, out, talk, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
 
 
 @command
@@ -93,13 +95,18 @@ def cohort(
     sex: Sex = None,
     age: Age = None,
     normal: Normal = None,
+    priors: told.Priors = None,
+    learn_priors: told.LearnPriors = False,
 ) -> None:
     """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
     from gaitcal.commands.cohort import CohortOptions, run
     from gaitcal.commands.init import options_of
 
     said = options_of(mass, height, sex, age)
-    run(source, out, talk, CohortOptions(jobs=jobs, cluster=cluster, normal=normal, retry=retry, told=said))
+    chosen = CohortOptions(
+        jobs=jobs, cluster=cluster, normal=normal, retry=retry, priors=priors, learn_priors=learn_priors, told=said
+    )
+    run(source, out, talk, chosen)
 
 
 @command

@@ -238,7 +238,8 @@ def _prior(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
     if learnt is None:
         return middle, np.diag(1.0 / prior_deviations(free) ** 2)
     mean, covariance = prior_of(free, learnt)
-    return middle + mean, np.linalg.inv(covariance)
+    precision: Array = np.linalg.inv(covariance)
+    return middle + mean, precision
 
 
 def _without_skin(

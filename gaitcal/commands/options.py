@@ -21,6 +21,13 @@ Normal = Annotated[
         help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
     ),
 ]
+Priors = Annotated[
+    Path | None,
+    typer.Option(help="priors.json of a cohort: joint parameters lean on its people instead of on the literature."),
+]
+LearnPriors = Annotated[
+    bool, typer.Option("--learn-priors", help="Learn of all people what joint parameters to expect: priors.json.")
+]
 
 Recordings = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")]
 StudyOut = Annotated[Path | None, typer.Option("--out", help="The study file; FOLDER/study.toml unless given.")]

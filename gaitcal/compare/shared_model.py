@@ -69,10 +69,12 @@ class SharedJoints:
 
 
 def require_fit_to_share(a: Session, b: Session) -> None:
-    """InputError where a session is refused, or its joint parameters were not calibrated."""
+    """InputError where a session is refused, or its joint parameters were not calibrated by itself."""
     for session in (a, b):
         if session.verdict == "refused":
             raise InputError("is refused: it has no say in a shared model", source=session.name)
+        if session.leans_on_cohort:
+            raise InputError("leans on priors of a cohort: calibrate it without to share a model", source=session.name)
         if session.influence is None:
             raise InputError(
                 "its joint parameters were not calibrated, which a shared model needs", source=session.name
@@ -85,7 +87,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     Raises
     ------
     InputError
-        A session is refused, or its joint parameters were not calibrated.
+        A session is refused, its joint parameters were not calibrated, or lean on a cohort.
     """
     require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))

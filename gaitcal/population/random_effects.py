@@ -25,7 +25,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 
 MOST_STEPS, RISE = 80, 1e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
@@ -42,7 +42,7 @@ class Evidence:
     design: Array
     """(N, n, k) X."""
 
-    def of(self, chosen: Array) -> Evidence:
+    def of(self, chosen: IntArray) -> Evidence:
         """Some of the people."""
         return Evidence(information=self.information[chosen], right=self.right[chosen], design=self.design[chosen])
 

@@ -62,7 +62,7 @@ def other_side(name: str) -> str:
 def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
     """(n, a) and (n, b) orthonormal directions in which both sides deviate alike, and by the opposite."""
     reflected = mirror(names)
-    alike, opposite = [], []
+    alike, opposite = list[Array](), list[Array]()
     for k in range(len(names)):
         other = int(np.flatnonzero(reflected[:, k])[0])
         if other < k:
