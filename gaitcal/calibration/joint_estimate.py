@@ -238,7 +238,7 @@ def _prior(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
     if learnt is None:
         return middle, np.diag(1.0 / prior_deviations(free) ** 2)
     mean, covariance = prior_of(free, learnt)
-    precision: Array = np.linalg.inv(covariance)
+    precision = np.asarray(np.linalg.inv(covariance), float)
     return middle + mean, precision
 
 

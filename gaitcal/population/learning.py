@@ -18,7 +18,17 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.population.person_evidence import PersonEvidence
-from gaitcal.population.random_effects import Axes, Evidence, Known, Population, Structure, Whole, learn, log_density
+from gaitcal.population.random_effects import (
+    Axes,
+    Evidence,
+    Known,
+    Learnt,
+    Population,
+    Structure,
+    Whole,
+    learn,
+    log_density,
+)
 from gaitcal.study.people_design import design, mirror, sided_directions
 
 COMMON = (0.5, 0.2, 0.05)
@@ -113,7 +123,8 @@ def learn_part(
     """What people teach of the joint parameters `names` of a part of the body."""
     cohort = _Cohort(names, people, part, folds, heights_of(people))
     nothing = best = _tried(cohort, _Way(Learning.NOTHING))
-    for learning in (Learning.OFFSET, Learning.SPREAD):
+    told_of = any(person.parts[part].information.any() for person in people)
+    for learning in (Learning.OFFSET, Learning.SPREAD) if told_of else ():
         told(f"{part}: {learning.value}")
         best = _better(best, _tried(cohort, _Way(learning)))
     if best is not nothing:
@@ -174,18 +185,25 @@ def _population(evidence: Evidence, names: tuple[str, ...], way: _Way) -> Popula
         nothing = np.zeros(count)
         return Population(effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names)))
     reflected = mirror(names)
-    tried = []
-    for common in COMMON:
+
+    def learnt(common: float, spread: Array | None = None) -> Learnt:
         effects = np.full(count, BY_SIZE)
         effects[: alike.shape[1]] = common
-        structure: Structure = Known(np.eye(len(names)) - common * alike @ alike.T)
-        if way.learning is not Learning.OFFSET:
+        structure: Structure
+        if spread is not None:
+            structure = Known(spread)
+        elif way.learning is Learning.OFFSET:
+            structure = Known(np.eye(len(names)) - common * alike @ alike.T)
+        else:
             structure = _axes(evidence, (alike, 1.0 - common), (opposite, 1.0), reflected)
-        tried.append((learn(evidence, effects, reflected, structure), effects))
-    found, effects = max(tried, key=lambda one: one[0].rises[-1])
-    if way.learning is Learning.WHOLE:
-        found = learn(evidence, effects, reflected, Whole(found.population.spread, SURE_OF_ALL))
-    return found.population
+        found = learn(evidence, effects, reflected, structure)
+        if way.learning is Learning.WHOLE and spread is None:
+            found = learn(evidence, effects, reflected, Whole(found.population.spread, SURE_OF_ALL))
+        return found
+
+    first = learnt(COMMON[0])
+    likeliest = max(COMMON, key=lambda common: learnt(common, first.population.spread).rises[-1])
+    return (first if likeliest == COMMON[0] else learnt(likeliest)).population
 
 
 def _axes(evidence: Evidence, alike: tuple[Array, float], opposite: tuple[Array, float], reflected: Array) -> Axes:

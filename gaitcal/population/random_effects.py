@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 
-MOST_STEPS, RISE = 80, 1e-3
+MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
 
 
