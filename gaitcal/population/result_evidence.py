@@ -58,9 +58,8 @@ def evidence_of(folder: Path, name: str) -> Found:
         recordings=frozenset(_recordings(folder)),
         parts=parts,
     )
-    rules = Rules(
-        marker_set=saved.marker_set.name, hip_centre=saved.settings.hip_rule, ankle_zero=saved.settings.ankle_rule
-    )
+    marker_set = str(read_object(folder / MANIFEST).get("marker_set") or "")
+    rules = Rules(marker_set=marker_set, hip_centre=saved.settings.hip_rule, ankle_zero=saved.settings.ankle_rule)
     return Found(evidence, rules)
 
 
