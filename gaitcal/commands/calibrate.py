@@ -77,6 +77,8 @@ def run(
         text = None if drafted is None else draft_text(drafted, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
     print_calibration(talk, calibration)
+    for note in loaded.joint_prior.notes if loaded.joint_prior else ():
+        talk.line(f"priors: {note}")
     tell_changed(talk, loaded.changed_inputs())
     tell_kept(talk, kept)
     if drafted is not None:

@@ -106,7 +106,8 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
     with (out / PRIORS_CSV).open() as stream:
         assert len(list(csv.DictReader(stream))) == 98
     study = result.parent / "study" / "study.toml"
-    run("calibrate", study, "--out", tmp_path / "result", "--priors", out / PRIORS)
+    told = run("calibrate", study, "--out", tmp_path / "result", "--priors", out / PRIORS).output
+    assert "priors: joint parameters lean on 7 people" in " ".join(told.split())
     summary = json.loads((tmp_path / "result" / "summary.json").read_text())
     # all nine are the same recordings: the first of them is found, whose fold has two people
     assert summary["joint_prior"] == {"file": PRIORS, "people": 7, "left_out": 2}
