@@ -33,6 +33,16 @@ def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
 
 
 @command
+def example(
+    talk: "Talk", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
+) -> None:
+    """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
+    from gaitcal.commands.example import run
+
+    run(name, out, mirror, talk)
+
+
+@command
 def init(
     talk: "Talk",
     folder: told.Recordings,

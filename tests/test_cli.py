@@ -17,6 +17,7 @@ from gaitcal.study.settings import CalibrationSettings
 ROOT = Path(__file__).parents[1]
 ORDER = (
     "demo",
+    "example",
     "init",
     "check",
     "calibrate",

@@ -29,6 +29,12 @@ LearnPriors = Annotated[
     bool, typer.Option("--learn-priors", help="Learn of all people what joint parameters to expect: priors.json.")
 ]
 
+ExampleName = Annotated[str | None, typer.Argument(metavar="[NAME]", help="Which; without it, all are listed.")]
+ExampleOut = Annotated[Path | None, typer.Option("--out", help="Folder for the files; NAME unless given.")]
+Mirror = Annotated[
+    str | None, typer.Option(metavar="URL", help="Address of a copy, https://, http:// or file:///, instead of GitHub.")
+]
+
 Recordings = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of one person's recordings.")]
 StudyOut = Annotated[Path | None, typer.Option("--out", help="The study file; FOLDER/study.toml unless given.")]
 

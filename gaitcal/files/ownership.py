@@ -35,6 +35,7 @@ class ResultKind(Enum):
     EXPORT = "files for other programs"
     COHORT = "cohort"
     COMPARISON = "comparison of two results"
+    EXAMPLE = "example recordings"
 
 
 KEPT: dict[ResultKind, tuple[str, ...]] = {
@@ -45,6 +46,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.EXPORT: (),
     ResultKind.COHORT: (),
     ResultKind.COMPARISON: (),
+    ResultKind.EXAMPLE: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
 
@@ -67,6 +69,7 @@ _KNOWN: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.EXPORT: (),
     ResultKind.COHORT: (),
     ResultKind.COMPARISON: (),
+    ResultKind.EXAMPLE: (),
 }
 """Names that results had whose manifest lists no files."""
 

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST
+from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.toml import read_toml
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.recording import read_recording
@@ -119,7 +119,7 @@ def _files_in(folder: Path) -> list[Path]:
 
 def _recordings_in(folder: Path) -> int:
     try:
-        if (folder / MANIFEST).is_file():
+        if (folder / MANIFEST).is_file() and read_object(folder / MANIFEST).get("kind") != ResultKind.EXAMPLE.value:
             return 0  # a result of ours
         return sum(p.suffix.lower() in MARKER_ENDINGS for p in folder.iterdir())
     except OSError:
