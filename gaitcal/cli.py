@@ -150,11 +150,7 @@ def convert(
 
 @command
 def synthesize(
-    talk: "Talk",
-    out: Out,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
-    noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
-    perturb: told.Perturb = False,
+    talk: "Talk", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
@@ -267,11 +263,7 @@ def figures(
 
 @command
 def view(
-    talk: "Talk",
-    result: Result,
-    other: told.Other = None,
-    html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
-    geometry: told.Geometry = None,
+    talk: "Talk", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
     """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run

@@ -72,6 +72,8 @@ FilterHz = Annotated[
     str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
 ]
 
+Seed = Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")]
+Noise = Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")]
 Perturb = Annotated[
     bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
 ]
@@ -146,6 +148,7 @@ Studies = Annotated[
     typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
 ]
 
+Html = Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")]
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]
