@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import Field
+from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
@@ -139,18 +140,20 @@ def joint_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
     _require_same_rules(priors, study.settings, study.marker_set.name, path)
     person = Person(height=study.subject.height, sex=study.subject.sex)
     fold = _fold(priors, study.subject.name, study.inputs.values())
+    return prior_of_person(priors, person, path, fold)
+
+
+def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int | None = None) -> JointPrior:
+    """What the cohort, without the people of a fold, says of anybody of that size and sex."""
     low, high = priors.heights_m
     found = [expected(part, 0 if fold is None else fold + 1, person, (low, high)) for part in priors.parts]
     names = tuple(name for part in priors.parts for name in part.parameters)
-    unit, place, covariance = units(names), 0, np.zeros((len(names),) * 2)
-    for mean, own in found:
-        covariance[place : place + len(mean), place : place + len(mean)] = own
-        place += len(mean)
+    unit = units(names)
     left_out = sum(p.fold == fold for p in priors.people)
     return JointPrior(
         names=names,
         mean=unit * np.concatenate([mean for mean, _ in found]),
-        covariance=unit[:, None] * covariance * unit,
+        covariance=unit[:, None] * block_diag(*(own for _, own in found)) * unit,
         file=path.name,
         people=len(priors.people) - left_out,
         left_out=left_out,

@@ -100,7 +100,7 @@ def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isol
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for trial, motion in motions.items():
-            write_c3d(folder / f"{trial}.c3d", _recording(trial, tall, motion, size, rng))
+            write_c3d(folder / f"{trial}.c3d", recording(trial, tall, motion, size, rng))
         (folder / "study.toml").write_text(_study(person, tuple(motions)), encoding="utf-8")
         study = Study.load(folder / "study.toml")
     truth = in_static_frames(tall, HipCentre(study.settings.hip_rule)).joint
@@ -143,7 +143,8 @@ def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
     return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)
 
 
-def _recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator) -> Recording:
+def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator) -> Recording:
+    """Markers of a trial; noise unless it is static. `size`: of the person against the published one."""
     q = motion.q.copy()
     q[:, TRANSLATIONS] *= size
     every = synthetic_markers(model.parameters, model.markers, q)
