@@ -10,7 +10,8 @@ default prior and with these two, all else being equal.
 
 Printed: RMS error of the legs' joint parameters, and how often bars of 95 % cover the truth: nominal, default prior,
 priors of either cohort; then the same by joint, and by how well the walk of a person shows a direction of the
-parameters. A person takes some 20 s; with `--linear` (`priors/linear.py`), which fits three people and takes the others' recordings as linear, less than one.
+parameters. A person takes some 20 s; with `--linear` (`priors/linear.py`), which fits three people and takes the
+others' recordings as linear, less than one.
 """
 
 from __future__ import annotations
