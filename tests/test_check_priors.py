@@ -57,3 +57,21 @@ def test_errors_and_gains() -> None:
     assert said[0] == "legs, positions, mm: nominal 20.00, default prior 10.00, cohort 5.00 (-50 %)"
     assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
     assert any(line.startswith("directions half seen (18 of 54)") for line in said)
+
+
+def test_a_linear_fit_is_that_of_the_normal_distribution() -> None:
+    """With no information the prior stays; with much of it the truth is found, whatever the prior."""
+    script("check_priors")
+    from priors.linear import LinearPerson, Shown, linear_fit, told_of
+
+    from gaitcal.population.person_evidence import PARTS
+
+    rng, deviation = np.random.default_rng(3), 0.01 * np.ones(len(JP_NAMES))
+    index = [JP_NAMES.index(name) for name in PARTS["legs"]]
+    for size, wanted in ((0.0, 0.0), (1e12, 0.01)):
+        information = {part: size * np.eye(len(names)) for part, names in PARTS.items()}
+        one = LinearPerson(person=ANYBODY, deviation=deviation, shown=Shown(gait=information, isolated=information))
+        fit = linear_fit(told_of(one, "gait", "", rng), None)
+        np.testing.assert_allclose(fit.fitted[index], wanted, atol=1e-6)
+        if not size:
+            np.testing.assert_allclose(fit.errors, prior_deviations(JP_NAMES))
