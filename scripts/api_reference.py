@@ -26,6 +26,7 @@ MODULES = (
     "gaitcal.files.snapshot",
     "gaitcal.study.study",
     "gaitcal.study.study_trial",
+    "gaitcal.study.joint_prior",
     "gaitcal.study.truth",
     "gaitcal.person.result",
     "gaitcal.person.truth_errors",
