@@ -106,9 +106,7 @@ def _linear(name: str, chosen: argparse.Namespace, seen: Sequence[Shown]) -> Non
             for kind in COHORTS:
                 priors[f"cohort: {kind}"] = prior_of_person(learnt[kind], one.person, Path("priors.json"))
             found.append(linear_outcome(one, told_of(one, "gait", "", rng), priors))
-    print(
-        f"population {name}, linear: {chosen.seeds} of {chosen.cohort} people learnt of, {len(found)} people left out"
-    )
+    print(f"population {name}, linear: {chosen.seeds} cohorts of {chosen.cohort} people, {len(found)} left out")
     for line in report(found):
         print(f"  {line}")
     print(f"  {time.monotonic() - began:.0f} s", flush=True)
