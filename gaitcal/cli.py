@@ -4,8 +4,6 @@ Exit codes: 0 done, 1 the input is at fault, 2 usage, 3 did not converge; 130 af
 SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal --help` is there at once.
 """
 
-import gc
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,15 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.commands import options as told
-from gaitcal.commands.application import app, command
+from gaitcal.commands.application import app, command, set_up
 from gaitcal.commands.faults import told_in_a_line
 from gaitcal.commands.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
 if TYPE_CHECKING:
     from gaitcal.commands.console import Talk
-
-RARELY = (50_000, 20, 20)
-"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
 
 
 @command
@@ -181,7 +176,6 @@ def montecarlo(
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
     from gaitcal.commands.montecarlo import Options, run
 
-    bounds = (position_bound, orientation_bound, ip_bound, noise_bound)
     options = Options(
         vary=vary,
         levels=levels,
@@ -191,7 +185,7 @@ def montecarlo(
         seed=seed,
         grf=grf,
         parameters=parameters,
-        bounds=bounds,
+        bounds=(position_bound, orientation_bound, ip_bound, noise_bound),
         trial=trial,
         until_converged=until_converged,
     )
@@ -287,11 +281,17 @@ def compare(
     run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
 
 
+@command
+def explain(talk: "Talk", code: told.CodeName = None) -> None:
+    """What the code of a finding or of an error means, and what to do; without a code, a list of all."""
+    from gaitcal.commands.explain import run
+
+    run(code, talk)
+
+
 def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
-    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
-    gc.set_threshold(*RARELY)
+    set_up()
     told_in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))
 
 

@@ -6,18 +6,27 @@ import difflib
 import re
 from collections.abc import Iterable
 
+from gaitcal.codes import Code
+
 
 class GaitcalError(Exception):
     """Root of every error that gaitcal raises on purpose. `exit_code` is what the command line returns."""
 
     exit_code = 1
     """1: the input is at fault."""
+    code: Code = Code.INSTALLATION
+    """Its kind: `gaitcal explain` tells what it means."""
 
 
 class InputError(GaitcalError):
     """The input is at fault. The message is one line: file, field, what was found, what is allowed."""
 
-    def __init__(self, message: str, *, source: object = None, field: str | None = None) -> None:
+    code = Code.INPUT
+
+    def __init__(
+        self, message: str, *, source: object = None, field: str | None = None, code: Code | None = None
+    ) -> None:
+        self.code = code or type(self).code
         where = ": ".join(str(part) for part in (source, field) if part is not None)
         text = " ".join(str(message).split())
         super().__init__(f"{where}: {text}" if where else text)
@@ -26,6 +35,7 @@ class InputError(GaitcalError):
 class UsageError(InputError):
     """An option of the command line is at fault. The message is one line: option, what was found, what is allowed."""
 
+    code = Code.OPTION
     exit_code = 2
     """2: usage, as for options that the command line's own parser refuses."""
 
@@ -33,6 +43,7 @@ class UsageError(InputError):
 class ConvergenceError(GaitcalError):
     """An iteration ended without reaching its tolerance and without a usable result."""
 
+    code = Code.NOT_CONVERGED
     exit_code = 3
     """3: did not converge."""
 

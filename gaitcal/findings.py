@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 STUDY = "study"
@@ -31,6 +32,8 @@ class Severity(Enum):
 class Finding:
     """One thing that was found."""
 
+    code: Code
+    """Its kind: `gaitcal explain` tells what it means."""
     severity: Severity
     topic: str
     """What it is about, in a word or two: `units`, `labels`, `gaps`, ..."""
@@ -66,7 +69,9 @@ class Finding:
     def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> Finding:
         """An InputError as a finding; its text already tells what is allowed."""
         text = str(fault).removeprefix(f"{source}: ")
-        return cls(severity=Severity.ERROR, topic=topic, where=where, found=text, cure="", source=source)
+        return cls(
+            code=fault.code, severity=Severity.ERROR, topic=topic, where=where, found=text, cure="", source=source
+        )
 
 
 def listed(names: list[str], most: int = 6) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
@@ -125,6 +126,7 @@ def fake_calibration(
     )
     doubts = (
         Finding(
+            code=Code.TRIALS_DISAGREE,
             severity=Severity.WARNING,
             topic="joints",
             where=STUDY,

@@ -17,6 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import MarkerEvidence
 from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
@@ -111,6 +112,7 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Findin
                     found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg show that axis",
                     cure="its error bar is the wider; record the trial again with a larger movement",
                     leg=side,
+                    code=Code.SMALL_MOVEMENT,
                 )
             )
     return tuple(out)
@@ -172,6 +174,7 @@ def in_words(
                 found=f"{', '.join(own)} not determined{have}; {done}",
                 cure=advice,
                 leg=joint[-1],
+                code=Code.UNDETERMINED,
             )
         )
     return tuple(out)
@@ -201,6 +204,7 @@ def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
                 found=f"{listed(own)} on the bound of how far it may move, or beyond",
                 cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
                 leg=joint[-1] if leg else "",
+                code=Code.JOINT_AT_BOUND,
             )
         )
     if many:
@@ -214,6 +218,7 @@ def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
                 found=found,
                 cure="is it of another person, or of another day, with the markers in other places?",
                 weight=10.0,
+                code=Code.OTHER_BODY,
             )
         )
     return tuple(out)

@@ -15,6 +15,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import Feet, feet_of, overhang, steps
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import near
 from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding
@@ -52,12 +53,12 @@ def standing(trial: TrialEvidence) -> Iterator[Finding]:
     mass, carried = trial.subject.mass, total / GRAVITY
     words = f"the plates carry {total:.0f} N = {carried:.1f} kg while standing; subject.mass_kg is {mass:g}"
     if carried < 0.5 * mass:
-        yield trial.info("body mass", f"{words}: a foot stood beside the plates")
+        yield trial.info("body mass", f"{words}: a foot stood beside the plates", code=Code.BODY_MASS)
     elif abs(carried / mass - 1) > DIFFERENCE:
         cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
-        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh")
+        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh", code=Code.BODY_MASS)
     else:
-        yield trial.info("body mass", words)
+        yield trial.info("body mass", words, code=Code.BODY_MASS)
 
 
 def stepping(trial: TrialEvidence) -> Iterator[Finding]:
@@ -84,6 +85,7 @@ def stepping(trial: TrialEvidence) -> Iterator[Finding]:
                 f"{trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1",
                 "check mass_kg, the gain of the plate, and whether the whole foot was on it",
                 cause=f"steps on plate {plate.name} do not carry the body",
+                code=Code.STEP_LOAD,
             )
 
 
@@ -118,9 +120,9 @@ def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
     words += f"{carried:.1f} kg on average; subject.mass_kg is {mass:g}"
     if abs(carried / mass - 1.0) > DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths))):
         cure = "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the same share"
-        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh")
+        yield trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh", code=Code.BODY_MASS)
     else:
-        yield trial.info("body mass", words)
+        yield trial.info("body mass", words, code=Code.BODY_MASS)
 
 
 def _measured(trial: TrialEvidence, feet: Feet) -> BoolArray:

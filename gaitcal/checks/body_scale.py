@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding
 
 SCALE = (0.983, 1.011)
@@ -79,6 +80,7 @@ def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             cause="the static trial shows a body of another size than "
             + ("the moving trial" if len(odd) == 1 else "all moving trials"),
             weight=weight,
+            code=Code.BODY_SIZE,
         )
         return
     for t, scale in odd:
@@ -89,4 +91,5 @@ def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             "use the trial of this person, exported with the calibration of the cameras of the others",
             cause="the trial shows a body of another size than the others",
             weight=weight,
+            code=Code.BODY_SIZE,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import RESTING, FootPoints, ground_velocity
 from gaitcal.dynamics.off_sole import one_centre
 from gaitcal.dynamics.partly_carried import MOST_BESIDE
@@ -142,7 +143,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     if not loadings:
         most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
         cure = "no stance will have torques, only the swing; are these the forces of this trial?"
-        yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure)
+        yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure, code=Code.NO_STEP_ON_PLATE)
     on_feet = [step for step in loadings if np.isfinite(step.distance) and step.distance < UNDER_FOOT]
     for step in loadings:
         far = step.distance > UNDER_FOOT
@@ -172,23 +173,29 @@ def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
                 f"{name}: the study gives it to the {FEET[named]} foot, {1e3 * away:.0f} mm off the centre of pressure "
                 f"(the {FEET[step.foot]} foot: {1e3 * step.distance:.0f} mm)",
                 f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
+                code=Code.WRONG_FOOT,
             )
             return
     if step.distance > UNDER_FOOT and np.isinf(step.other):
         unseen = FEET[1 - step.foot]
         found = f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} foot; "
-        yield trial.info("plate to foot", f"{found}the {unseen} foot, whose step it may be, shows no heel and toe then")
+        yield trial.info(
+            "plate to foot",
+            f"{found}the {unseen} foot, whose step it may be, shows no heel and toe then",
+            code=Code.UNDER_NO_FOOT,
+        )
     elif step.distance > UNDER_FOOT:
         yield trial.warning(
             "plate to foot",
             f"{name}: the centre of pressure is {1e3 * step.distance:.0f} mm from the {FEET[step.foot]} and "
             f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * UNDER_FOOT:.0f} mm",
             "check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+            code=Code.UNDER_NO_FOOT,
         )
     else:
         found = f"{name}: {FEET[step.foot]} foot, whose line heel-toe passes the centre of pressure at "
         found += f"{1e3 * step.distance:.0f} mm"
-        yield trial.info("plate to foot", found)
+        yield trial.info("plate to foot", found, code=Code.FOOT_OF_PLATE)
 
 
 def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
@@ -204,6 +211,7 @@ def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
             f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of heel and toe marker; "
             f"allowed: {1e3 * FLOOR_M[0]:.0f} to {1e3 * FLOOR_M[1]:.0f} mm",
             "check the height of the plate's corners, or the origin of the markers",
+            code=Code.PLATE_HEIGHT,
         )
 
 
@@ -225,6 +233,7 @@ def overhang(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
             f"partly beside it ({100 * share:.0f} % of the sole)",
             "the plate misses a part of the force, and no torque of this leg counts meanwhile; are its corners right?",
             leg=SIDES[step.foot],
+            code=Code.FOOT_BESIDE_PLATE,
         )
 
 
@@ -249,6 +258,7 @@ def _clocks(trial: TrialEvidence, feet: Feet, loadings: list[Step]) -> Iterator[
             f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} by force than by "
             "motion",
             "the clocks of markers and forces differ: correct the time column of one of the files",
+            code=Code.CLOCKS_DIFFER,
         )
 
 
@@ -265,5 +275,5 @@ def covered(trial: TrialEvidence) -> Iterator[Finding]:
         if trial.is_gait and common <= 0:
             found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
             found += f"markers from {time[0]:g} to {time[-1]:g} s"
-            yield trial.error("time", found, "give the forces of this very trial")
+            yield trial.error("time", found, "give the forces of this very trial", code=Code.OTHER_TIMES)
             return

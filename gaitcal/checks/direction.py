@@ -8,6 +8,7 @@ from itertools import permutations
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording.axes import PROGRESSION_M, net_progression
@@ -50,7 +51,7 @@ def upright(trial: TrialEvidence) -> Iterator[Finding]:
     elif middle > LYING_DEG:
         cause = "right and left are exchanged: the labels (of the pelvis, or of all markers), or an axis is mirrored"
         cure = "exchange the labels of right and left in the file, or change the sign of the axis that was mirrored"
-    yield trial.finding(Severity.ERROR, "axes", found, cure, cause=cause, weight=10.0)
+    yield trial.finding(Severity.ERROR, "axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
 def feet_above(trial: TrialEvidence) -> float | None:
@@ -79,7 +80,9 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
     way = net_progression(trial.recording)[[0, 2]]
     length = float(np.linalg.norm(way))
     if length < PROGRESSION_M:
-        yield trial.info("heading", f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces")
+        yield trial.info(
+            "heading", f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces", code=Code.ON_THE_SPOT
+        )
         return
     facing = pelvis.rotation[pelvis.determined][:, [0, 2], 0].mean(axis=0)
     cosine = float(facing @ way) / max(float(np.linalg.norm(facing)) * length, 1e-12)
@@ -89,6 +92,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
             "heading",
             f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves",
             "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or sides)",
+            code=Code.HEADING,
         )
 
 
@@ -122,6 +126,7 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             "exchange the labels of right and left in the file",
             cause="right and left are exchanged in the labels" if severity is Severity.ERROR else "",
             weight=10.0,
+            code=Code.SIDES_EXCHANGED,
         )
 
 

@@ -11,6 +11,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.body.cluster import Cluster, clusters_of
 from gaitcal.body.joint_link import JointLink, links_of
 from gaitcal.body.stance import Stance
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
@@ -88,12 +89,14 @@ class TrialEvidence:
         found: str,
         cure: str,
         *,
+        code: Code,
         cause: str = "",
         leg: str = "",
         weight: float = 1.0,
     ) -> Finding:
         """Something found in this trial; it puts blame on the file of its markers, unless it is a note."""
         return Finding(
+            code=code,
             severity=severity,
             topic=topic,
             where=self.name,
@@ -106,20 +109,20 @@ class TrialEvidence:
         )
 
     def error(
-        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+        self, topic: str, found: str, cure: str, *, code: Code, cause: str = "", leg: str = "", weight: float = 1.0
     ) -> Finding:
         """A finding that stops a calibration."""
-        return self.finding(Severity.ERROR, topic, found, cure, cause=cause, leg=leg, weight=weight)
+        return self.finding(Severity.ERROR, topic, found, cure, code=code, cause=cause, leg=leg, weight=weight)
 
     def warning(
-        self, topic: str, found: str, cure: str, *, cause: str = "", leg: str = "", weight: float = 1.0
+        self, topic: str, found: str, cure: str, *, code: Code, cause: str = "", leg: str = "", weight: float = 1.0
     ) -> Finding:
         """A finding to look at."""
-        return self.finding(Severity.WARNING, topic, found, cure, cause=cause, leg=leg, weight=weight)
+        return self.finding(Severity.WARNING, topic, found, cure, code=code, cause=cause, leg=leg, weight=weight)
 
-    def info(self, topic: str, found: str, cure: str = "", *, cause: str = "") -> Finding:
+    def info(self, topic: str, found: str, cure: str = "", *, code: Code, cause: str = "") -> Finding:
         """A finding that is good to know; it puts no blame on the file."""
-        return self.finding(Severity.INFO, topic, found, cure, cause=cause)
+        return self.finding(Severity.INFO, topic, found, cure, code=code, cause=cause)
 
     @property
     def is_static(self) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
 from gaitcal.checks.jumps import jump_limit
+from gaitcal.codes import Code
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.recording.intervals import duration, runs, spans
@@ -65,15 +66,17 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
         weight = float(found.frames.sum())
         if max(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
             cure = "no harm done, as both have little weight or none; label that part again to use them"
-            yield trial.info("exchanged", words, cure)
+            yield trial.info("exchanged", words, cure, code=Code.EXCHANGED_LABELS)
         elif share > 0.5:
-            yield trial.error("exchanged", words, "exchange the two labels in the file", weight=weight)
+            yield trial.error(
+                "exchanged", words, "exchange the two labels in the file", weight=weight, code=Code.EXCHANGED_LABELS
+            )
         elif _harmful(trial, found):
             cure = "label that part again, or leave it out with time = [start, end]"
-            yield trial.error("exchanged", words, cure, weight=weight)
+            yield trial.error("exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
         else:
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
-            yield trial.warning("exchanged", words, cure, weight=weight)
+            yield trial.warning("exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
 
 
 def _harmful(trial: TrialEvidence, found: Exchange) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding
 from gaitcal.model.hip_centre import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.linkage import SIDES
@@ -43,4 +44,5 @@ def given(trial: TrialEvidence) -> Iterator[Finding]:
         "look where that program has them from, or take hip_centre = 'harrington' under [calibration]",
         cause="the hip centres of the file are not where hips usually are",
         weight=too_far,
+        code=Code.GIVEN_HIPS,
     )

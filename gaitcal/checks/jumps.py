@@ -12,6 +12,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
 
 SPIKE_M = 0.02
@@ -52,9 +53,19 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
         return
     found = f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}"
     if trial.is_static:
-        yield trial.info("jumps", found, "no harm done: of a static trial only the mean over its still window counts")
+        yield trial.info(
+            "jumps",
+            found,
+            "no harm done: of a static trial only the mean over its still window counts",
+            code=Code.SPIKES,
+        )
     else:
-        yield trial.warning("jumps", found, 'label the trial again there, or set robust = "cauchy" under [calibration]')
+        yield trial.warning(
+            "jumps",
+            found,
+            'label the trial again there, or set robust = "cauchy" under [calibration]',
+            code=Code.SPIKES,
+        )
 
 
 def seam(trial: TrialEvidence) -> Iterator[Finding]:
@@ -72,6 +83,7 @@ def seam(trial: TrialEvidence) -> Iterator[Finding]:
         f"most markers jump at once at {where}",
         cure,
         cause="the recording has a seam: frames were cut out, or two parts joined",
+        code=Code.SEAM,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from gaitcal.body.knee_lines import OddLine, odd_lines
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.static_landmarks import label_words, landmarks
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
@@ -62,4 +63,5 @@ def _finding(static: TrialEvidence, found: OddLine) -> Finding:
         f"{abs(found.turn):.0f} deg off the axis on which a knee bends, the lateral end too far {way}",
         leg="" if both else found.sides[0],
         weight=abs(found.turn) / found.usual,
+        code=Code.KNEE_MARKERS,
     )

@@ -18,6 +18,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.body.cluster import FEWEST, Cluster, alignment
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.recording.intervals import runs, spans
 
@@ -118,6 +119,7 @@ def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
         cause=what,
         leg=part[-1] if part.endswith(("_r", "_l")) else "",
         weight=worst.distance / AWAY_M[worst.cluster.part],
+        code=Code.MARKER_LEFT_PLACE,
     )
 
 

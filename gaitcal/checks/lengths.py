@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding
 
 SIZE = (0.05, 4.0)
@@ -34,7 +35,7 @@ def size(trial: TrialEvidence) -> Iterator[Finding]:
     else:
         cure = "check the unit of length that the file declares"
     allowed = f"{SIZE[0] * height:.2g} to {SIZE[1] * height:.2g} m"
-    yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure)
+    yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure, code=Code.UNIT_OF_LENGTH)
 
 
 def cloud_size(trial: TrialEvidence) -> float | None:
@@ -62,10 +63,10 @@ def scale(trial: TrialEvidence) -> Iterator[Finding]:
         cure = "check the unit of length of both files, and that both show the same person"
         if 500 < ratio < 2000:
             cure = "the numbers are mm where the static trial has m: declare mm, or divide by 1000"
-        yield trial.error("units", words, cure)
+        yield trial.error("units", words, cure, code=Code.UNIT_OF_LENGTH)
     elif abs(ratio - 1) > SCALE_DOUBTED and len(ratios) >= 6:
         cure = "were the cameras calibrated anew, or markers put on again, between the two?"
-        yield trial.warning("units", words, cure)
+        yield trial.warning("units", words, cure, code=Code.OTHER_SCALE)
 
 
 def _ratios(trial: TrialEvidence) -> Iterator[float]:

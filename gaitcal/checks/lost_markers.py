@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, listed
 
 LANDMARK_M = 0.008
@@ -27,10 +28,11 @@ def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
             else "look whether the angles of that segment are plausible; a static trial that shows it is better",
             cause=f"the static trial lost '{marker.label}', which makes {listed(list(marker.landmarks))}",
             weight=marker.uncertainty / LANDMARK_M,
+            code=Code.REBUILT_MARKER,
         )
     rest = [marker.words for marker in markers if marker not in doubted]
     if rest:
-        yield trial.info("lost markers", listed(rest))
+        yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
 
 
 def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
@@ -42,4 +44,5 @@ def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
         "lost markers",
         f"not seen in this trial, seen in others, and left out of the model: {'; '.join(reasons)}",
         "name a static trial that shows them, or give them no weight",
+        code=Code.MARKER_LEFT_OUT,
     )

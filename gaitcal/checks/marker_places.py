@@ -13,6 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.several_statics import still_positions
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import SIDES
 
@@ -49,6 +50,7 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
             "label the static trial again, or give the marker no weight and leave it out of the file",
             cause="markers do not lie at the segments that they are to follow",
             weight=5.0,
+            code=Code.MARKER_ELSEWHERE,
         )
 
 

@@ -1,4 +1,4 @@
-"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, held, flattened."""
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.errors import alike
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.landmarks import one_psis, sacrum_words
@@ -23,11 +23,6 @@ LONG_S = 0.2
 """A gap longer than this hides a part of a step."""
 HALF = 0.5
 """Share of the frames, or of the markers."""
-FROZEN_S = 0.1
-"""A position repeated bit for bit for so long, while others move, is held by software."""
-MOVED_M = 0.01
-"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
-must a marker have moved in one coordinate for another, which never changes, to be odd."""
 
 
 def strays(trial: TrialEvidence) -> Iterator[Finding]:
@@ -42,6 +37,7 @@ def strays(trial: TrialEvidence) -> Iterator[Finding]:
         listed([stray.words for stray in trial.strays]),
         "they take no part there; label the trial again if they are needed",
         cause=f"{names} {'is' if len(trial.strays) == 1 else 'are'} metres away from the body",
+        code=Code.STRAY_MARKER,
     )
 
 
@@ -58,7 +54,9 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
     cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
     found = f"{len(absent)} markers of the set are not in the file: {listed(names, 8)}"
     harmless = trial.is_isolated or all(trial.weight(label) <= LIGHT for label in absent)
-    yield trial.finding(Severity.INFO if harmless else Severity.WARNING, "labels", found, cure)
+    yield trial.finding(
+        Severity.INFO if harmless else Severity.WARNING, "labels", found, cure, code=Code.MISSING_MARKERS
+    )
 
 
 def too_few(trial: TrialEvidence) -> Iterator[Finding]:
@@ -79,6 +77,7 @@ def too_few(trial: TrialEvidence) -> Iterator[Finding]:
             "labels",
             f"the pelvis does not show three markers in half of the frames: {carrier} carries the body, the joints "
             "between them are held straight",
+            code=Code.PELVIS_CARRIED,
         )
 
 
@@ -88,6 +87,7 @@ def _too_few(trial: TrialEvidence, of: str, shown: list[str]) -> Finding:
         f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); allowed: at least "
         f"{FEWEST_MARKERS}",
         "label them in this trial, or name others of that segment in the marker set",
+        code=Code.FEW_MARKERS,
     )
 
 
@@ -129,6 +129,7 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
         "labels",
         f"{found}; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker" if lost else found,
         f"label {'it' if len(empty) == 1 else 'them'}, where worn in this trial",
+        code=Code.NEVER_SEEN,
     )
 
 
@@ -142,6 +143,7 @@ def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
             f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the pelvis by 2 deg",
             "record the static trial again with both, or give one marker midway between the two",
             cause="one posterior spine alone tells where the sacrum is",
+            code=Code.ONE_POSTERIOR_SPINE,
         )
 
 
@@ -150,7 +152,9 @@ def unknown(trial: TrialEvidence) -> Iterator[Finding]:
     strangers = unknown_labels(trial)
     if strangers:
         cure = "nothing, if they are meant to be left out"
-        yield trial.info("labels", f"{len(strangers)} labels unknown to the set: {listed(strangers)}", cure)
+        yield trial.info(
+            "labels", f"{len(strangers)} labels unknown to the set: {listed(strangers)}", cure, code=Code.UNKNOWN_LABELS
+        )
 
 
 def unknown_labels(trial: TrialEvidence) -> list[str]:
@@ -167,6 +171,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
             "labels",
             f"labels that occur twice: {listed([label.rpartition('#')[0] for label in twice])}; the first was taken",
             "give every marker a label of its own",
+            code=Code.LABEL_TWICE,
         )
     same = list(_one_trajectory(trial))
     if same:
@@ -174,6 +179,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
             "labels",
             f"one trajectory under two labels: {listed(same)}",
             "one of the two is wrong: label the trial again, or give it no weight",
+            code=Code.ONE_TRAJECTORY,
         )
 
 
@@ -197,6 +203,7 @@ def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
             f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
             "label them in this trial, or see [markers] rename and weights of the study",
             leg=leg,
+            code=Code.BARE_SEGMENT,
         )
 
 
@@ -219,12 +226,12 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     rare = [f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF]
     if rare:
         cure = "they say little of this trial; label it further, or look at the camera setup"
-        yield trial.warning("gaps", f"seen in less than half of the frames: {listed(rare)}", cure)
+        yield trial.warning("gaps", f"seen in less than half of the frames: {listed(rare)}", cure, code=Code.GAPS)
     long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > LONG_S), key=lambda g: -g.longest_gap)
     if long:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "gaps get no weight and are not filled; the rest of the segment carries it"
-        yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure)
+        yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure, code=Code.GAPS)
     yield from _pelvis_lost(trial)
 
 
@@ -240,7 +247,9 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
     share = float(np.mean(lost))
     words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
     if not lasting and share <= HALF:
-        yield trial.info("gaps", f"{words}, never for longer than {LONG_S:g} s: these are bridged")
+        yield trial.info(
+            "gaps", f"{words}, never for longer than {LONG_S:g} s: these are bridged", code=Code.PELVIS_LOST
+        )
         return
     edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
     start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
@@ -249,51 +258,5 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
         "gaps",
         f"{words} ({spans(time, lasting or runs(lost))})",
         f"label or fill the markers of the pelvis there{part}",
+        code=Code.PELVIS_LOST,
     )
-
-
-def frozen(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that repeat their position bit for bit while the others move."""
-    x = trial.recording.markers
-    if len(x) < 5:
-        return
-    same = (x[1:] == x[:-1]).all(axis=2)
-    shortest = max(4, round(FROZEN_S * trial.recording.rate))
-    labels, when = [], []
-    for label in trial.present:
-        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
-        if held:
-            labels.append(label)
-            when += held
-    if labels:
-        yield trial.warning(
-            "frozen",
-            f"positions repeated bit for bit while others move: {listed(labels)} ({spans(trial.recording.time, when)})",
-            "software held the last value over a gap: export gaps as gaps, or give the marker no weight",
-        )
-
-
-def _others_move(x: Array, run: slice) -> bool:
-    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at its beginning."""
-    moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
-    moved = moved[np.isfinite(moved)]
-    return bool(len(moved)) and float(np.median(moved)) > MOVED_M
-
-
-def flat(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers with a coordinate that never changes."""
-    labels = []
-    for label in trial.present:
-        x = trial.path(label)[trial.seen[:, trial.place[label]]]
-        if len(x) <= 10:
-            continue
-        way = np.ptp(x, axis=0)
-        # A segment that is held still moves by rounding alone: there a coordinate without a change says nothing.
-        if (way == 0).any() and way.max() > MOVED_M:
-            labels.append(label)
-    if 0 < len(labels) < HALF * len(trial.present):
-        yield trial.warning(
-            "frozen",
-            f"one coordinate never changes: {listed(labels)}",
-            "a column of the file is constant: export the trial again",
-        )

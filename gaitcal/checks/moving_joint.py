@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS
 
@@ -54,6 +55,7 @@ def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
             'write role = "gait", or name the file of the isolated trial',
             cause=f"the trial is declared for {declared} alone, but this looks like a walk",
             weight=5.0,
+            code=Code.LOOKS_LIKE_WALK,
         )
 
 
@@ -77,4 +79,5 @@ def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
         f'write joint = "{joint}", name the file of {declared}, or exchange the labels of right and left',
         cause=f"the trial is declared for {declared}, but this looks like {joint}",
         weight=rms / max(own.rms, MOVES_RAD) if own else rms / MOVES_RAD,
+        code=Code.OTHER_JOINT,
     )

@@ -20,6 +20,7 @@ from gaitcal.checks.direction import mirrored
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import undone
 from gaitcal.checks.left_place import stretches
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.recording.recording import Recording
 
@@ -91,7 +92,17 @@ def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence
         cure=_cure(worst, everywhere and len(names) == len(moving)),
         leg=_side(worst.segment),
         weight=worst.excess,
+        code=_CODES[worst.fault],
     )
+
+
+_CODES = {
+    Fault.MARKER: Code.MARKER_OFF_STATIC,
+    Fault.LABELS: Code.EXCHANGED_LABELS,
+    Fault.MIRRORED: Code.CLUSTER_MIRRORED,
+    Fault.CLUSTER: Code.CLUSTER_SLID,
+    Fault.UNKNOWN: Code.SEGMENTS_APART,
+}
 
 
 def _severity(cause: Contradiction) -> Severity:
@@ -197,6 +208,7 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
         "exchange right and left in the labels of the file, or export it again with right-handed axes",
         cause=f"{', or '.join(found)}, in this trial or in the static one",
         weight=max(c.excess for c in causes),
+        code=Code.SIDES_EXCHANGED,
     )
 
 
@@ -229,6 +241,7 @@ def _knee_axes(trials: Sequence[TrialEvidence], told: set[str]) -> Iterator[Find
                 cure="look at the medial and lateral knee markers of the static trial; or another static trial",
                 leg=side,
                 weight=worst / float(np.rad2deg(KNEE_AXIS_RAD)),
+                code=Code.KNEE_BENDS_ELSEWHERE,
             )
 
 
@@ -255,4 +268,5 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
                 cause=f"the markers of the {_part(segment)} sit otherwise than in the other {len(walks) - 1} walks",
                 leg=_side(segment),
                 weight=worst,
+                code=Code.ODD_WALK,
             )

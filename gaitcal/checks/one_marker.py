@@ -19,6 +19,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.markers import LONG_S, unknown_labels
+from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError
 from gaitcal.findings import Finding, listed
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, joint_segments
@@ -58,7 +59,9 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
         lasting = [run for run in runs(count < TWO) if duration(trial.recording.time, run) > LONG_S]
         if segment not in single and count.any() and lasting:
             when = spans(trial.recording.time, lasting)
-            yield trial.info(TOPIC, f"{segment} shows fewer than two markers with weight in {when}")
+            yield trial.info(
+                TOPIC, f"{segment} shows fewer than two markers with weight in {when}", code=Code.ONE_MARKER_SEGMENT
+            )
     if not single:
         return
     unsure = _undetermined(trial, trial.model) if trial.is_gait else {}
@@ -82,16 +85,16 @@ def _finding(
     cause = f"one marker alone follows {segment}"
     if unsure is None or len(together) == len(LEG_SEGMENTS) // 2:
         found += "; what the joints beside it leave open has no one answer"
-        return trial.error(TOPIC, found, cure, cause=cause, leg=side)
+        return trial.error(TOPIC, found, cure, cause=cause, leg=side, code=Code.ONE_MARKER_SEGMENT)
     open_angles = {name: s for name, s in unsure.items() if name.endswith(f"_{side}") and s > TOLD_RAD}
     if open_angles:
         told = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in open_angles.items()])
         found += f"; markers {1e3 * NOISE_M:.0f} mm off leave {told} undetermined"
-        return trial.error(TOPIC, found, cure, cause=cause, leg=side)
+        return trial.error(TOPIC, found, cure, cause=cause, leg=side, code=Code.ONE_MARKER_SEGMENT)
     worst = max((s for name, s in unsure.items() if name.endswith(f"_{side}")), default=0.0)
     found += "; the joints beside it tell how it turns"
     found += f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * NOISE_M:.0f} mm off" if worst else ""
-    return trial.warning(TOPIC, found, cure, cause=cause, leg=side, weight=3.0)
+    return trial.warning(TOPIC, found, cure, cause=cause, leg=side, weight=3.0, code=Code.ONE_MARKER_SEGMENT)
 
 
 def _judged(trial: TrialEvidence) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.checks.contacts import FEET, Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.plates import PLATES_ELSEWHERE
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import near
 from gaitcal.dynamics.off_sole import Loading, Place, divided_cause, divided_frames, places_of
 from gaitcal.dynamics.plate_steps import UNDER_FOOT
@@ -162,6 +163,7 @@ def _findings(trial: TrialEvidence, time: Array, found: Sequence[Outside]) -> It
             "frames",
             cause="plates are loaded while the foot that stood on them is in the air",
             weight=2.0,
+            code=Code.LOADED_IN_AIR,
         )
         return
     shifts = np.array([off.shift / np.linalg.norm(off.shift) for off in found])
@@ -173,6 +175,7 @@ def _findings(trial: TrialEvidence, time: Array, found: Sequence[Outside]) -> It
             "leg counts in these frames",
             cause=PLATES_ELSEWHERE,
             weight=2.0,
+            code=Code.PLATES_ELSEWHERE,
         )
         return
     for off in found:
@@ -184,6 +187,7 @@ def _findings(trial: TrialEvidence, time: Array, found: Sequence[Outside]) -> It
             cause=f"the centre of pressure of plate {off.plate} leaves the {FEET[off.foot]} foot",
             leg=SIDES[off.foot],
             weight=2.0,
+            code=Code.PRESSURE_LEAVES_FOOT,
         )
 
 
@@ -203,6 +207,7 @@ def _divided(
         "export what each plate or belt measured by itself; no torque of either leg counts in these frames",
         cause=divided_cause(names),
         weight=3.0,
+        code=Code.DIVIDED_FORCE,
     )
 
 

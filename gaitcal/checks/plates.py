@@ -16,6 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.checks.contacts import Feet, Step, feet_of, steps
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.dynamics.plate_outline import OUTSIDE_SHARE, share_outside
 from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding
@@ -62,10 +63,14 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
             if "never empty" in note:
                 cure = "record some seconds with nobody on the plate, or remove its offset before export"
             yield trial.warning(
-                "plates", note.rstrip("."), cure, cause="a force plate is not described as it should be"
+                "plates",
+                note.rstrip("."),
+                cure,
+                cause="a force plate is not described as it should be",
+                code=Code.PLATE_DESCRIPTION,
             )
         else:
-            yield trial.info("plates", note.rstrip("."))
+            yield trial.info("plates", note.rstrip("."), code=Code.PLATE_DESCRIPTION)
 
 
 def signals(trial: TrialEvidence) -> Iterator[Finding]:
@@ -79,13 +84,15 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
         if (pulled := int((up < -BODY_N).sum())) > 0:
             found = f"{name}: pulls the body down with up to {-up.min():.0f} N in {pulled} samples; it can only push"
             cure = "check the sign and the offset of its channels"
-            yield trial.warning("plates", found, cure, cause=f"{name} pulls")
+            yield trial.warning("plates", found, cure, cause=f"{name} pulls", code=Code.PLATE_PULLS)
         empty = np.abs(up) < UNLOADED_N
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
         if empty.mean() > 0.1 and abs(rest := float(np.median(up[empty]))) > OFFSET_N:
             found = f"{name}: reads {rest:.0f} N where nobody stands on it"
             cure = "remove the offset of the empty plate"
-            yield trial.warning("plates", found, cure, cause=f"{name} is not at zero when empty")
+            yield trial.warning(
+                "plates", found, cure, cause=f"{name} is not at zero when empty", code=Code.PLATE_OFFSET
+            )
         yield from _clipped(trial, plate)
         loaded = up > BODY_N
         yield from _dead(trial, plate, force[loaded])
@@ -94,7 +101,9 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
             if ratio > ASLANT:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
                 cure = "are its axes those of the file, y up?"
-                yield trial.warning("plates", found, cure, cause=f"the axes of {name} are not those of the room")
+                yield trial.warning(
+                    "plates", found, cure, cause=f"the axes of {name} are not those of the room", code=Code.PLATE_AXES
+                )
 
 
 def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
@@ -110,6 +119,7 @@ def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Fi
             f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)",
             "look for the channel, its cable and its column in the file; without it leave the plate out of torques",
             cause=f"a horizontal force of plate {plate.name} is missing: {missing} is constant",
+            code=Code.DEAD_CHANNEL,
         )
 
 
@@ -129,6 +139,7 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
                 f"({spans(plate.time, held)})",
                 "choose a larger range of the amplifier; leave these frames out with time = [start, end]",
                 cause=f"plate {plate.name} is saturated",
+                code=Code.SATURATED_PLATE,
             )
 
 
@@ -145,6 +156,7 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
                 f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
                 "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
                 cause=f"the corners of plate {plate.name} do not hold its centre of pressure",
+                code=Code.PLATE_CORNERS,
             )
 
 
@@ -176,7 +188,7 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
             cause = "both horizontal forces of all plates have the wrong sign"
             cure += "; where a note says that a plate was turned round: of the vertical column alone"
         found = f"in {len(walk.steps)} steps: {'; '.join(wrong)}"
-        yield trial.warning("forces", found, cure, cause=cause)
+        yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
 def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
@@ -206,6 +218,7 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
             f"feet: {abs(means[0]):.0f} mm (right foot) and {abs(means[1]):.0f} mm (left foot)",
             "check the positions of the plates in the room (corners), and the origin of the markers",
             cause=PLATES_ELSEWHERE,
+            code=Code.PLATES_ELSEWHERE,
         )
 
 

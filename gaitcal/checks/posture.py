@@ -14,6 +14,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.body.plan import body_axes
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.hip_centre import HipCentre
@@ -93,6 +94,7 @@ def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
             "'file' or 'markers' if the heels are off the floor",
             cause="the feet may not stand flat in the static trial, from which ankle angles are counted",
             leg="" if len(doubts) == 2 else next(iter(doubts)),
+            code=Code.FEET_NOT_FLAT,
         )
 
 
@@ -113,6 +115,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             "name the recording in which the person stands",
             cause="the person sits in the static trial",
             weight=5.0,
+            code=Code.SITTING,
         )
     elif found.uneven:
         yield trial.finding(
@@ -122,6 +125,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             "choose the part in which both feet stand with time = [start, end], or record standing again; nothing to "
             "do if the person cannot stand otherwise",
             cause="the person stands unevenly in the static trial",
+            code=Code.UNEVEN_STANCE,
         )
     elif found.bent:
         yield trial.finding(
@@ -131,4 +135,5 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             "record it again if the person can stand straighter; nothing to do if not: only the skin lies a little "
             "otherwise than over straight legs",
             cause="the person stands with bent knees in the static trial",
+            code=Code.BENT_KNEES,
         )

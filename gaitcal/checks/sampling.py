@@ -11,6 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.roughness import HALF_POWER
@@ -35,7 +36,9 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
         found = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}"
-        yield trial.error("sampling", found, "export the whole trial", cause="the trial is too short")
+        yield trial.error(
+            "sampling", found, "export the whole trial", cause="the trial is too short", code=Code.SHORT_TRIAL
+        )
     if len(time) < 2:
         return
     hz = trial.recording.rate
@@ -44,10 +47,16 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         cure = "is the time column in seconds?"
         if abs(hz - 1) < 1e-6:
             cure = "the time column counts frames: divide it by the frame rate"
-        yield trial.error("time", found, cure, cause="the time column is not in seconds")
+        yield trial.error("time", found, cure, cause="the time column is not in seconds", code=Code.TIME_UNIT)
     elif trial.is_gait and hz < SLOW_GAIT:
         cure = "joint moments at heel strike will be blunted; record at 100 Hz"
-        yield trial.warning("sampling", f"frames come at {hz:.4g} Hz", cure, cause="frames come slowly for walking")
+        yield trial.warning(
+            "sampling",
+            f"frames come at {hz:.4g} Hz",
+            cure,
+            cause="frames come slowly for walking",
+            code=Code.SLOW_FRAMES,
+        )
     steps = np.diff(time)
     middle = float(np.median(steps))
     odd = np.abs(steps - middle) > UNEVEN * middle
@@ -59,6 +68,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
             f"{1e3 * steps[odd].max():.3g} ms)",
             "frames are missing, or the time column was put together: export the trial again",
             cause="time steps are not even",
+            code=Code.UNEVEN_TIME,
         )
 
 
@@ -70,7 +80,9 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
     found = float(np.linalg.norm(net_progression(trial.recording))) / float(time[-1] - time[0])
     if found > SPEED_M_S:
         cure = "if the person did not run, the time column or the unit of length is wrong"
-        yield trial.warning("time", f"the body moves at {found:.2f} m/s", cure, cause="nobody walks so fast")
+        yield trial.warning(
+            "time", f"the body moves at {found:.2f} m/s", cure, cause="nobody walks so fast", code=Code.TOO_FAST
+        )
 
 
 def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
@@ -89,6 +101,7 @@ def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
             "if frames were not left out on export, the time column was invented: correct it (velocities and torques "
             "follow from it; joint axes do not)",
             cause="the header and the time column name different frame rates",
+            code=Code.HEADER_RATE,
         )
 
 
@@ -117,13 +130,14 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     if settings.nodes is not None and settings.nodes > len(time):
         found = f"nodes = {settings.nodes} for {len(time)} frames"
         cure = "fewer nodes than frames are needed"
-        yield trial.error("sampling", found, cure, cause="there are too many spline nodes")
+        yield trial.error("sampling", found, cure, cause="there are too many spline nodes", code=Code.MANY_NODES)
     elif passed is not None and passed < STEADY_HZ and trial.is_gait:
         yield trial.warning(
             "sampling",
             f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz",
             "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]",
             cause="the settings smooth the motion too much",
+            code=Code.SMOOTHED_TOO_MUCH,
         )
     chosen = settings.force_filter_hz if trial.trial.filter_hz is None else trial.trial.filter_hz
     if not isinstance(chosen, float):
@@ -135,7 +149,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
         sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
         if by_default:
             found = f"plate {plate.name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
-            yield trial.info("sampling", found, "they are not filtered")
+            yield trial.info("sampling", found, "they are not filtered", code=Code.FORCE_FILTER)
         else:
             yield trial.error(
                 "sampling",
@@ -143,6 +157,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
                 f"below half of that, {0.5 * sampled:.4g} Hz",
                 'lower filter_hz, or set it to "none"',
                 cause=f"the filter does not suit plate {plate.name}",
+                code=Code.FORCE_FILTER,
             )
 
 

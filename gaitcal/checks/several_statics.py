@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.checks.evidence import LIGHT, TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.motion.rigid import rigid_fit
@@ -44,7 +45,11 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         ]
         if not told:
             if positions and reference:
-                yield other.info("static trial", f"agrees with '{first.name}', which the model is made of")
+                yield other.info(
+                    "static trial",
+                    f"agrees with '{first.name}', which the model is made of",
+                    code=Code.STATICS_DISAGREE,
+                )
             continue
         told.sort(reverse=True)
         words = listed([f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in told])
@@ -56,6 +61,7 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             "gives the model",
             cause=f"static trials '{first.name}' and '{other.name}' do not show the same body",
             weight=told[0][0] / DISAGREE_M,
+            code=Code.STATICS_DISAGREE,
         )
 
 

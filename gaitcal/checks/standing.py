@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding
 from gaitcal.model.subject_model import SubjectModel
@@ -37,6 +38,7 @@ def length(trial: TrialEvidence) -> Iterator[Finding]:
         f"over {SHORTEST_S:g} s tell standing still from moving",
         "make sure that the person stands still there, or give a longer part of the recording",
         cause="the static trial is too short to tell whether the person stands still",
+        code=Code.SHORT_STATIC,
     )
 
 
@@ -56,6 +58,7 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
             f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused",
             "let the person stand still for some seconds; segment frames come from this posture",
             weight=window.speed / STILL_M_S,
+            code=Code.STILLNESS,
         )
     else:
-        yield trial.info("still window", words)
+        yield trial.info("still window", words, code=Code.STILLNESS)

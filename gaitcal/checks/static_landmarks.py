@@ -13,6 +13,7 @@ from gaitcal.body.plan import measures
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.lengths import HIP_HEIGHT, hip_height
 from gaitcal.checks.posture import standing_legs
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.marker_set import REQUIRED
 
@@ -70,6 +71,7 @@ def _upside_down(trial: TrialEvidence, below: float) -> Finding:
         "write the file with its vertical axis upwards",
         cause="the vertical axis of the static trial points down",
         weight=10.0,
+        code=Code.NOT_UPRIGHT,
     )
 
 
@@ -96,6 +98,7 @@ def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
         cause=f"{words} carry each other's labels in the static trial",
         leg=_leg(*(name for pair in fault.pairs for name in pair)),
         weight=10.0,
+        code=Code.LANDMARKS_EXCHANGED,
     )
 
 
@@ -112,6 +115,7 @@ def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
         cause=f"{name} lies about {1e3 * fault.size:.0f} mm off its bone in the static trial, mostly {where}",
         leg=_leg(fault.landmark),
         weight=fault.size / 0.02,
+        code=Code.LANDMARK_DISPLACED,
     )
 
 
@@ -131,6 +135,7 @@ def _height(trial: TrialEvidence, p: Mapping[str, Array], factor: float, legs: f
         "correct subject.height_m, or the unit or scale of the markers",
         cause=f"a body height of {given:.2f} m does not go with the markers",
         weight=3.0,
+        code=Code.BODY_HEIGHT,
     )
 
 
@@ -146,6 +151,7 @@ def _impossible(trial: TrialEvidence, found: list[Measure]) -> Iterator[Finding]
             f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit",
             cause="the static trial shows lengths that nobody has",
             weight=10.0,
+            code=Code.IMPOSSIBLE_LENGTHS,
         )
 
 

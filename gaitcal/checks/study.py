@@ -16,6 +16,7 @@ from gaitcal.checks import (
     contacts,
     direction,
     exchanged,
+    frozen,
     hip_centres,
     jumps,
     knee_lines,
@@ -36,6 +37,7 @@ from gaitcal.checks import (
     static_landmarks,
 )
 from gaitcal.checks.evidence import TrialEvidence
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.hip_centre import HipCentre
@@ -74,8 +76,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     jumps.spikes,
     jumps.seam,
     markers.gaps,
-    markers.frozen,
-    markers.flat,
+    frozen.frozen,
+    frozen.flat,
     left_place.left_place,
     moving_joint.declared_joint,
     moving_joint.one_joint_alone,
@@ -227,6 +229,7 @@ def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             cause="trials of one study have different frame rates",
             found=f"most have {common:.4g} Hz, but {', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
             cure="look whether their time columns are right" if far else "as it should be, if recorded or exported so",
+            code=Code.RATES_DIFFER,
         )
 
 
@@ -242,4 +245,5 @@ def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
                 "trials",
                 f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})",
                 "name the file of this trial, leave the trial out, or give each its part with time = [start, end]",
+                code=Code.SAME_RECORDING,
             )

@@ -11,6 +11,7 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, field_validator
 
+from gaitcal.codes import Code
 from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
 from gaitcal.errors import InputError
 from gaitcal.files.toml import toml_table
@@ -127,14 +128,14 @@ def read_sheet(path: Path) -> tuple[Told, ...]:
     names = [str(name).strip().lower() for name in rows.fieldnames or ()]
     if "person" not in names:
         message = f"found the columns {', '.join(names) or 'none'}; allowed: person, and any of session, group, sex, "
-        raise InputError(f"{message}mass_kg, height_m, age_years", source=path)
+        raise InputError(f"{message}mass_kg, height_m, age_years", source=path, code=Code.COHORT)
     rows.fieldnames = names
     try:
         return tuple(
             _row(row, f"{path}: row {number}") for number, row in enumerate(rows, start=2) if any(row.values())
         )
     except csv.Error as error:
-        raise InputError(f"cannot be read as a table: {error}", source=path) from None
+        raise InputError(f"cannot be read as a table: {error}", source=path, code=Code.COHORT) from None
 
 
 def _text(path: Path) -> str:
@@ -142,12 +143,14 @@ def _text(path: Path) -> str:
         with path.open("rb") as stream:
             raw = stream.read(MOST_BYTES + 1)
         if len(raw) > MOST_BYTES:
-            raise InputError(f"over {MOST_BYTES // 1_000_000} MB: no table of people is that long", source=path)
+            raise InputError(
+                f"over {MOST_BYTES // 1_000_000} MB: no table of people is that long", source=path, code=Code.COHORT
+            )
         return raw.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text; save it as CSV UTF-8", source=path) from None
+        raise InputError("is not UTF-8 text; save it as CSV UTF-8", source=path, code=Code.NOT_TEXT) from None
 
 
 def _row(row: Mapping[str | Any, object], source: str) -> Told:
@@ -163,7 +166,9 @@ def _row(row: Mapping[str | Any, object], source: str) -> Told:
     person = str(row.get("person") or "").strip()
     table = validated(PersonTable, {**said, "name": person}, source)
     if not person:
-        raise InputError("found nothing; allowed: the name of a folder", source=source, field="person")
+        raise InputError(
+            "found nothing; allowed: the name of a folder", source=source, field="person", code=Code.COHORT
+        )
     return Told(person=person, session=table.session, group=table.group, options=table.options)
 
 
@@ -171,4 +176,6 @@ def _number(text: str, name: str, source: str) -> float:
     try:
         return float(text.replace(",", "."))
     except ValueError:
-        raise InputError(f"found {shown(text)}; allowed: a number", source=source, field=name) from None
+        raise InputError(
+            f"found {shown(text)}; allowed: a number", source=source, field=name, code=Code.BAD_NUMBER
+        ) from None

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaitcal.checks import check_study
+from gaitcal.codes import Code
 from gaitcal.cohort.cohort_file import settings_text
 from gaitcal.cohort.people import CohortPerson, no_folder
 from gaitcal.errors import InputError
@@ -57,8 +58,8 @@ class CommonSettings:
 class PersonError(InputError):
     """Why a person has no result, and what to do."""
 
-    def __init__(self, cause: str, action: str = "") -> None:
-        super().__init__(cause)
+    def __init__(self, cause: str, action: str = "", *, code: Code) -> None:
+        super().__init__(cause, code=code)
         self.action = " ".join(action.split())
 
 
@@ -71,7 +72,9 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
         No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
     """
     if not person.folder.is_dir():
-        raise PersonError(no_folder(person), "put the recordings there, or take the person out of the list")
+        raise PersonError(
+            no_folder(person), "put the recordings there, or take the person out of the list", code=Code.FOLDER
+        )
     folder = read_folder(person.folder)
     own = own_study(folder)
     drafted = None
@@ -110,10 +113,12 @@ def _ready(draft: Draft) -> Draft:
     """The draft; PersonError where it cannot be run."""
     if draft.fault or draft.problem:
         cause, _, action = (draft.fault or draft.problem).partition(": put each")
-        raise PersonError(cause, f"put each{action}" if action else "gaitcal init on this folder shows every file")
+        raise PersonError(
+            cause, f"put each{action}" if action else "gaitcal init on this folder shows every file", code=Code.FOLDER
+        )
     if draft.missing:
         fields = ", ".join(draft.missing)
-        raise PersonError(missing_words(draft), f"give {fields} in people.csv or cohort.toml")
+        raise PersonError(missing_words(draft), f"give {fields} in people.csv or cohort.toml", code=Code.WHO_IT_IS)
     return draft
 
 
@@ -130,7 +135,9 @@ def _stop_on_errors(findings: Sequence[Finding], study: Study) -> None:
     first = errors[0]
     place = "" if first.where == STUDY else f"trial '{first.where}': "
     more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
-    raise PersonError(f"{place}{first.topic}: {first.evidence}{more}", first.cure or "gaitcal check shows all of it")
+    raise PersonError(
+        f"{place}{first.topic}: {first.evidence}{more}", first.cure or "gaitcal check shows all of it", code=first.code
+    )
 
 
 def _contradictions(person: CohortPerson, study: Study) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ class Outcome:
     """Why there is no result; empty where there is one."""
     action: str = ""
     """What to do about it."""
+    code: str = ""
+    """Kind of the cause: `gaitcal explain` tells of it."""
     passing: bool = False
     """Whether the cause was of the moment, as a full disk, so that the next run tries again."""
     result: str = ""

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.intake.draft_text import STUDY
@@ -106,6 +107,7 @@ def people_in(folder: Path, out: Path) -> Cohort:
         raise InputError(
             f"{here}no sub-folder holds recordings; each person needs a folder ('gaitcal calibrate' is for one person)",
             source=folder,
+            code=Code.COHORT,
         )
     return Cohort(folder, in_order(found, folder), tuple(ignored))
 
@@ -122,14 +124,15 @@ def in_order(people: Iterable[CohortPerson], source: Path) -> tuple[CohortPerson
                     f"found '{person.words}' twice, in '{other.folder.name}' and '{person.folder.name}'; allowed: once "
                     "for each session; name the sessions",
                     source=source,
+                    code=Code.COHORT,
                 )
             message = f"found '{person.words}' and '{other.words}', which one folder would hold; allowed: other names"
-            raise InputError(message, source=source)
+            raise InputError(message, source=source, code=Code.COHORT)
     several = {person.name for person in out if person.session}
     for person in out:
         if not person.session and person.name in several:
             message = f"found '{person.name}' with a session and without one; allowed: a session for each"
-            raise InputError(message, source=source)
+            raise InputError(message, source=source, code=Code.COHORT)
     return tuple(out)
 
 
@@ -137,7 +140,7 @@ def _folders(folder: Path, out: Path) -> list[Path]:
     try:
         entries = sorted(folder.iterdir())
     except OSError as error:
-        raise InputError(f"cannot be listed: {error.strerror}", source=folder) from None
+        raise InputError(f"cannot be listed: {error.strerror}", source=folder, code=Code.UNREADABLE) from None
     return [p for p in entries if p.is_dir() and p.name[0] not in ".~" and not _is_result(p, out)]
 
 

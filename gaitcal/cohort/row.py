@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from gaitcal.codes import Code
 from gaitcal.cohort.columns import MEASURED, NAMES
 from gaitcal.cohort.outcome import Cell
 from gaitcal.cohort.peaks import peaks
@@ -39,7 +40,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
     manifest: dict[str, Any] = read_object(folder / MANIFEST)
     summary: dict[str, Any] = read_object(folder / SUMMARY)
     if "subject" not in manifest or "trials" not in summary:
-        raise InputError("is no result of 'gaitcal calibrate'", source=folder)
+        raise InputError("is no result of 'gaitcal calibrate'", source=folder, code=Code.NO_RESULT)
     subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
     trials: dict[str, dict[str, Any]] = summary["trials"]
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]

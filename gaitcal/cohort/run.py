@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.people import Cohort
@@ -102,10 +103,12 @@ def require_cohort(out: Path) -> None:
     if not out.exists():
         return
     if not out.is_dir():
-        raise InputError("is a file; the output needs a folder", source=out)
+        raise InputError("is a file; the output needs a folder", source=out, code=Code.FOLDER_TAKEN)
     names = sorted(p.name for p in out.iterdir() if not p.name.startswith("."))
     if names and read_object(out / MANIFEST).get("kind") != ResultKind.COHORT.value:
-        raise InputError(f"holds '{names[0]}', and is no cohort; name a new or an empty folder", source=out)
+        raise InputError(
+            f"holds '{names[0]}', and is no cohort; name a new or an empty folder", source=out, code=Code.FOLDER_TAKEN
+        )
 
 
 @contextmanager

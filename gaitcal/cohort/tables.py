@@ -29,7 +29,7 @@ from gaitcal.files.snapshot import sha256_of
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"
-FAILURE_COLUMNS = ("person", "session", "group", "folder", "cause", "what_to_do")
+FAILURE_COLUMNS = ("person", "session", "group", "folder", "code", "cause", "what_to_do")
 TIME_COLUMNS = ("person", "session", "seconds", "worker_mebibytes")
 ROWS = 64
 """People in a row group of `people.parquet`: what is held in memory."""
@@ -118,7 +118,7 @@ class _Writers:
         """Write what is kept of one person."""
         self._times.writerow((*person.key, outcome.seconds, outcome.mebibytes))
         if outcome.failed:
-            self._failures.writerow((*person.key, person.group, folder, outcome.cause, outcome.action))
+            self._failures.writerow((*person.key, person.group, folder, outcome.code, outcome.cause, outcome.action))
             return
         row = {**outcome.row, "group": person.group}
         self._people.writerow(["" if row.get(name) is None else row[name] for name in NAMES])

@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitcal.codes import Code
 from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.one_person import CommonSettings, calibrate_person
 from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
@@ -77,6 +78,7 @@ def lost_person(task: Task, words: str) -> Outcome:
         session=task.person.session,
         place=task.person.place,
         fingerprint="",
+        code=Code.WORKER.value,
         cause=f"its worker process died: {words}",
         action=f"too little memory for so many --jobs does this; {AGAIN}",
         passing=True,
@@ -135,6 +137,8 @@ def _keep_strides(task: Task) -> None:
 class _PassingError(GaitcalError):
     """A cause of the moment."""
 
+    code = Code.WORKER
+
 
 def _failure(task: Task, error: Exception) -> Outcome:
     person = task.person
@@ -154,10 +158,18 @@ def _failure(task: Task, error: Exception) -> Outcome:
         session=person.session,
         place=person.place,
         fingerprint=mark,
+        code=_code_of(error).value,
         cause=" ".join("".join(c if c.isprintable() else " " for c in said).split()),
         action=getattr(error, "action", "") or (AGAIN if passing else default),
         passing=passing,
     )
+
+
+def _code_of(error: Exception) -> Code:
+    """The code of a failure; of what was not raised on purpose, the machine's or our own."""
+    if isinstance(error, GaitcalError):
+        return error.code
+    return Code.WORKER if isinstance(error, (MemoryError, OSError)) else Code.INTERNAL
 
 
 def _peak() -> float:

@@ -1,10 +1,13 @@
 """The program that commands register themselves with, and what each of them is handed besides its own options."""
 
+import gc
+import os
 from collections.abc import Callable
 from inspect import Signature, signature
 
 import typer
 
+from gaitcal.commands.examples import epilog
 from gaitcal.commands.options import Quiet, Verbose
 
 app = typer.Typer(
@@ -19,6 +22,17 @@ app = typer.Typer(
 )
 
 
+RARELY = (50_000, 20, 20)
+"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
+
+
+def set_up() -> None:
+    """Prepare the process, before any library is loaded."""
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
+    gc.set_threshold(*RARELY)
+
+
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
 
@@ -30,5 +44,5 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     _, *of_command = signature(function).parameters.values()
     *of_all, _ = signature(run).parameters.values()
     run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__)(run)
+    app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
     return function

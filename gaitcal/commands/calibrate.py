@@ -86,9 +86,15 @@ def run(
     talk.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
-        raise InputError(f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}")
+        raise InputError(
+            f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}",
+            code=verdict.reasons[0].code,
+        )
     if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
-        raise InputError(f"a leg is refused in every walk (the result was written): {verdict.reasons[0].cause}")
+        raise InputError(
+            f"a leg is refused in every walk (the result was written): {verdict.reasons[0].cause}",
+            code=verdict.reasons[0].code,
+        )
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
         raise ConvergenceError(f"phase {late.name} did not converge: {late.message} (the results were written)")

@@ -42,6 +42,8 @@ def run(path: Path, talk: Talk, options: Options = NOTHING_SAID) -> None:
     hidden = counts[Severity.INFO] if not talk.verbose else 0
     more = f" (-v shows {hidden} more facts)" if hidden else ""
     talk.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    if shown:
+        talk.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
     if counts[Severity.ERROR]:
         sys.exit(1)
 
@@ -54,7 +56,11 @@ def _table(findings: Sequence[Finding]) -> Table:
     table.add_column("what to do", ratio=2)
     for f in findings:
         table.add_row(
-            Text(f.severity.value, COLOURS[f.severity]), Text(f.where), Text(f.topic), Text(f.evidence), Text(f.cure)
+            Text(f"{f.severity.value}\n{f.code.value}", COLOURS[f.severity]),
+            Text(f.where),
+            Text(f.topic),
+            Text(f.evidence),
+            Text(f.cure),
         )
     return table
 
@@ -69,4 +75,4 @@ def stop_on_errors(findings: Sequence[Finding], walks: Sequence[str], study: Pat
         return
     shown = f": 'gaitcal check {study}' shows all" if study else ""
     more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
-    raise InputError(errors[0].line + more)
+    raise InputError(errors[0].line + more, code=errors[0].code)

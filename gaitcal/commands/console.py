@@ -70,7 +70,9 @@ def print_verdict(talk: Talk, verdict: Verdict) -> None:
     """How far the result can be believed, and why."""
     talk.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
     for reason in verdict.reasons:
-        talk.line(f"{LABELS[reason.severity]}: {reason.line}")
+        talk.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
+    if verdict.reasons:
+        talk.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
 
 
 def tell_kept(talk: Talk, kept: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from gaitcal.checks import check_further
+from gaitcal.codes import Code
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_remarks, print_trials, print_verdict
 from gaitcal.errors import ConvergenceError, InputError, UsageError
@@ -44,7 +45,9 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
     _only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
-        raise InputError("found two trials with one name; a trial's name is its file's, without the ending")
+        raise InputError(
+            "found two trials with one name; a trial's name is its file's, without the ending", code=Code.PART_OF_TRIAL
+        )
     folder = out or result / "dynamics"
     inputs = [*trials, *([options.forces] if options.forces else [])]
     require_room(folder, ResultKind.DYNAMICS, inputs)
@@ -72,9 +75,14 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
     talk.line(f"results: {folder}")
     talk.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
-        raise InputError(f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}")
+        raise InputError(
+            f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}",
+            code=verdict.reasons[0].code,
+        )
     if verdict.refused and not late:
-        raise InputError(f"refused (written, with no torque valid): {verdict.reasons[0].cause}")
+        raise InputError(
+            f"refused (written, with no torque valid): {verdict.reasons[0].cause}", code=verdict.reasons[0].code
+        )
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
 
@@ -89,6 +97,7 @@ def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
             cause="a file of the result is not as it was written",
             found=remark,
             cure="",
+            code=Code.RESULT_EDITED,
         )
         for trial in trials
         for remark in saved.files.remarks
@@ -103,6 +112,7 @@ def _not_tracked(name: str) -> Finding:
         cause="tracking did not converge",
         found="its angles and torques are no minimum",
         cure="look at its markers",
+        code=Code.NOT_CONVERGED,
     )
 
 
@@ -126,6 +136,7 @@ def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:
             f"found none of the model's {len(labels)} markers, such as {labels[0]}",
             source=trial.recording.source,
             field="markers",
+            code=Code.UNKNOWN_LABEL,
         )
     return check_further(trial, saved.model, saved.marker_set, saved.settings)
 

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 
+from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError
 from gaitcal.files.interruption import InterruptedWork, Stopped, ended_by_signals
 
@@ -19,7 +20,7 @@ def told_in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
         with ended_by_signals():
             run()
     except GaitcalError as error:
-        _say_error(str(error))
+        _say_error(f"{error} [{error.code.value}]")
         sys.exit(error.exit_code)
     except InterruptedWork as ending:
         _say_error(str(ending))
@@ -40,7 +41,8 @@ def told_in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
     except Exception as error:
         if verbose:
             raise
-        _say_error(f"internal error, please report it (-v shows where): {type(error).__name__}: {error}")
+        said = f"internal error, please report it (-v shows where): {type(error).__name__}: {error}"
+        _say_error(f"{said} [{Code.INTERNAL.value}]")
         sys.exit(1)
 
 

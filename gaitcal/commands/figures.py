@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from gaitcal.codes import Code
 from gaitcal.commands.console import Talk
 from gaitcal.commands.other_programs import convention_of
 from gaitcal.errors import InputError, UsageError, nearest
@@ -74,7 +75,9 @@ def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
     convention = convention_of(options.signs, None, options.units or "Nm/kg", external=options.external)
     if not result.is_dir():
         raise InputError(
-            "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'", source=result
+            "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'",
+            source=result,
+            code=Code.NO_RESULT,
         )
     names = [name for name in (SHEET, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
     with talk.working() as step:
@@ -109,7 +112,9 @@ def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
         There is none of such a name.
     """
     if not charts:
-        raise InputError("found nothing to draw: the result has no complete stride", field=CYCLES)
+        raise InputError(
+            "found nothing to draw: the result has no complete stride", field=CYCLES, code=Code.NOTHING_TO_SHOW
+        )
     wanted = [name.strip().lower() for names in only for name in names.split(",") if name.strip()]
     names = [chart.name for chart in charts]
     for word in wanted:
@@ -163,7 +168,7 @@ def _sheet(folder: Path) -> dict[str, Any]:
     around = folder.resolve().parent / SHEET
     if (folder / CYCLES).exists() and around.exists():
         return {**read_sheet(around), "trials": []}
-    raise InputError(f"has no {SHEET}; calibrate again, or name a result folder", source=folder)
+    raise InputError(f"has no {SHEET}; calibrate again, or name a result folder", source=folder, code=Code.NO_RESULT)
 
 
 def _subject(sheet: Mapping[str, Any]) -> Subject:
@@ -192,7 +197,9 @@ def _healthy(sheet: Mapping[str, Any], normal: Path | None) -> HealthyBands:
 def _told(folder: Path, normal: Path | None) -> Told:
     sheet = _sheet(folder)
     if not sheet["trials"]:
-        raise InputError(f"has no {SHEET} of its own; run its trials again, or draw --for paper", source=folder)
+        raise InputError(
+            f"has no {SHEET} of its own; run its trials again, or draw --for paper", source=folder, code=Code.NO_RESULT
+        )
     parameters = pd.read_csv(folder / PARAMETERS).to_dict("records") if (folder / PARAMETERS).exists() else []
     known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None
     truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
@@ -208,7 +215,7 @@ def _told(folder: Path, normal: Path | None) -> Told:
 def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
     sheet = _sheet(folder)
     if not (folder / CYCLES).exists():
-        raise InputError(f"has no {CYCLES}; calibrate again", source=folder)
+        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
     strides = [stride for trial in sheet["trials"] for stride in trial["strides"] if not stride["turns"]]
     offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
     return Strides(

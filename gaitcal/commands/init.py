@@ -10,6 +10,7 @@ from pathlib import Path
 import typer
 from rich.text import Text
 
+from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError, UsageError
 from gaitcal.files.atomic import atomic_text
@@ -52,14 +53,16 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
     if target.suffix.lower() != ".toml":
         raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
     if not force and target.exists():
-        raise InputError("is there already; --force replaces it, --out FILE names another", source=target)
+        raise InputError(
+            "is there already; --force replaces it, --out FILE names another", source=target, code=Code.FOLDER_TAKEN
+        )
     with talk.working() as step:
         step("reading the folder")
         folder = read_folder(path)
     draft = _asked(folder, options, talk)
     print_seen(talk, draft)
     if draft.fault:
-        raise InputError(draft.fault, source=path)
+        raise InputError(draft.fault, source=path, code=Code.FOLDER)
     atomic_text(target, draft_text(draft, real_path(target).parent))
     talk.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
@@ -70,9 +73,11 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
 def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
     """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
     if draft.problem:
-        raise InputError(before + draft.problem, source=source)
+        raise InputError(before + draft.problem, source=source, code=Code.FOLDER)
     if draft.missing:
-        raise InputError(f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source)
+        raise InputError(
+            f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source, code=Code.WHO_IT_IS
+        )
 
 
 def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
@@ -99,7 +104,7 @@ def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
     draft = _asked(folder, options, talk)
     if draft.fault:
         print_seen(talk, draft)
-        raise InputError(draft.fault, source=path)
+        raise InputError(draft.fault, source=path, code=Code.FOLDER)
     tell_draft(talk, draft)
     _stop_on_problem(draft, path)
     return draft

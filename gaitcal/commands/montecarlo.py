@@ -13,6 +13,7 @@ import pandas as pd
 from rich import progress
 from rich.text import Text
 
+from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
@@ -275,7 +276,11 @@ def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None
 def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
     causes = expect(table, rms_mm, SHOWN_SIDE)
     if not causes:
-        raise InputError("the study has neither of the sets jp and noise, which move markers", field="--expect")
+        raise InputError(
+            "the study has neither of the sets jp and noise, which move markers",
+            field="--expect",
+            code=Code.MONTE_CARLO,
+        )
     for cause in causes:
         more = "more than " if cause.beyond else ""
         talk.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")

@@ -154,3 +154,5 @@ Geometry = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
+
+CodeName = Annotated[str | None, typer.Argument(metavar="[CODE]", help="As GC-020, of a finding or an error.")]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_directory, require_room
@@ -52,7 +53,7 @@ def _data() -> Path | None:
     if not named:
         return None
     if not Path(named).is_dir():
-        raise InputError("is no folder", source=named, field=DATA)
+        raise InputError("is no folder", source=named, field=DATA, code=Code.NO_FILE)
     return Path(named)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
 from gaitcal.files.amend import file_in_place
@@ -37,7 +38,11 @@ def _read(result: Path, talk: Talk, *, alone: bool) -> Shown:
     shown, lines = result_page(result)
     if shown.sheet is None:
         if not alone:
-            raise InputError(f"found no {SHEET}: of an earlier version; calibrate again to compare it", source=result)
+            raise InputError(
+                f"found no {SHEET}: of an earlier version; calibrate again to compare it",
+                source=result,
+                code=Code.NO_RESULT,
+            )
         lines = (f"{result}: of an earlier version, without {SHEET}: the body alone; calibrate again for its curves",)
     for line in lines:
         talk.line(line)

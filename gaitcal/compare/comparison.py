@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from gaitcal.codes import Code
 from gaitcal.compare.leg_geometry import Axis, LegGeometry, leg_bodies, our_leg, peer_leg
 from gaitcal.compare.osim_reader import read_osim
 from gaitcal.compare.peer_model import PeerModel
@@ -83,6 +84,7 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
             "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
             f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}",
             source=osim,
+            code=Code.OTHER_MODEL,
         )
     return rows
 

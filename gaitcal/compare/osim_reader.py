@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.compare.peer_model import PeerAxis, PeerCoordinate, PeerJoint, PeerModel, read_function, read_numbers
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import from_body_fixed_xyz
@@ -40,13 +41,15 @@ def read_osim(path: Path | str) -> PeerModel:
     try:
         root = ET.parse(path).getroot()
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"is not well-formed XML: {error}", source=path) from None
+        raise InputError(f"is not well-formed XML: {error}", source=path, code=Code.OTHER_MODEL) from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
     if model is None:
         raise InputError(
-            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed", source=path
+            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed",
+            source=path,
+            code=Code.OTHER_MODEL,
         )
     masses: dict[str, float] = {}
     joints: dict[str, PeerJoint] = {}
@@ -60,7 +63,7 @@ def read_osim(path: Path | str) -> PeerModel:
         joints[joint.child] = joint
     masses.pop("ground", None)
     if not masses or not joints:
-        raise InputError("found no bodies or no joints", source=path)
+        raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
     return PeerModel(str(path), masses, joints, _markers(model, path))
 
 
@@ -131,7 +134,9 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise InputError("found an axis of length zero", source=path, field=element.get("name"))
+            raise InputError(
+                "found an axis of length zero", source=path, field=element.get("name"), code=Code.OTHER_MODEL
+            )
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

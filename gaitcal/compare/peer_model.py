@@ -22,6 +22,7 @@ import pinocchio as pin
 from scipy.interpolate import make_interp_spline
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 
@@ -83,7 +84,12 @@ class PeerModel:
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
         if joint.axes is None:
-            raise InputError(f"a {joint.kind} is not understood", source=self.source, field=f"joint {joint.name}")
+            raise InputError(
+                f"a {joint.kind} is not understood",
+                source=self.source,
+                field=f"joint {joint.name}",
+                code=Code.OTHER_MODEL,
+            )
         used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
         motion = pin.SE3.Identity()
         for axis in sorted(joint.axes, key=lambda a: a.rotates):
@@ -99,7 +105,7 @@ class PeerModel:
         pose = pin.SE3.Identity()
         for joint in self._way_up(body, ancestor):
             if joint is None:
-                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source)
+                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
             pose = self.joint_pose(joint, {}) * pose
         return pose
 
@@ -133,10 +139,14 @@ def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: i
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise InputError(f"found '{text.strip()[:60]}', expected numbers", source=source, field=tag) from None
+        raise InputError(
+            f"found '{text.strip()[:60]}', expected numbers", source=source, field=tag, code=Code.OTHER_MODEL
+        ) from None
     if (count is not None and len(values) != count) or not np.isfinite(values).all():
         expected = "finite numbers" if count is None else f"{count} finite numbers"
-        raise InputError(f"found '{text.strip()[:60]}', expected {expected}", source=source, field=tag)
+        raise InputError(
+            f"found '{text.strip()[:60]}', expected {expected}", source=source, field=tag, code=Code.OTHER_MODEL
+        )
     return values
 
 
@@ -166,11 +176,13 @@ def _function(element: ET.Element, source: Path) -> Function | None:
     if element.tag in ("LinearFunction", "PolynomialFunction"):
         coefficients = read_numbers(element, "coefficients", source)
         if not len(coefficients):
-            raise InputError("found no coefficients", source=source, field=element.tag)
+            raise InputError("found no coefficients", source=source, field=element.tag, code=Code.OTHER_MODEL)
         return lambda x: float(np.polyval(coefficients, x))
     x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
     if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():
-        raise InputError("x must increase and have as many numbers as y", source=source, field=element.tag)
+        raise InputError(
+            "x must increase and have as many numbers as y", source=source, field=element.tag, code=Code.OTHER_MODEL
+        )
     if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
         return lambda value: float(np.interp(value, x, y))
     return _spline(x, y)

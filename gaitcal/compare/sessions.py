@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from gaitcal.codes import Code
 from gaitcal.compare.curve_differences import curve_figures, curve_table
 from gaitcal.compare.difference import Difference, difference_table, ranked
 from gaitcal.compare.difference_words import lines_of
@@ -59,7 +60,9 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     person = identity(a, b)
     if person.denied:
         raise InputError(
-            f"these are not two results of one person: {'; '.join(person.denied)}", source=f"{a.name}, {b.name}"
+            f"these are not two results of one person: {'; '.join(person.denied)}",
+            source=f"{a.name}, {b.name}",
+            code=Code.NOT_COMPARABLE,
         )
     joints_differ = common is None
     common = common or common_to(a, b)

@@ -25,6 +25,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.codes import Code
 from gaitcal.compare.parameter_differences import placement, told_parameters
 from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
@@ -72,12 +73,20 @@ def require_fit_to_share(a: Session, b: Session) -> None:
     """InputError where a session is refused, or its joint parameters were not calibrated by itself."""
     for session in (a, b):
         if session.verdict == "refused":
-            raise InputError("is refused: it has no say in a shared model", source=session.name)
+            raise InputError(
+                "is refused: it has no say in a shared model", source=session.name, code=Code.NOT_COMPARABLE
+            )
         if session.leans_on_cohort:
-            raise InputError("leans on priors of a cohort: calibrate it without to share a model", source=session.name)
+            raise InputError(
+                "leans on priors of a cohort: calibrate it without to share a model",
+                source=session.name,
+                code=Code.NOT_COMPARABLE,
+            )
         if session.influence is None:
             raise InputError(
-                "its joint parameters were not calibrated, which a shared model needs", source=session.name
+                "its joint parameters were not calibrated, which a shared model needs",
+                source=session.name,
+                code=Code.NOT_COMPARABLE,
             )
 
 
@@ -93,7 +102,9 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     known = set(told_parameters(b.influence))
     names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(LEG_JOINTS))
     if not names:
-        raise InputError("no joint parameter was fitted in both", source=f"{a.name}, {b.name}")
+        raise InputError(
+            "no joint parameter was fitted in both", source=f"{a.name}, {b.name}", code=Code.NOT_COMPARABLE
+        )
     return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON)
 
 
@@ -102,14 +113,14 @@ def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
     index = [JP_INDEX[name] for name in names]
     model, influence = session.model, session.influence
     if influence is None:
-        raise InputError("its joint parameters were not calibrated", source=session.name)
+        raise InputError("its joint parameters were not calibrated", source=session.name, code=Code.NOT_COMPARABLE)
     rows = influence.parameters[[influence.free.index(name) for name in names]] / prior_deviations(names)[:, None]
     sizes = np.linalg.svd(rows, compute_uv=False)
     if rows.shape[1] < len(rows) or sizes[-1] <= RANK * sizes[0]:
         message = (
             "its joint errors are not those of the evidence of all trials (protocol = 'evidence'); calibrate again"
         )
-        raise InputError(message, source=session.name)
+        raise InputError(message, source=session.name, code=Code.NOT_COMPARABLE)
     rows = rows * prior_deviations(names)[:, None]
     return JointKnowledge(
         nominal=model.nominal.joint[index], fitted=model.parameters.joint[index], covariance=rows @ rows.T

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints, ground_velocity
 from gaitcal.dynamics.ground_contact import SPLINE_ENDS, GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
@@ -76,13 +77,22 @@ def ground_reactions(
         The motion is of a part of the body only, or the recording has no plates or none of a name in `plates`.
     """
     if motion.coordinates != COORDINATES:
-        raise InputError("ground reactions need a motion of the whole body, with all 27 coordinates", field="motion")
+        raise InputError(
+            "ground reactions need a motion of the whole body, with all 27 coordinates",
+            field="motion",
+            code=Code.ARGUMENT,
+        )
     known = [plate.name for plate in recording.plates]
     if not known:
-        raise InputError("found no force plates", source=recording.source, field="plates")
+        raise InputError("found no force plates", source=recording.source, field="plates", code=Code.ARGUMENT)
     for name in plates or {}:
         if name not in known:
-            raise InputError(f"found '{name}'; allowed: {', '.join(known)}", source=recording.source, field="plates")
+            raise InputError(
+                f"found '{name}'; allowed: {', '.join(known)}",
+                source=recording.source,
+                field="plates",
+                code=Code.ARGUMENT,
+            )
     hz = motion.cutoff_hz if cutoff_hz == "matched" else cutoff_hz
     return reactions_of_motion(model, model.parameters, motion, recording, plates or {}, hz)
 
@@ -154,6 +164,7 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
             found=f"{where}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),
+            code=Code.FORCES_CONTRADICT,
         )
     ]
 
@@ -228,6 +239,7 @@ def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fin
                 found=found,
                 cure=cure,
                 leg=leg,
+                code=Code.UNSEEN_SEGMENT,
             )
         )
     return findings

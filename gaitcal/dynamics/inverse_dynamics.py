@@ -22,6 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.build import LinkageModel, build_linkage
 from gaitcal.model.chain import Chain
@@ -247,6 +248,7 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "
             "gaitcal.ground_reactions(model, motion, recording).wrench gives it for force plates",
             field="forces",
+            code=Code.ARGUMENT,
         )
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")

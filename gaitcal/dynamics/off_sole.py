@@ -20,6 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints, near
 from gaitcal.dynamics.plate_outline import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step
@@ -249,7 +250,8 @@ def off_sole_frames(steps: Sequence[Step], time: Array, feet: FootPoints) -> tup
             told[key] = told.get(key, np.zeros(len(time), dtype=bool)) | own
     for (cause, leg), frames in told.items():
         found = f"{spans(time, runs(frames), most=len(time))}; not valid for {'this' if leg else 'either'} leg"
-        findings.append(_note(cause, found, leg))
+        code = Code.PRESSURE_LEAVES_FOOT if leg else Code.DIVIDED_FORCE
+        findings.append(_note(code, cause, found, leg))
     return off, findings
 
 
@@ -258,6 +260,8 @@ def divided_cause(plates: Sequence[str]) -> str:
     return f"{DIVIDED} (plates {' and '.join(plates)})"
 
 
-def _note(cause: str, found: str, leg: str = "") -> Finding:
+def _note(code: Code, cause: str, found: str, leg: str = "") -> Finding:
     """A fact that frames that are not valid already answer."""
-    return Finding(severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="", leg=leg)
+    return Finding(
+        severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="", leg=leg, code=code
+    )

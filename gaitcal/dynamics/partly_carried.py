@@ -26,6 +26,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import LANDING, LEAVING, FootPoints, near
 from gaitcal.dynamics.plate_outline import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, meeting
@@ -175,24 +176,26 @@ def _within(frames: slice, count: int) -> BoolArray:
     return out
 
 
-def _note(cause: str, found: str, leg: str = "") -> Finding:
+def _note(code: Code, cause: str, found: str, leg: str = "") -> Finding:
     """A fact that frames that are not valid, or an outline that is not used, already answer."""
-    return Finding(severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="", leg=leg)
+    return Finding(
+        severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="", leg=leg, code=code
+    )
 
 
 def _no_outline(step: Step) -> Finding:
     found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
-    return _note(f"the corners of plate {step.plate.name} do not hold its forces", found)
+    return _note(Code.PLATE_CORNERS, f"the corners of plate {step.plate.name} do not hold its forces", found)
 
 
 def _beside(carriers: Sequence[Step], foot: int, times: Array, share: float) -> Finding:
     names = " and ".join(dict.fromkeys(step.plate.name for step in carriers))
     found = f"{100 * share:.0f} % of the sole of the {SIDE_WORDS[foot]} foot lie beside it; not valid for "
     found += f"this leg, {times[0]:.2f}-{times[-1]:.2f} s"
-    return _note(f"a foot rests partly beside plate {names}", found, SIDES[foot])
+    return _note(Code.FOOT_BESIDE_PLATE, f"a foot rests partly beside plate {names}", found, SIDES[foot])
 
 
 def _shared(step: Step, times: Array) -> Finding:
     found = f"plate {step.plate.name}, {times[0]:.2f}-{times[-1]:.2f} s: it carries both feet at once, and tells their "
     found += "sum; not valid for either leg"
-    return _note(f"both feet are on plate {step.plate.name}", found)
+    return _note(Code.BOTH_FEET, f"both feet are on plate {step.plate.name}", found)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints, near
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.findings import Finding, Severity
@@ -117,6 +118,7 @@ def _under_neither(plate: ForcePlate, span: str) -> Finding:
         cause=f"the load on plate {plate.name} is under neither foot",
         found=f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out",
         cure="check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+        code=Code.UNDER_NO_FOOT,
     )
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
 from gaitcal.examples.registry import RemoteFile
 
@@ -80,7 +81,7 @@ def download(file: RemoteFile, target: Path, connection: Connection, progress: C
             target.unlink(missing_ok=True)
             if pause is None:
                 tries = len(connection.pauses_s) + 1
-                raise InputError(f"{fault}; tried {tries} times", source=address) from None
+                raise InputError(f"{fault}; tried {tries} times", source=address, code=Code.DOWNLOAD) from None
             time.sleep(pause)
         except BaseException:
             target.unlink(missing_ok=True)
@@ -96,7 +97,9 @@ def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection,
             while block := answer.read(_BLOCK):
                 size += len(block)
                 if size > file.bytes:
-                    raise InputError(f"is longer than the {file.bytes} bytes announced", source=address)
+                    raise InputError(
+                        f"is longer than the {file.bytes} bytes announced", source=address, code=Code.DOWNLOAD
+                    )
                 digest.update(block)
                 stream.write(block)
                 told(size)
@@ -111,7 +114,11 @@ def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection,
         raise _PassingError(f"broke off after {size} of {file.bytes} bytes")
     if digest.hexdigest() != file.sha256:
         found = f"SHA-256 {digest.hexdigest()[:12]}..., registered {file.sha256[:12]}..."
-        raise InputError(f"is not the registered file ({found}): it was changed there or on the way", source=address)
+        raise InputError(
+            f"is not the registered file ({found}): it was changed there or on the way",
+            source=address,
+            code=Code.DOWNLOAD,
+        )
 
 
 def _tell_status(error: urllib.error.HTTPError, address: str) -> None:
@@ -119,15 +126,15 @@ def _tell_status(error: urllib.error.HTTPError, address: str) -> None:
     if error.code in _PASSING:
         raise _PassingError(told) from None
     hint = "; the file is no longer there" if error.code in (404, 410) else ""
-    raise InputError(told + hint, source=address) from None
+    raise InputError(told + hint, source=address, code=Code.DOWNLOAD) from None
 
 
 def _tell_reason(reason: object, address: str) -> None:
     if isinstance(reason, ssl.SSLCertVerificationError):
         message = f"the server's certificate is not accepted ({reason.verify_message})"
-        raise InputError(message, source=address) from None
+        raise InputError(message, source=address, code=Code.DOWNLOAD) from None
     if isinstance(reason, FileNotFoundError):
-        raise InputError("no such file in the mirror", source=address) from None
+        raise InputError("no such file in the mirror", source=address, code=Code.DOWNLOAD) from None
     told = getattr(reason, "strerror", None) or str(reason)
     host = urlsplit(address).netloc or "the mirror"
     raise _PassingError(f"{host} cannot be reached ({told})") from None
@@ -143,5 +150,5 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
         """Follow to an allowed address only."""
         if urlsplit(newurl).scheme not in self.schemes:
             message = f"the server sends on to '{newurl[:100]}', which is not encrypted; not followed"
-            raise InputError(message, source=req.full_url)
+            raise InputError(message, source=req.full_url, code=Code.DOWNLOAD)
         return super().redirect_request(req, fp, code, msg, headers, newurl)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.examples.download import Connection, download
 from gaitcal.examples.registry import Example, RemoteFile
@@ -80,7 +81,9 @@ def fetch_example(example: Example, folder: Path, connection: Connection, told: 
 def _require_same(example: Example, folder: Path) -> None:
     other = read_object(folder / MANIFEST).get("example", example.name)
     if other != example.name:
-        raise InputError(f"holds the example '{other}'; name a new or an empty folder", source=folder)
+        raise InputError(
+            f"holds the example '{other}'; name a new or an empty folder", source=folder, code=Code.FOLDER_TAKEN
+        )
 
 
 def _fetch_rest(example: Example, content: Path, connection: Connection, told: Callable[[Step], None]) -> None:
@@ -126,5 +129,5 @@ def source_text(example: Example) -> str:
 
 def _tell(fault: InputError | KeyboardInterrupt | Stopped, kept: str) -> NoReturn:
     if isinstance(fault, InputError):
-        raise InputError(f"{fault}; {kept}") from fault
+        raise InputError(f"{fault}; {kept}", code=fault.code) from fault
     raise InterruptedWork(fault, kept) from fault

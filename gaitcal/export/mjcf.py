@@ -21,6 +21,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.joint_frames import (
     COORDINATE_RANGES,
@@ -110,6 +111,7 @@ def _require_physical(model: SubjectModel, path: Path | str) -> None:
                 "only positive ones, none larger than the sum of the other two (osim and urdf can be written)",
                 source=path,
                 field=segment,
+                code=Code.IMPOSSIBLE_BODY,
             )
 
 

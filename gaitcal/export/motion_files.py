@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
 from gaitcal.export.osim import DOCUMENT_VERSION
@@ -81,9 +82,13 @@ def write_external_loads(
     name = safe_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise InputError(f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path)
+        raise InputError(
+            f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path, code=Code.NOT_WRITABLE
+        )
     if not np.isfinite(wrenches).all():
-        raise InputError("a ground reaction is not finite; leave out frames without one", source=path)
+        raise InputError(
+            "a ground reaction is not finite; leave out frames without one", source=path, code=Code.NOT_WRITABLE
+        )
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
@@ -101,9 +106,18 @@ def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array
     """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
     for name in coordinates:
         if name not in COORDINATE_INDEX:
-            raise InputError(f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", source=path, field="columns")
+            raise InputError(
+                f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}",
+                source=path,
+                field="columns",
+                code=Code.NOT_WRITABLE,
+            )
     if values.ndim != 2 or values.shape[1] != len(coordinates):
-        raise InputError(f"found values of shape {values.shape}, expected (frames, {len(coordinates)})", source=path)
+        raise InputError(
+            f"found values of shape {values.shape}, expected (frames, {len(coordinates)})",
+            source=path,
+            code=Code.NOT_WRITABLE,
+        )
     names = tuple(name for name in FILE_COORDINATES if name in coordinates)
     return names, values[:, [coordinates.index(name) for name in names]]
 
@@ -137,9 +151,13 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     """
     nf, columns = len(table.time), len(table.names)
     if table.values.shape != (nf, columns):
-        raise InputError(f"found values of shape {table.values.shape}, expected {(nf, columns)}", source=path)
+        raise InputError(
+            f"found values of shape {table.values.shape}, expected {(nf, columns)}", source=path, code=Code.NOT_WRITABLE
+        )
     if not (np.isfinite(table.time).all() and (np.diff(table.time) > 0).all()):
-        raise InputError("must be finite and increase from row to row", source=path, field="time")
+        raise InputError(
+            "must be finite and increase from row to row", source=path, field="time", code=Code.NOT_WRITABLE
+        )
     known = np.isfinite(table.values).all(axis=1)
     missing = nf - int(known.sum())
     if missing:

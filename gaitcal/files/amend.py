@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.interruption import unbroken
 from gaitcal.files.lock import locked
@@ -48,7 +49,9 @@ def amended(folder: Path | str) -> Iterator[Path]:
         with disk_errors(folder), unbroken():
             for name in files_of(stage):
                 if (folder / name).is_dir():
-                    raise InputError("is a folder; the name of a file is needed", source=folder / name)
+                    raise InputError(
+                        "is a folder; the name of a file is needed", source=folder / name, code=Code.NOT_WRITABLE
+                    )
             _list_anew(folder, stage)
             stage.rename(folder / AMENDED)
             finish_amending(folder)

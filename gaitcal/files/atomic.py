@@ -27,6 +27,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.amend import finish_amending
 from gaitcal.files.interruption import unbroken
@@ -136,7 +137,7 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
     with contextlib.ExitStack() as stack:
         with disk_errors(target):
             if target.is_dir():
-                raise InputError("is a folder; the name of a file is needed", source=target)
+                raise InputError("is a folder; the name of a file is needed", source=target, code=Code.FOLDER_TAKEN)
             content = stack.enter_context(_sibling(target)) / target.name
         with disk_errors(target, only=FULL):
             yield content

@@ -25,6 +25,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.interruption import unbroken
 from gaitcal.files.ownership import KEPT, LOCK, MANIFEST, read_object
@@ -99,7 +100,9 @@ def _waiting(place: Path, folder: Path, longest_s: float) -> Iterator[None]:
         yield
         waited = time.monotonic() - began
         if waited > longest_s:
-            raise InputError(f"is being written by {_holder(place)}; run again when that has ended", source=folder)
+            raise InputError(
+                f"is being written by {_holder(place)}; run again when that has ended", source=folder, code=Code.LOCKED
+            )
         if waited > TELL_S and not told:
             _log.warning("gaitcal: %s is being written by %s; waiting up to %.0f s", folder, _holder(place), longest_s)
             told = True

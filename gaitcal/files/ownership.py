@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from pathlib import Path, PurePosixPath
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 MANIFEST = "manifest.json"
@@ -85,11 +86,13 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
     if not target.exists():
         return ()
     if not target.is_dir():
-        raise InputError("is a file; the output needs a folder", source=target)
+        raise InputError("is a file; the output needs a folder", source=target, code=Code.FOLDER_TAKEN)
     for path in inputs:
         if path.resolve().is_relative_to(target.resolve()):
             shown = path.resolve().relative_to(target.resolve()).as_posix()
-            raise InputError(f"holds '{shown}', an input of this run; name another folder", source=target)
+            raise InputError(
+                f"holds '{shown}', an input of this run; name another folder", source=target, code=Code.FOLDER_TAKEN
+            )
     kept = tuple(sorted(entry.name for entry in target.iterdir() if _is_kept(entry, kind)))
     files = list(_files(target, kept))
     if not files and not kept:
@@ -97,14 +100,14 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
     manifest = read_object(target / MANIFEST)
     old_kind = _kind_of(manifest)
     if old_kind is None:
-        raise InputError(_foreign((*files, *kept)[0]), source=target)
+        raise InputError(_foreign((*files, *kept)[0]), source=target, code=Code.FOLDER_TAKEN)
     if old_kind is not kind:
         message = f"holds another kind of result ({old_kind.value}, this would be {kind.value})"
-        raise InputError(f"{message}; name a new or an empty folder", source=target)
+        raise InputError(f"{message}; name a new or an empty folder", source=target, code=Code.FOLDER_TAKEN)
     listed = manifest.get("files")
     for name in files:
         if not (name in listed if isinstance(listed, list) else _known(name, kind)) and name != MANIFEST:
-            raise InputError(_foreign(name), source=target)
+            raise InputError(_foreign(name), source=target, code=Code.FOLDER_TAKEN)
     return kept
 
 

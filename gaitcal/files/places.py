@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
@@ -19,7 +20,7 @@ def real_path(target: Path | str) -> Path:
     try:
         return Path(os.path.realpath(target))
     except (OSError, ValueError) as error:
-        raise InputError(f"no usable path: {error}", source=repr(str(target))) from None
+        raise InputError(f"no usable path: {error}", source=repr(str(target)), code=Code.NOT_WRITABLE) from None
 
 
 @contextmanager
@@ -30,4 +31,4 @@ def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[No
     except OSError as error:
         if only is not None and error.errno not in only:
             raise
-        raise InputError(f"cannot be written: {error.strerror}", source=target) from error
+        raise InputError(f"cannot be written: {error.strerror}", source=target, code=Code.NOT_WRITABLE) from error

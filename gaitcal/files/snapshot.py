@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
 
@@ -73,7 +74,7 @@ def listed(folder: Path) -> dict[str, str]:
     unreadable = not manifest and (folder / MANIFEST).exists()
     if unreadable or ((SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest)):
         message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
-        raise InputError(message, source=folder / MANIFEST)
+        raise InputError(message, source=folder / MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = manifest.get(HASHES)
     return {str(k): str(v) for k, v in hashes.items()} if isinstance(hashes, dict) else {}
 
@@ -102,7 +103,7 @@ class Snapshot:
         for name, digest in self.sha256.items():
             if sha256_of(self.folder / name) != digest:
                 message = "changed while this ran; nothing was written, run again"
-                raise InputError(message, source=self.folder / name)
+                raise InputError(message, source=self.folder / name, code=Code.CHANGED_FILE)
 
 
 def read_whole(
@@ -136,7 +137,9 @@ def read_whole(
             known = {name: digest for name, digest in before.items() if name != MANIFEST}
             return found, Snapshot(folder, known, edited)  # type: ignore[return-value]
         time.sleep(_AGAIN_S)
-    raise InputError("goes on changing while it is read; run again when nothing writes there", source=folder)
+    raise InputError(
+        "goes on changing while it is read; run again when nothing writes there", source=folder, code=Code.CHANGED_FILE
+    )
 
 
 def _unix_hash(path: Path) -> str | None:
@@ -160,7 +163,13 @@ def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -
     ]
     for name in differ:
         if found[name] is None:
-            raise InputError("is missing, though manifest.json lists it; calibrate again", source=folder / name)
+            raise InputError(
+                "is missing, though manifest.json lists it; calibrate again",
+                source=folder / name,
+                code=Code.DAMAGED_RESULT,
+            )
         if name not in editable:
-            raise InputError("is damaged: not as gaitcal wrote it; calibrate again", source=folder / name)
+            raise InputError(
+                "is damaged: not as gaitcal wrote it; calibrate again", source=folder / name, code=Code.DAMAGED_RESULT
+            )
     return tuple(differ)

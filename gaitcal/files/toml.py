@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 
 if sys.version_info >= (3, 11):
@@ -42,10 +43,10 @@ def require_file(path: Path, *, source: object = None, field: str | None = None)
     if len(shown) > 300:
         shown = f"{shown[:140]}...{shown[-140:]}"
     if os.path.isdir(path):  # noqa: PTH112
-        raise InputError(f"'{shown}' is a folder, a file is needed", source=source, field=field)
+        raise InputError(f"'{shown}' is a folder, a file is needed", source=source, field=field, code=Code.NO_FILE)
     if os.path.exists(path):  # noqa: PTH110
-        raise InputError(f"'{shown}' is no regular file", source=source, field=field)
-    raise InputError(f"no such file: '{shown}'{_beside(path)}", source=source, field=field)
+        raise InputError(f"'{shown}' is no regular file", source=source, field=field, code=Code.NO_FILE)
+    raise InputError(f"no such file: '{shown}'{_beside(path)}", source=source, field=field, code=Code.NO_FILE)
 
 
 def _beside(path: Path) -> str:
@@ -72,28 +73,34 @@ def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes:
         with path.open("rb") as stream:
             raw = stream.read(most_bytes + 1)
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     if len(raw) > most_bytes:
-        raise InputError(f"over {most_bytes // 1000} kB: no TOML file of this kind is that long", source=path)
+        raise InputError(
+            f"over {most_bytes // 1000} kB: no TOML file of this kind is that long", source=path, code=Code.TOML
+        )
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
+        raise InputError("found UTF-16 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise InputError(f"line {line} is not UTF-8 text; save the file as UTF-8", source=path) from None
+        raise InputError(
+            f"line {line} is not UTF-8 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT
+        ) from None
     if deep := _DOTTED.search(text):
         line = text.count("\n", 0, deep.start()) + 1
-        raise InputError(f"line {line} nests tables over {MAX_DOTS} deep; no file of this kind does", source=path)
+        raise InputError(
+            f"line {line} nests tables over {MAX_DOTS} deep; no file of this kind does", source=path, code=Code.TOML
+        )
     try:
         return tomllib.loads(text, parse_float=parse_float)
     except RecursionError:
-        raise InputError("not valid TOML: brackets nested too deeply", source=path) from None
+        raise InputError("not valid TOML: brackets nested too deeply", source=path, code=Code.TOML) from None
     except ValueError as error:  # TOMLDecodeError, and numbers too long to be read
         message = str(error).replace("at end of document", f"at the end, line {text.count(chr(10)) + 1}")
         hint = "; a table that repeats is written [[name]], with two brackets" if "Cannot declare" in message else ""
         hint += "; in double quotes a backslash starts an escape: use single quotes or '/'" if "\\" in message else ""
-        raise InputError(f"not valid TOML: {message}{hint}", source=path) from None
+        raise InputError(f"not valid TOML: {message}{hint}", source=path, code=Code.TOML) from None
 
 
 def toml_value(value: object) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.toml import MAX_BYTES, read_toml
 
@@ -77,7 +78,9 @@ def require_known(
     for name in names:
         if name not in known:
             hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
-            raise InputError(f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field)
+            raise InputError(
+                f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field, code=Code.UNKNOWN_FIELD
+            )
 
 
 def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
@@ -90,7 +93,7 @@ def _input_error(error: ValidationError, model: type[BaseModel], source: object)
         allowed = _keys(_table_and_field(model, location[:-1])[0])
         close = nearest(str(location[-1]), allowed)
         message = f"unknown key {shown(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
-        return InputError(message, source=source, field=_field_name(location[:-1]))
+        return InputError(message, source=source, field=_field_name(location[:-1]), code=Code.UNKNOWN_FIELD)
     table, field = _table_and_field(model, location)
     if kind == "missing":
         message = f"missing: {field.description}" if field and field.description else "missing"
@@ -105,7 +108,8 @@ def _input_error(error: ValidationError, model: type[BaseModel], source: object)
         message = f"found {shown(found)}; allowed: a table with {', '.join(_keys(table))}"
     else:
         message = f"found {shown(found)}; allowed: {_allowed(kind, context, field)}"
-    return InputError(message, source=source, field=_field_name(location))
+    code = Code.MISSING_FIELD if kind == "missing" else Code.BAD_VALUE
+    return InputError(message, source=source, field=_field_name(location), code=code)
 
 
 def _allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:

@@ -37,6 +37,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import TOLD, conventions_of, typed
@@ -131,6 +132,7 @@ def require_once(strides: pd.DataFrame) -> None:
             f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
             "person and session; name the sessions",
             field="strides",
+            code=Code.STRIDE_TABLE,
         )
 
 

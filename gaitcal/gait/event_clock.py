@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.recording.metadata import FootEvent, FootMoment
 
@@ -275,4 +276,6 @@ def _stand(fit: _Fit) -> str:
 
 
 def _finding(severity: Severity, cause: str, found: str, cure: str) -> Finding:
-    return Finding(severity=severity, topic="events", where="", cause=cause, found=found, cure=cure)
+    return Finding(
+        severity=severity, topic="events", where="", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS
+    )

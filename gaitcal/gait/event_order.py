@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.gait.cycles import FootEvents
 
@@ -57,6 +58,7 @@ def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
             found=f"{listed(named)}; phases that need them are not told, and stretches with a missing strike are no "
             "strides",
             cure="",
+            code=Code.MISSING_EVENTS,
         ),
     )
 

@@ -36,6 +36,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
 from gaitcal.gait.cycles import POINTS
@@ -49,6 +50,12 @@ COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2
 SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "normal_walking.csv"}
 """Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are."""
+
+
+class _BandsError(InputError):
+    """A file of normal bands is at fault."""
+
+    code = Code.NORMAL_BANDS
 
 
 class _Row(NamedTuple):
@@ -147,7 +154,7 @@ def bands_file(name: Path | str) -> Path:
     if known is None or path.exists():
         if not path.exists():
             allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
-            raise InputError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
+            raise _BandsError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
         return path
     return models_path() / known
 
@@ -166,12 +173,12 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     signs = _signs(told.get("signs", []), source)
     header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
-        raise InputError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
+        raise _BandsError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
     points: dict[str, list[_Row]] = {}
     for row in _read(rows[1:], source):
         points.setdefault(row.variable, []).append(row)
     if not points:
-        raise InputError("found no row below the names of the columns", source=source)
+        raise _BandsError("found no row below the names of the columns", source=source)
     said = "; ".join(told.get("source", []))
     return {variable: _band(variable, found, signs, said, source) for variable, found in points.items()}
 
@@ -205,12 +212,12 @@ def _signs(said: Sequence[str], source: Path) -> Signs:
     names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
     allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
     if not said:
-        raise InputError(f"missing; {allowed}", source=source, field="signs")
+        raise _BandsError(f"missing; {allowed}", source=source, field="signs")
     for text in said:
         if text.lower() not in names:
-            raise InputError(f"found '{text}'; {allowed}", source=source, field="signs")
+            raise _BandsError(f"found '{text}'; {allowed}", source=source, field="signs")
     if len({names[text.lower()] for text in said}) > 1:
-        raise InputError(f"found {' and '.join(map(repr, said))}; {allowed}", source=source, field="signs")
+        raise _BandsError(f"found {' and '.join(map(repr, said))}; {allowed}", source=source, field="signs")
     return names[said[0].lower()]
 
 
@@ -219,17 +226,17 @@ def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]
     for number, row in rows:
         cells, at = row, f"line {number}"
         if len(cells) != len(COLUMNS):
-            raise InputError(f"found {len(cells)} cells; allowed: {len(COLUMNS)}", source=source, field=at)
+            raise _BandsError(f"found {len(cells)} cells; allowed: {len(COLUMNS)}", source=source, field=at)
         variable, unit = cells[:2]
         if variable not in known:
             hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
-            raise InputError(
+            raise _BandsError(
                 f"found variable '{variable}'; allowed: those of cycles.csv{hint}", source=source, field=at
             )
         allowed = UNITS[kind_of(variable)]
         spelt = {_plain(u): u for u in allowed}
         if _plain(unit) not in spelt:
-            raise InputError(
+            raise _BandsError(
                 f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}", source=source, field=at
             )
         numbers = []
@@ -240,7 +247,7 @@ def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]
                 value = float("nan")
             low, high = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}[name]
             if not low <= value <= high:
-                raise InputError(
+                raise _BandsError(
                     f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}", source=source, field=at
                 )
             numbers.append(value)
@@ -257,14 +264,14 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
         at = f"line {row.line}"
         if row.unit != before.unit:
             found = f"found {variable} in {row.unit}, before it in {before.unit}"
-            raise InputError(f"{found}; allowed: one unit", source=source, field=at)
+            raise _BandsError(f"{found}; allowed: one unit", source=source, field=at)
         if row.percent <= before.percent:
             found = f"found percent {row.percent:g} of {variable} after {before.percent:g}"
-            raise InputError(f"{found}; allowed: increasing percents", source=source, field=at)
+            raise _BandsError(f"{found}; allowed: increasing percents", source=source, field=at)
     if len(rows) < LEAST_POINTS:
-        raise InputError(f"found one percent of {variable}; allowed: two or more", source=source)
+        raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
     if signs is Signs.CLINICAL and variable.startswith("lumbar"):
-        raise InputError(
+        raise _BandsError(
             f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
         )
     return NormalBand(

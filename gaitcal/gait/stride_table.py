@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.gait.variables import unit_of
 
@@ -42,6 +43,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             f"is no table of strides: found the columns {found}, without {', '.join(missing)}; allowed: those of "
             "cycles.csv, with commas between them",
             source=source,
+            code=Code.STRIDE_TABLE,
         )
     numbers = {name: _number(table, name, source) for name in ("value", *_LACKING) if name in table}
     for name in _WHOLE:
@@ -53,6 +55,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
                 "name loses them: gaitcal.read_cycles reads it whole)",
                 source=source,
                 field=name,
+                code=Code.STRIDE_TABLE,
             )
         numbers[name] = values.astype(int)
     names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
@@ -68,7 +71,12 @@ def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
     numbers = pd.to_numeric(text, errors="coerce").astype(np.float64)
     wrong = np.flatnonzero(numbers.isna() & text.notna() & (text.astype(str).str.strip() != ""))
     if len(wrong) and (said := str(text.iloc[wrong[0]])).lower() != "nan":
-        raise InputError(f"found '{said}' in row {wrong[0] + 1}; allowed: a number", source=source, field=name)
+        raise InputError(
+            f"found '{said}' in row {wrong[0] + 1}; allowed: a number",
+            source=source,
+            field=name,
+            code=Code.STRIDE_TABLE,
+        )
     return numbers
 
 
@@ -89,5 +97,7 @@ def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
         before = out.setdefault(variable, own)
         if before != own:
             ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, own))
-            raise InputError(f"found {variable} as {ways}; allowed: one convention", field="strides")
+            raise InputError(
+                f"found {variable} as {ways}; allowed: one convention", field="strides", code=Code.STRIDE_TABLE
+            )
     return out

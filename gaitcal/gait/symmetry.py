@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.ensemble import spread
 from gaitcal.gait.events import SIDES
@@ -47,16 +48,30 @@ def counting(strides: Sequence[Stride], refused: Sequence[str] = ()) -> tuple[St
 def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
     """What to say of strides that turn, and of those that get no further."""
     told = (
-        ([s for s in strides if s.number and turns(s.turn)], "strides turn", "left out of means of strides and steps"),
         (
+            Code.TURNING_STRIDES,
+            [s for s in strides if s.number and turns(s.turn)],
+            "strides turn",
+            "left out of means of strides and steps",
+        ),
+        (
+            Code.ON_THE_SPOT,
             [s for s in strides if s.number and s.on_the_spot],
             "feet swing and get no further",
             f"less than {LEAST_STRIDE:g} m a stride, as on the spot or on a slow belt: no lengths, widths, speed",
         ),
     )
     return tuple(
-        Finding(severity=Severity.INFO, topic="strides", where=trial, cause=cause, found=f"{_named(of)}: {so}", cure="")
-        for of, cause, so in told
+        Finding(
+            severity=Severity.INFO,
+            topic="strides",
+            where=trial,
+            cause=cause,
+            found=f"{_named(of)}: {so}",
+            cure="",
+            code=code,
+        )
+        for code, of, cause, so in told
         if of
     )
 

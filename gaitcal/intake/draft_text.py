@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeGuard
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
 from gaitcal.files.toml import toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
@@ -68,7 +69,7 @@ def _subject(draft: Draft) -> list[str]:
 def _markers(draft: Draft, folder: Path | None) -> list[str]:
     choice = draft.choice
     if choice is None:
-        raise InputError(draft.fault, source=draft.folder.path)
+        raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
     found = choice.explained
     reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
     reason += left_over_words(choice)
@@ -172,9 +173,11 @@ def study_of(draft: Draft) -> Study:
     """
     path = draft.folder.path / STUDY
     if draft.fault:
-        raise InputError(draft.fault, source=draft.folder.path)
+        raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
     if draft.missing:
-        raise InputError(f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path)
+        raise InputError(
+            f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
+        )
     file = _study_file(draft_text(draft, None))
     marker_set = load_marker_set(file.markers.set)
     trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.toml import read_toml
@@ -93,18 +94,22 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
         It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
     """
     if not path.is_dir():
-        raise InputError("is no folder; a folder with one person's recordings is needed", source=path)
+        raise InputError("is no folder; a folder with one person's recordings is needed", source=path, code=Code.FOLDER)
     try:
         entries = sorted(path.iterdir(), key=lambda p: (p.name.lower(), p.name))
     except OSError as error:
-        raise InputError(f"cannot be listed: {error.strerror}", source=path) from None
+        raise InputError(f"cannot be listed: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     files = _files_in(path)
     below = [(p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)]
     subfolders = tuple((name, count) for name, count in below if count)
     if deep:
         files += [file for name, _ in subfolders for file in _files_in(path / name)]
     if len(files) > MOST_FILES:
-        raise InputError(f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}", source=path)
+        raise InputError(
+            f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}",
+            source=path,
+            code=Code.FOLDER,
+        )
     read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
@@ -197,10 +202,10 @@ def _xml(path: Path) -> FolderFile:
     try:
         text = path.read_bytes()
         if len(text) > LARGEST_XML or b"<!ENTITY" in text:
-            raise InputError("is no XML of external forces", source=path)
+            raise InputError("is no XML of external forces", source=path, code=Code.FILE_FORMAT)
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, OSError) as error:
-        raise InputError(f"is no readable XML: {error}", source=path) from None
+        raise InputError(f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
         return FolderFile(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import PurePath
 
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.folder import FileKind
@@ -27,6 +28,7 @@ def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
             found=f"{row.name} is not used: {row.reason}",
             cause="no forces, no torques",
             cure="find the forces of this walk; or take the table out of the folder, if angles are wanted",
+            code=Code.FORCES_NOT_USED,
         )
         out.append(warning)
     return tuple(out)

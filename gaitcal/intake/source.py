@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_text import STUDY
@@ -16,7 +17,9 @@ def own_study(folder: Folder) -> Path | None:
     if len(own) > 1:
         names = ", ".join(p.name for p in own)
         raise InputError(
-            f"holds {len(own)} study files: {names}; name one of them instead of the folder", source=folder.path
+            f"holds {len(own)} study files: {names}; name one of them instead of the folder",
+            source=folder.path,
+            code=Code.FOLDER,
         )
     return own[0] if own else None
 

@@ -29,6 +29,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.knee_and_ankle import SIDE_WORDS
@@ -92,6 +93,7 @@ def standing_ankles(
                     "whose PROCESSING group has LStaticPlantFlex and RStaticPlantFlex, or 'sole', 'markers', 'auto'",
                     source=posture.source,
                     field="calibration.ankle_zero = 'file'",
+                    code=Code.GIVEN_BY_FILE,
                 )
             angles[side], words[side] = foot.by_file, "the file's static plantarflexion angle says so"
         elif rule is AnkleZero.SOLE:

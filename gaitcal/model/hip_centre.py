@@ -30,6 +30,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
@@ -139,6 +140,7 @@ def given_hips(posture: StaticPosture, regression: Mapping[str, Array], asis_dis
             "hip_centre",
             source=posture.source,
             field="calibration.hip_centre = 'given'",
+            code=Code.GIVEN_BY_FILE,
         )
     for side in SIDES:
         gap = float(np.linalg.norm(posture.hips[side] - regression[side]))
@@ -148,6 +150,7 @@ def given_hips(posture: StaticPosture, regression: Mapping[str, Array], asis_dis
                 f"{1e3 * FARTHEST_GIVEN * asis_distance:.0f} mm; are the sides exchanged?",
                 source=posture.source,
                 field=f"hip centre {posture.hip_labels[side]}",
+                code=Code.GIVEN_BY_FILE,
             )
     return posture.hips
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.model.landmark_names import PARTNER, REQUIRED, instead_of
 from gaitcal.model.linkage import SIDES
@@ -86,6 +87,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
                 _missing(name, absent.get(name, ()), recording, marker_set),
                 source=recording.source,
                 field=f"marker set '{marker_set.name}', landmark {name}",
+                code=Code.LANDMARKS,
             )
     guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
     hips, hip_labels = _hips(recording, landmarks, window)
@@ -213,6 +215,7 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
             "the right knee lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
             source=posture.source,
             field="landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
+            code=Code.LANDMARKS,
         )
     for s, side in zip((1.0, -1.0), SIDES, strict=True):
         shank = float(np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"]))
@@ -226,6 +229,7 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
                     f"the lateral marker lies on the medial side of {joint}_med_{side}: are the two exchanged?",
                     source=posture.source,
                     field=f"landmark {joint}_lat_{side}",
+                    code=Code.LANDMARKS,
                 )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])
     up = np.cross(asis, middle - p["sacrum"])
@@ -234,6 +238,7 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
             "the pelvis is upside down: are right and left, or front and back, exchanged?",
             source=posture.source,
             field="landmarks asis_r, asis_l, sacrum",
+            code=Code.LANDMARKS,
         )
 
 
@@ -247,4 +252,5 @@ def _check_length(posture: StaticPosture, what: str, found: float, height: float
         f"for a height of {height:.2f} m{hint}",
         source=posture.source,
         field=what + {"": "", "_r": ", right", "_l": ", left"}[side],
+        code=Code.LANDMARKS,
     )

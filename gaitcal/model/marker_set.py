@@ -26,6 +26,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
 from gaitcal.files.toml import toml_table, toml_value
@@ -110,6 +111,7 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
         raise InputError(
             f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML file{nearest(text, known)}",
             field="marker set",
+            code=Code.MARKER_SET,
         )
     return _read(Path(text), Path(text).stem)
 
@@ -173,12 +175,14 @@ def _base(file: _File, path: Path) -> MarkerSet:
     if file.extends is None:
         for where, table in (("landmarks", file.landmarks), ("tracking", file.tracking)):
             if not table:
-                raise InputError("missing: a table", source=path, field=where)
+                raise InputError("missing: a table", source=path, field=where, code=Code.MARKER_SET)
         return _NOTHING
     known = built_in_sets()
     require_known([file.extends], known, "built-in marker set", source=path, field="extends", listed=True)
     if path == models_path() / "markersets" / f"{file.extends}.toml":
-        raise InputError("found the set itself; allowed: another built-in set", source=path, field="extends")
+        raise InputError(
+            "found the set itself; allowed: another built-in set", source=path, field="extends", code=Code.MARKER_SET
+        )
     return load_marker_set(file.extends)
 
 
@@ -189,7 +193,7 @@ def _landmark_options(table: Mapping[str, _FirstOf], path: Path) -> dict[str, tu
         names = _sides(pattern)
         for name in names:
             if name in out:
-                raise InputError(f"'{name}' is given twice", source=path, field="landmarks")
+                raise InputError(f"'{name}' is given twice", source=path, field="landmarks", code=Code.MARKER_SET)
             out[name] = []
         for labels in entry.first_of:
             for name, group in _both_sides({pattern: labels}, path, "landmarks").items():
@@ -204,6 +208,7 @@ def _check_device(devices: Mapping[str, tuple[str, ...]], path: Path) -> None:
                 f"found {len(parts)} markers for '{label}'; allowed: three, the one on the flexion axis first",
                 source=path,
                 field="knee_device",
+                code=Code.MARKER_SET,
             )
 
 
@@ -220,7 +225,7 @@ def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[
         names = _sides(pattern)
         for i, name in enumerate(names):
             if name in out:
-                raise InputError(f"'{name}' is given twice", source=path, field=where)
+                raise InputError(f"'{name}' is given twice", source=path, field=where, code=Code.MARKER_SET)
             # a label without a side stands once in `_sides`, and serves either side
             each = [_sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1] for label in labels]
             out[name] = tuple(dict.fromkeys(label for both in each for label in both))
@@ -229,7 +234,9 @@ def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[
 
 def _check_required(landmarks: Mapping[str, tuple[str, ...]], path: Path) -> None:
     for name in missing_landmarks(landmarks):
-        raise InputError(f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks")
+        raise InputError(
+            f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks", code=Code.MARKER_SET
+        )
 
 
 def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> None:
@@ -241,6 +248,7 @@ def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> No
                     f"marker '{label}' is on {segment_of[label]} and on {segment}; a marker is fixed in one segment",
                     source=path,
                     field="tracking",
+                    code=Code.MARKER_SET,
                 )
             segment_of[label] = segment
 

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.files.toml import toml_value
@@ -217,22 +218,31 @@ def load_model(path: Path | str) -> SubjectModel:
     try:
         file = read_validated(_File, source, parse_float=Decimal)
     except InvalidOperation:
-        raise InputError("a number has more digits than can be read", source=source) from None
+        raise InputError("a number has more digits than can be read", source=source, code=Code.DAMAGED_RESULT) from None
     if file.format != FORMAT:
-        raise InputError(f"found {file.format}; allowed: {FORMAT}", source=source, field="format")
+        raise InputError(
+            f"found {file.format}; allowed: {FORMAT}", source=source, field="format", code=Code.DAMAGED_RESULT
+        )
     joint = _arrays(file.joint_parameters, JP_NAMES, _JP_UNITS, source, "joint_parameters")
     inertial = _arrays(file.inertial_parameters, IP_NAMES, IP_UNITS, source, "inertial_parameters")
     zero = _arrays(file.zero_angles, ZERO_ANGLES, _ZERO_UNITS, source, "zero_angles")
     if file.subject.sex not in ("male", "female"):
         found = shown(file.subject.sex)
-        raise InputError(f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex")
+        raise InputError(
+            f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex", code=Code.DAMAGED_RESULT
+        )
     require_known(file.frozen, COORDINATES, "coordinate", source=source, field="frozen")
     for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
         require_known((place.segment for place in places), SEGMENTS, "segment", source=source, field=field)
     labels = tuple(m.label for m in file.marker)
     for label in labels:
         if labels.count(label) > 1:
-            raise InputError(f"marker '{label}' is there {labels.count(label)} times", source=source, field="marker")
+            raise InputError(
+                f"marker '{label}' is there {labels.count(label)} times",
+                source=source,
+                field="marker",
+                code=Code.DAMAGED_RESULT,
+            )
     s = file.subject
     return SubjectModel(
         subject=Subject(
@@ -275,7 +285,7 @@ def _arrays(
     missing = [name for name in names if name not in found]
     if missing:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        raise InputError(f"'{missing[0]}'{more} missing", source=source, field=where)
+        raise InputError(f"'{missing[0]}'{more} missing", source=source, field=where, code=Code.DAMAGED_RESULT)
     value = [_si(found[name].value, unit) for name, unit in zip(names, units, strict=True)]
     nominal = [_si(found[name].nominal, unit) for name, unit in zip(names, units, strict=True)]
     return np.array(value), np.array(nominal)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
@@ -180,6 +181,7 @@ def _placement(
                 f"found {kept} markers with weight, {why}; allowed: at least {needed}",
                 source=posture.source,
                 field=f"segment {segment}",
+                code=Code.TOO_LITTLE_SEEN,
             )
         dropped += missing
         static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.knee_device import corner, is_device
 from gaitcal.model.landmark_names import PARTNER, REQUIRED
@@ -74,6 +75,7 @@ def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
                     f"Leave its label as '{axis}': the set knows the device",
                     source=static.source,
                     field=f"marker '{label}'",
+                    code=Code.MARKER_SET,
                 )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import COORDINATES
@@ -118,10 +119,14 @@ def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -
         raise InputError(
             "found no gait trial with ground reactions under every foot; a Monte Carlo study of torques needs one",
             source=source,
+            code=Code.MONTE_CARLO,
         )
     if wanted is not None and wanted not in loaded:
         raise InputError(
-            f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}", source=source, field="--trial"
+            f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}",
+            source=source,
+            field="--trial",
+            code=Code.OPTION,
         )
     return wanted or loaded[0]
 
@@ -161,6 +166,7 @@ def read_case(
     raise InputError(
         f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder",
         source=folder,
+        code=Code.NO_RESULT,
     )
 
 
@@ -176,7 +182,9 @@ def _trial_of(folder: Path, trial: str | None) -> str:
             names = enumerate(str(name) for name in stored["trials"])
             loaded = tuple(name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any())
     except _DAMAGE as error:
-        raise InputError(f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path) from None
+        raise InputError(
+            f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path, code=Code.DAMAGED_RESULT
+        ) from None
     return _chosen_trial(loaded, trial, folder)
 
 
@@ -188,10 +196,14 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
             parts = ("time", "knots", "nodes", "wrench", "valid")
             time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
     except _DAMAGE as error:
-        raise InputError(f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path) from None
+        raise InputError(
+            f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path, code=Code.DAMAGED_RESULT
+        ) from None
     whole = nodes.ndim == 2 and nodes.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
     if not whole or not np.array_equal(spline_basis(time, len(nodes)).knots, knots):
-        raise InputError(f"found other splines than this version writes for trial '{name}'", source=path)
+        raise InputError(
+            f"found other splines than this version writes for trial '{name}'", source=path, code=Code.DAMAGED_RESULT
+        )
     return MonteCarloCase(
         name=name,
         subject=model.subject,
@@ -213,5 +225,5 @@ def _tracked_labels(path: Path) -> list[str]:
     try:
         table = pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
+        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
     return [str(label) for label in table.columns if label != "time" and table[label].notna().any()]

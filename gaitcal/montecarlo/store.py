@@ -26,6 +26,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file, atomic_text
 from gaitcal.files.lock import locked
@@ -110,7 +111,9 @@ class Store:
                 return (*notes, *_other_versions(held))
         elif any(self.draws.glob("*.parquet")):
             raise InputError(
-                "found draws without the settings they were made with; remove the folder", source=self.folder
+                "found draws without the settings they were made with; remove the folder",
+                source=self.folder,
+                code=Code.MONTE_CARLO,
             )
         content = {**wanted, "case": case.name, "versions": {name: package_version(name) for name in _VERSIONED}}
         atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
@@ -133,10 +136,14 @@ class Store:
         try:
             content = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise InputError(f"cannot be read: {error}; remove the folder", source=self._settings) from None
+            raise InputError(
+                f"cannot be read: {error}; remove the folder", source=self._settings, code=Code.MONTE_CARLO
+            ) from None
         if not isinstance(content, dict) or (SELF in content and content[SELF] != self_hash(content)):
             raise InputError(
-                "is damaged, or was edited: not as gaitcal wrote it; remove the folder", source=self._settings
+                "is damaged, or was edited: not as gaitcal wrote it; remove the folder",
+                source=self._settings,
+                code=Code.MONTE_CARLO,
             )
         return content
 
@@ -239,7 +246,9 @@ def _content(path: Path, chunk: Chunk) -> bytes | None:
 def _whole(path: Path, chunk: Chunk) -> pa.Table:
     content = _content(path, chunk)
     if content is None:
-        raise InputError("is damaged; run the same study again, which makes it again", source=path)
+        raise InputError(
+            "is damaged; run the same study again, which makes it again", source=path, code=Code.MONTE_CARLO
+        )
     return pq.read_table(pa.BufferReader(content)).replace_schema_metadata()
 
 
@@ -258,6 +267,7 @@ def _refuse_other(held: Mapping[str, object], wanted: Mapping[str, object], fold
         raise InputError(
             f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder",
             source=folder,
+            code=Code.MONTE_CARLO,
         )
 
 

@@ -21,6 +21,7 @@ from typing import Any, Protocol, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
 
+from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
 
 WATCH_S = 1.0
@@ -131,7 +132,9 @@ def _library() -> Any:
         return import_module("distributed")
     except ImportError:
         raise InputError(
-            "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'", field="--cluster"
+            "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'",
+            field="--cluster",
+            code=Code.CLUSTER,
         ) from None
 
 
@@ -142,12 +145,13 @@ def _connected(address: str) -> Any:
         raise InputError(
             f"found '{address}': {error}; allowed: the address of a running dask scheduler, as tcp://host:port",
             field="--cluster",
+            code=Code.CLUSTER,
         ) from None
     try:
         client.wait_for_workers(1, timeout=WAIT_S)
     except TimeoutError:
         client.close()
-        raise InputError(f"the scheduler at {address} has no workers", field="--cluster") from None
+        raise InputError(f"the scheduler at {address} has no workers", field="--cluster", code=Code.CLUSTER) from None
     return client
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
@@ -239,9 +240,8 @@ def trial_problem(
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
-        raise InputError(
-            f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}", source=recording.source
-        )
+        message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
+        raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
     at = {label: i for i, label in enumerate(recording.labels)}
     chosen = [
         i
@@ -270,11 +270,8 @@ def trial_problem(
         on_root = (index[order] == chain.segments.index(carrier)) & (weight > 0).any(axis=1)
     if on_root.sum() < FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
-        raise InputError(
-            f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight",
-            source=recording.source,
-            field="markers",
-        )
+        message = f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight"
+        raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = PlacedMarkers(index[order], model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)

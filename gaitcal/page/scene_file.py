@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.page.body_fit import MESHES, FittedMesh
@@ -92,9 +93,11 @@ def load_scene(path: Path | str) -> Scene:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
             return _scene(arrays)
     except FileNotFoundError:
-        raise InputError("no such file; `gaitcal calibrate` writes it", source=path) from None
+        raise InputError("no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT) from None
     except _DAMAGE as error:
-        raise InputError(f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path) from error
+        raise InputError(
+            f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path, code=Code.DAMAGED_RESULT
+        ) from error
 
 
 def _scene(arrays: Any) -> Scene:

@@ -18,6 +18,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 HOST = "127.0.0.1"
@@ -38,7 +39,9 @@ class ViewServer(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
-            raise InputError(f"found {port}, which cannot be listened on ({error})", field="port") from error
+            raise InputError(
+                f"found {port}, which cannot be listened on ({error})", field="port", code=Code.OPTION
+            ) from error
 
     @property
     def url(self) -> str:

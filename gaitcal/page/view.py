@@ -34,8 +34,8 @@ SCRIPTS = (
     "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
     "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
     "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "papers.js",
-    "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js",
-    "page.js",
+    "groups.js", "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js",
+    "print.js", "page.js",
 )  # fmt: skip
 """In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
 STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")

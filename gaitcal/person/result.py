@@ -12,6 +12,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
@@ -174,6 +175,7 @@ class TrialResult:
                     cause="no stance has torques; those of the swing remain" if swing else "no torque is valid",
                     found="no frame has a foot on the ground wholly on force plates of its own",
                     cure="use a trial in which feet step on plates, or leave the forces out",
+                    code=Code.NO_STANCE,
                 )
             )
         return tuple(found)
@@ -280,7 +282,9 @@ class Calibration:
             if trial.name == name:
                 return trial
         known = [trial.name for trial in self.trials]
-        raise InputError(f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}", field="trial")
+        raise InputError(
+            f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}", field="trial", code=Code.ARGUMENT
+        )
 
 
 def withdrawn(calibration: Calibration) -> Calibration:

@@ -18,6 +18,7 @@ import numpy as np
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import by_jumps
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -64,7 +65,11 @@ def _exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
         markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
         found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
         found += f"{spans(recording.time, runs(jump.frames))}; exchanged back"
-        findings.append(trial.info("labels", found, cause=f"'{jump.label}' and '{jump.other}' are exchanged"))
+        findings.append(
+            trial.info(
+                "labels", found, cause=f"'{jump.label}' and '{jump.other}' are exchanged", code=Code.EXCHANGED_BACK
+            )
+        )
     return (replace(recording, markers=markers) if findings else recording), findings
 
 
@@ -124,6 +129,7 @@ def calibrate_robustly(
                 cause=f"robust weights did not settle in {MOST_ROUNDS} rounds",
                 found=f"joint parameters still moved by {1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg",
                 cure="look for markers that are often left out, and give them weight 0",
+                code=Code.ROBUST_UNSETTLED,
             )
         )
     return [trial for trial, _ in finished], joint, parameters, tuple(findings)
@@ -146,4 +152,8 @@ def _outliers_told(name: str, tracking: RobustTracking) -> tuple[Finding, ...]:
     found = f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {where}; "
     found += f"scale {1e3 * tracking.scale:.1f} mm a coordinate"
     cause = "the robust loss all but left out some samples"
-    return (Finding(severity=Severity.INFO, topic="robust", where=name, cause=cause, found=found, cure=""),)
+    return (
+        Finding(
+            severity=Severity.INFO, topic="robust", where=name, cause=cause, found=found, cure="", code=Code.OUTLIERS
+        ),
+    )

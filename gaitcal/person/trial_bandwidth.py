@@ -24,6 +24,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.findings import Finding, Severity
@@ -164,7 +165,17 @@ def _suffering(name: str, motion: DenseMotion, hz: float, markers: float) -> tup
     found = f"markers are met to about {1e3 * here:.1f} mm RMS with {hz:.1f} Hz, to {1e3 * best:.1f} mm with the "
     found += f"{markers:.1f} Hz that they ask for"
     cause, cure = "the motion is smoothed too much", 'set bandwidth_hz = "auto", and leave nodes out'
-    return (Finding(severity=Severity.WARNING, topic="bandwidth", where=name, cause=cause, found=found, cure=cure),)
+    return (
+        Finding(
+            severity=Severity.WARNING,
+            topic="bandwidth",
+            where=name,
+            cause=cause,
+            found=found,
+            cure=cure,
+            code=Code.SMOOTHED_TOO_MUCH,
+        ),
+    )
 
 
 def _loaded(recording: Recording) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import LOWER_BODY
@@ -59,4 +60,5 @@ def unmeasured_mass(results: Sequence[TrialResult], parameters: Parameters) -> I
         f"{where}, and inertial parameters are not fitted against that; torques of the legs are summed from the feet "
         "upwards and do not depend on it",
         cure="three markers on the thorax that do not lie on one line (C7, T10, jugular notch, xiphoid) in all trials",
+        code=Code.UNMEASURED_MASS,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.linkage import LOWER_BODY
@@ -45,6 +46,7 @@ def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters)
         cause=f"no real body has the inertial parameters found for {', '.join(bodies)}",
         found=f"torques have no standard errors then, and model.xml is not written{left_out}",
         cure="ip = 'consistent' keeps every body possible",
+        code=Code.IMPOSSIBLE_BODY,
     )
 
 
@@ -62,6 +64,7 @@ def disagreements(results: Sequence[TrialResult]) -> Iterator[Finding]:
                 found=f"with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
                 f"({1e3 * first:.1f} mm)",
                 cure="see whether the trials are of one person with the markers in one place; leave the odd one out",
+                code=Code.TRIALS_DISAGREE,
             )
 
 
@@ -76,4 +79,5 @@ def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
                 cause=f"the fit of {phase.name} did not converge",
                 found=phase.message,
                 cure="its figures are not a minimum: look at the trials it was fitted to",
+                code=Code.NOT_CONVERGED,
             )

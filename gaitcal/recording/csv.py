@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
@@ -45,14 +46,20 @@ def read_markers_csv(path: Path) -> Recording:
     lines = read_lines(path)
     names, start = _header(path, lines)
     if is_force_header(names):
-        raise InputError("this is a table of forces; give it as the forces of a trial", source=path)
+        raise InputError(
+            "this is a table of forces; give it as the forces of a trial", source=path, code=Code.FILE_FORMAT
+        )
     table = parse_rows(lines, start, 1 + len(names), source=path, separator=",")
     facts, events = told_by(lines[:start], path)
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
         if match is None:
-            raise InputError(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed", source=path)
+            raise InputError(
+                f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed",
+                source=path,
+                code=Code.FILE_FORMAT,
+            )
         axis, repeat = "xyz".index(match["axis"]), 0
         while axis in places.setdefault((match["name"], repeat), {}):
             repeat += 1
@@ -60,9 +67,16 @@ def read_markers_csv(path: Path) -> Recording:
     for (name, _), columns in places.items():
         if len(columns) < 3:
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
-            raise InputError(f"found only {axes}; x, y and z are needed", source=path, field=f"marker {name[:40]}")
+            raise InputError(
+                f"found only {axes}; x, y and z are needed",
+                source=path,
+                field=f"marker {name[:40]}",
+                code=Code.FILE_FORMAT,
+            )
     if not places:
-        raise InputError("found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path)
+        raise InputError(
+            "found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path, code=Code.FILE_FORMAT
+        )
     of_models = {name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)}
     places = {key: columns for key, columns in places.items() if key[0] not in of_models}
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
@@ -95,15 +109,21 @@ def read_forces_csv(path: Path) -> Forces:
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
         if match is None:
-            raise InputError(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed", source=path)
+            raise InputError(
+                f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed",
+                source=path,
+                code=Code.FILE_FORMAT,
+            )
         columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
         axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
         if axis in axes:
-            raise InputError(f"found the column '{name[:40]}' twice", source=path)
+            raise InputError(f"found the column '{name[:40]}' twice", source=path, code=Code.FILE_FORMAT)
         axes[axis] = column
         columns.names.append(name)
     if not columns_of:
-        raise InputError("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path)
+        raise InputError(
+            "found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path, code=Code.FILE_FORMAT
+        )
     time = _time(path, table)
     plates: list[ForcePlate] = []
     notes: tuple[str, ...] = ()
@@ -156,17 +176,20 @@ def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
     """Column names after time, and the index of the first line of numbers."""
     start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     if start == len(lines):
-        raise InputError("found only comments; a header line is needed", source=path)
+        raise InputError("found only comments; a header line is needed", source=path, code=Code.FILE_FORMAT)
     try:
         cells = next(csv.reader([lines[start]]))
     except csv.Error as error:
-        raise InputError(f"damaged header ({error})", source=path, field=f"line {start + 1}") from None
+        raise InputError(
+            f"damaged header ({error})", source=path, field=f"line {start + 1}", code=Code.FILE_FORMAT
+        ) from None
     if not cells or cells[0].strip().lower() != "time":
         hint = " (this one is separated by ';')" if ";" in lines[start] else ""
         raise InputError(
             f"found '{lines[start][:40]}'; a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}",
             source=path,
             field=f"line {start + 1}",
+            code=Code.FILE_FORMAT,
         )
     return [cell.strip() for cell in cells[1:]], start + 1
 
@@ -215,7 +238,9 @@ def with_corners(
     for name in corners:
         if name not in names:
             allowed = ", ".join(names)
-            raise InputError(f"found the plate '{name[:20]}'; {forces.name} has {allowed}", source=path)
+            raise InputError(
+                f"found the plate '{name[:20]}'; {forces.name} has {allowed}", source=path, code=Code.FILE_FORMAT
+            )
     placed = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in plates)
     return placed, (f"Corners of plates {', '.join(corners)} from {path.name}.",)
 
@@ -224,7 +249,7 @@ def _read_corners(path: Path) -> dict[str, Array]:
     """Plate -> corners (4, 3) m, from a table of corners in any order."""
     rows = list(csv.reader(line for line in read_lines(path) if line.strip() and not line.startswith("#")))
     if not rows or [cell.strip().lower() for cell in rows[0]] != CORNER_HEADER:
-        raise InputError(f"a header '{','.join(CORNER_HEADER)}' is needed", source=path)
+        raise InputError(f"a header '{','.join(CORNER_HEADER)}' is needed", source=path, code=Code.FILE_FORMAT)
     corners: dict[str, Array] = {}
     for number, row in enumerate(rows[1:], start=1):
         field = f"row {number}"
@@ -232,19 +257,26 @@ def _read_corners(path: Path) -> dict[str, Array]:
             name, corner, values = row[0].strip(), int(row[1]), [float(cell) for cell in row[2:]]
         except (ValueError, IndexError):
             shown = ",".join(row)[:60]
-            raise InputError(f"found '{shown}'; plate,corner,x,y,z are needed", source=path, field=field) from None
+            raise InputError(
+                f"found '{shown}'; plate,corner,x,y,z are needed", source=path, field=field, code=Code.FILE_FORMAT
+            ) from None
         if not 1 <= corner <= CORNERS or len(values) != 3 or not all(map(math.isfinite, values)):
             raise InputError(
                 f"found '{','.join(row)[:60]}'; a corner of 1 to {CORNERS} and three numbers are needed",
                 source=path,
                 field=field,
+                code=Code.FILE_FORMAT,
             )
         of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
         if not np.isnan(of_plate[corner - 1, 0]):
-            raise InputError(f"found corner {corner} of plate '{name[:20]}' twice", source=path, field=field)
+            raise InputError(
+                f"found corner {corner} of plate '{name[:20]}' twice", source=path, field=field, code=Code.FILE_FORMAT
+            )
         of_plate[corner - 1] = values
     for name, of_plate in corners.items():
         if np.isnan(of_plate).any():
             missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
-            raise InputError(f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path)
+            raise InputError(
+                f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path, code=Code.FILE_FORMAT
+            )
     return corners

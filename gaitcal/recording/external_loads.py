@@ -17,6 +17,7 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, side_named
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, standing
 from gaitcal.recording.labels import clean, unique
@@ -58,7 +59,7 @@ def read_external_loads(path: Path) -> Forces:
     forces, off = _forces(path)
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
     if not forces:
-        raise InputError("found no ExternalForce that is switched on", source=path)
+        raise InputError("found no ExternalForce that is switched on", source=path, code=Code.FILE_FORMAT)
     tables = {name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)}
     names, _ = unique(clean(force.name) or "force" for force in forces)
     plates, feet = [], {}
@@ -78,6 +79,7 @@ def read_external_loads(path: Path) -> Forces:
                 f"found a force on '{force.body}'; allowed are forces on the right and left foot (calcn_r, calcn_l)",
                 source=path,
                 field=f"ExternalForce {name}",
+                code=Code.FILE_FORMAT,
             )
         for frame, of in ((force.force_in, "force"), (force.point_in, "point")):
             if frame.lower() not in GROUND:
@@ -85,6 +87,7 @@ def read_external_loads(path: Path) -> Forces:
                     f"found its {of} expressed in '{frame}'; allowed is ground",
                     source=path,
                     field=f"ExternalForce {name}",
+                    code=Code.FILE_FORMAT,
                 )
         time, time_notes = undo_rounding(table.time)
         plate, plate_notes = build_plate(name, time, table.values, found, path)
@@ -93,7 +96,7 @@ def read_external_loads(path: Path) -> Forces:
         columns = f"Plate {name} holds the columns {force.force}x and following, on {force.body}."
         notes += (*(n for n in time_notes if n not in notes), *plate_notes, columns)
     if not plates:
-        raise InputError("found no force on a foot", source=path)
+        raise InputError("found no force on a foot", source=path, code=Code.FILE_FORMAT)
     ready, turn, turn_notes = standing(plates)
     return Forces(str(path), ready, notes + turn_notes, turn, feet)
 
@@ -112,10 +115,12 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
     try:
         root = ET.parse(path).getroot()
     except (ET.ParseError, ValueError, LookupError, OSError) as error:
-        raise InputError(f"is not well-formed XML: {error}", source=path) from None
+        raise InputError(f"is not well-formed XML: {error}", source=path, code=Code.FILE_FORMAT) from None
     loads = root if root.tag == "ExternalLoads" else root.find(".//ExternalLoads")
     if loads is None:
-        raise InputError(f"found <{root.tag}>; a file with <ExternalLoads> is needed", source=path)
+        raise InputError(
+            f"found <{root.tag}>; a file with <ExternalLoads> is needed", source=path, code=Code.FILE_FORMAT
+        )
     common = _text(loads, "datafile")
     forces, off = [], []
     for element in loads.iter("ExternalForce"):
@@ -150,12 +155,14 @@ def _first(texts: Iterable[str]) -> str:
 def _table(path: Path, name: str) -> Path:
     """The table of that name: from the folder of the file, or of the same name in it, where it was moved with it."""
     if not name:
-        raise InputError("names no table of forces", source=path, field="datafile")
+        raise InputError("names no table of forces", source=path, field="datafile", code=Code.FILE_FORMAT)
     written = PureWindowsPath(name)  # takes / and \\ alike
     for place in (path.parent / Path(*written.parts), path.parent / written.name):
         if place.is_file():
             return place
-    raise InputError(f"found '{name}', which does not exist beside it", source=path, field="datafile")
+    raise InputError(
+        f"found '{name}', which does not exist beside it", source=path, field="datafile", code=Code.NO_FILE
+    )
 
 
 def _columns(path: Path, force: ExternalForce, table: StorageTable) -> PlateColumns | None:
@@ -175,6 +182,7 @@ def _columns(path: Path, force: ExternalForce, table: StorageTable) -> PlateColu
                 f"found {len(names)} columns; {identifier}x, {identifier}y and {identifier}z are needed",
                 source=path,
                 field=f"ExternalForce {force.name}, {quantity}",
+                code=Code.FILE_FORMAT,
             )
         found.columns[quantity] = {axis: lower.index(name.lower()) for axis, name in enumerate(names)}
         found.names += names

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.force_plate import LOADED_N, UP, plate_from_moment
 from gaitcal.recording.intervals import runs
@@ -42,6 +43,7 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
         raise InputError(
             f"found {cutoff_hz:g} Hz; between 0 and half the sampling rate, {nyquist:g} Hz, is allowed",
             field="filter cut-off",
+            code=Code.FORCE_FILTER,
         )
     warped = math.tan(math.pi * cutoff_hz / rate) / (math.sqrt(2.0) - 1.0) ** 0.25
     out = np.array(values, dtype=np.float64)

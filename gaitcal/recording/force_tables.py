@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
 from gaitcal.recording.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
@@ -112,6 +113,7 @@ def build_plate(
                 f"found only {axes} of the {quantity} (among {', '.join(found.names)}); x, y and z are needed",
                 source=source,
                 field=f"plate {name}",
+                code=Code.FILE_FORMAT,
             )
     force = found.take("force", values)
     point = found.take("point", values)
@@ -121,10 +123,13 @@ def build_plate(
             f"no point of application among {', '.join(found.names)}; columns like ground_force_px are needed",
             source=source,
             field=f"plate {name}",
+            code=Code.FILE_FORMAT,
         )
     known = np.flatnonzero(np.isfinite(force).all(axis=1))
     if not len(known):
-        raise InputError("its force columns hold no numbers", source=source, field=f"plate {name}")
+        raise InputError(
+            "its force columns hold no numbers", source=source, field=f"plate {name}", code=Code.BAD_NUMBER
+        )
     span = slice(int(known[0]), int(known[-1]) + 1)
     time, force, point = time[span], force[span], point[span]
     notes: tuple[str, ...] = ()
@@ -180,12 +185,16 @@ def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Ar
     different times, as one table has one time column.
     """
     if not plates:
-        raise InputError("there are no force plates to write", source=target)
+        raise InputError("there are no force plates to write", source=target, code=Code.NOT_WRITABLE)
     time = np.unique(np.concatenate([plate.time for plate in plates]))
     values = np.full((len(time), 9 * len(plates)), np.nan)
     for number, plate in enumerate(plates):
         rows = np.searchsorted(time, plate.time)
         if rows[-1] - rows[0] + 1 != len(rows):
-            raise InputError("the plates are sampled at different times; a table needs the same for all", source=target)
+            raise InputError(
+                "the plates are sampled at different times; a table needs the same for all",
+                source=target,
+                code=Code.NOT_WRITABLE,
+            )
         values[rows, 9 * number : 9 * number + 9] = np.hstack([plate.force, plate.point, plate.moment])
     return time, values

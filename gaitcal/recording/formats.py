@@ -22,6 +22,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.recording.c3d.reader import read_c3d
 from gaitcal.recording.c3d.writer import write_c3d
@@ -89,7 +90,11 @@ def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
     if reader is None:
         readable_size(file)  # a missing file or a folder is the plainer fault
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
-        raise InputError(f"{ending}; allowed are {', '.join(readers)}{nearest(file.suffix, readers)}", source=file)
+        raise InputError(
+            f"{ending}; allowed are {', '.join(readers)}{nearest(file.suffix, readers)}",
+            source=file,
+            code=Code.FILE_FORMAT,
+        )
     with np.errstate(all="ignore"):  # absurd numbers of a damaged file may overflow on their way to a message
         return reader(file)
 
@@ -99,9 +104,9 @@ def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[P
     old, new = Path(source), Path(target)
     readable_size(old)
     if new.is_dir():
-        raise InputError("found a folder; a file name is needed", source=new)
+        raise InputError("found a folder; a file name is needed", source=new, code=Code.NOT_WRITABLE)
     if new.exists() and new.samefile(old):
-        raise InputError("source and target are the same file", source=new)
+        raise InputError("source and target are the same file", source=new, code=Code.NOT_WRITABLE)
     if _holds_forces(old):
         _require_ending(new, FORCE_WRITERS, old)
         plates = read_forces(old).plates
@@ -142,4 +147,6 @@ def _write_corners(forces: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, 
 def _require_ending(new: Path, allowed: Iterable[str], old: Path) -> None:
     if new.suffix.lower() not in allowed:
         ending = new.suffix[:20] or "no ending"
-        raise InputError(f"found {ending}; {old.name} can become {', '.join(allowed)}", source=new)
+        raise InputError(
+            f"found {ending}; {old.name} can become {', '.join(allowed)}", source=new, code=Code.NOT_WRITABLE
+        )

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_text
 from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time, standing
@@ -68,17 +69,22 @@ def read_table(path: str | PathLike[str]) -> StorageTable:
     lines = read_lines(path)
     end = next((i for i, line in enumerate(lines[:LONGEST_HEADER]) if line.strip().lower() == "endheader"), None)
     if end is None:
-        raise InputError(f"found no line 'endheader' among the first {LONGEST_HEADER}", source=path)
+        raise InputError(
+            f"found no line 'endheader' among the first {LONGEST_HEADER}", source=path, code=Code.FILE_FORMAT
+        )
     names_line = end + 1
     while names_line < len(lines) and not lines[names_line].strip():
         names_line += 1
     if names_line >= len(lines):
-        raise InputError("the file ends after its header", source=path)
+        raise InputError("the file ends after its header", source=path, code=Code.FILE_FORMAT)
     separator = "\t" if "\t" in lines[names_line] else None
     names = [name.strip() for name in lines[names_line].rstrip().split(separator)]
     if names[0].lower() != "time":
         raise InputError(
-            f"found '{names[0][:40]}'; the first column must be 'time'", source=path, field=f"line {names_line + 1}"
+            f"found '{names[0][:40]}'; the first column must be 'time'",
+            source=path,
+            field=f"line {names_line + 1}",
+            code=Code.FILE_FORMAT,
         )
     rows = parse_rows(lines, names_line + 1, len(names), source=path, separator=separator)
     time = rows.values[:, 0]
@@ -94,6 +100,7 @@ def read_mot_forces(path: Path) -> Forces:
         raise InputError(
             f"found no force columns among {', '.join(table.names[:6])}...; names like ground_force_vx are needed",
             source=path,
+            code=Code.FILE_FORMAT,
         )
     time, notes = undo_rounding(table.time)
     plates = []

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
 from gaitcal.recording.metadata import ComputedPoints, Facts, FootEvent
@@ -111,7 +112,11 @@ def require_plain_labels(recording: Recording, target: Path) -> None:
     """InputError for marker or plate names that no text table can hold."""
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
         if clean(name) != name or not name:
-            raise InputError(f"the name {name[:40]!r} cannot be written; it has odd characters", source=target)
+            raise InputError(
+                f"the name {name[:40]!r} cannot be written; it has odd characters",
+                source=target,
+                code=Code.NOT_WRITABLE,
+            )
 
 
 @dataclass(frozen=True)

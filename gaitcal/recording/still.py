@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.recording import Recording, seen_mask
 
@@ -64,7 +65,12 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
     seen = seen_mask(recording.markers[:, places])
     if not places or not seen.any():
         some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
-        raise InputError(f"none of the markers {some} is seen", source=recording.source, field="static trial")
+        raise InputError(
+            f"none of the markers {some} is seen",
+            source=recording.source,
+            field="static trial",
+            code=Code.TOO_LITTLE_SEEN,
+        )
     frames = len(recording.time)
     if recording.time[-1] - recording.time[0] < LAG_S:
         return _whole(recording, recording.markers[:, places])
@@ -84,6 +90,7 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
             f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed",
             source=recording.source,
             field="static trial",
+            code=Code.NO_STILL_WINDOW,
         )
     by, still = found
     coverage = _coverage(seen_mask(markers), length)
@@ -113,6 +120,7 @@ def _whole(recording: Recording, markers: Array) -> StillWindow:
             f"{WALKS_M_S:g} m/s is allowed where there are so few",
             source=recording.source,
             field="static trial",
+            code=Code.NO_STILL_WINDOW,
         )
     return StillWindow(slice(0, len(time)), speed, float(time[0]), float(time[-1]), _scatter(markers))
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 
 MISSING = frozenset(
@@ -43,14 +44,14 @@ def readable_size(path: Path) -> int:
     """Size in bytes of a readable, non-empty file; InputError for anything else."""
     try:
         if path.is_dir():
-            raise InputError("found a folder; a file is needed", source=path)
+            raise InputError("found a folder; a file is needed", source=path, code=Code.NO_FILE)
         size = path.stat().st_size
     except FileNotFoundError:
-        raise InputError("no such file", source=path) from None
+        raise InputError("no such file", source=path, code=Code.NO_FILE) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({error})", source=path) from None
+        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
     if size == 0:
-        raise InputError("the file is empty", source=path)
+        raise InputError("the file is empty", source=path, code=Code.NOT_TEXT)
     return size
 
 
@@ -63,13 +64,13 @@ def read_lines(path: Path) -> list[str]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(f"cannot be read ({error})", source=path) from None
+        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
     if content.startswith(UTF_16):
-        raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
+        raise InputError("found UTF-16 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT)
     if b"\0" in content:
         if _every_other_zero(content):
-            raise InputError("found UTF-16 text; save the file as UTF-8", source=path)
-        raise InputError("found binary data; a text file is needed", source=path)
+            raise InputError("found UTF-16 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT)
+        raise InputError("found binary data; a text file is needed", source=path, code=Code.NOT_TEXT)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -78,7 +79,7 @@ def read_lines(path: Path) -> list[str]:
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
-        raise InputError("the file holds only blank lines", source=path)
+        raise InputError("the file holds only blank lines", source=path, code=Code.NOT_TEXT)
     return lines
 
 
@@ -125,14 +126,20 @@ def parse_rows(
             extra = cells[width:]
             if any(cell.strip() for cell in extra):
                 raise InputError(
-                    f"found {len(cells)} cells; {width} are allowed", source=source, field=f"line {index + 1}"
+                    f"found {len(cells)} cells; {width} are allowed",
+                    source=source,
+                    field=f"line {index + 1}",
+                    code=Code.FILE_FORMAT,
                 )
             missing = width - len(cells)
             if missing > 0:
                 if not short_step or missing % short_step or len(cells) < 2 or index == last:
                     tail = " (file cut short?)" if index == last else ""
                     raise InputError(
-                        f"found {len(cells)} cells{tail}; {width} are needed", source=source, field=f"line {index + 1}"
+                        f"found {len(cells)} cells{tail}; {width} are needed",
+                        source=source,
+                        field=f"line {index + 1}",
+                        code=Code.FILE_FORMAT,
                     )
                 cells = cells + [""] * missing
                 filled += 1
@@ -144,7 +151,10 @@ def parse_rows(
     if len(infinite):
         row, column = (int(i) for i in infinite[0])
         raise InputError(
-            "found an infinite number", source=source, field=f"line {line_numbers[row]}, column {column + 1}"
+            "found an infinite number",
+            source=source,
+            field=f"line {line_numbers[row]}, column {column + 1}",
+            code=Code.BAD_NUMBER,
         )
     return NumberTable(table, tuple(line_numbers), filled)
 
@@ -165,6 +175,7 @@ def _numbers(cells: list[str], line: str, source: Path, index: int) -> list[floa
                 f"found '{cell.strip()[:40]}'; a number or an empty cell is needed",
                 source=source,
                 field=f"line {index + 1}, column {column + 1}",
+                code=Code.NOT_TEXT,
             ) from None
     return numbers
 
@@ -181,15 +192,18 @@ def require_increasing(time: Array, source: Path | str, lines: tuple[int, ...] |
         return f"line {lines[index]}, time" if lines else f"row {index + 1}, time"
 
     if len(time) == 0:
-        raise InputError("found no row of numbers; at least one frame is needed", source=source)
+        raise InputError("found no row of numbers; at least one frame is needed", source=source, code=Code.BAD_NUMBER)
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
-        raise InputError("found no number", source=source, field=place(int(bad[0])))
+        raise InputError("found no number", source=source, field=place(int(bad[0])), code=Code.BAD_NUMBER)
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
         i = int(back[0]) + 1
         raise InputError(
-            f"found {time[i]:.6g} s after {time[i - 1]:.6g} s; time must increase", source=source, field=place(i)
+            f"found {time[i]:.6g} s after {time[i - 1]:.6g} s; time must increase",
+            source=source,
+            field=place(i),
+            code=Code.BAD_NUMBER,
         )
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import axes_points
 from gaitcal.recording.metadata import ComputedPoints, Facts, FootEvent, FootMoment
@@ -54,7 +55,9 @@ def told_by(lines: Iterable[str], path: Path) -> tuple[Facts, tuple[FootEvent, .
                 facts[name] = _checked(name, value)
         except (ValueError, TypeError, KeyError, RecursionError):
             allowed = ", ".join((*_NAMES, EVENT))
-            raise InputError(f"found '{line[:60]}'; allowed after '#:': {allowed}", source=path) from None
+            raise InputError(
+                f"found '{line[:60]}'; allowed after '#:': {allowed}", source=path, code=Code.FILE_FORMAT
+            ) from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
 
 

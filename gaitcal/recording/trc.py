@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import Vertical, make_y_up
@@ -53,7 +54,9 @@ def parse_trc(path: Path) -> Recording:
     if len(keep) < len(names):
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
     if not keep:
-        raise InputError("found no marker with a name", source=path, field=f"line {label_line + 1}")
+        raise InputError(
+            "found no marker with a name", source=path, field=f"line {label_line + 1}", code=Code.FILE_FORMAT
+        )
     unit, unit_notes = _unit(path, facts)
     markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
     markers, gap_notes = zeros_to_missing(markers)
@@ -89,6 +92,7 @@ def _label_line(path: Path, lines: Sequence[str]) -> int:
     raise InputError(
         f"found no line of marker names; a line that begins with 'Frame#' is needed among the first {LONGEST_HEADER}",
         source=path,
+        code=Code.FILE_FORMAT,
     )
 
 
@@ -120,10 +124,15 @@ def _names(path: Path, line: str, separator: str | None, width: int) -> list[str
     place = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)  # after tabs of its own, in some files
     cells = cells[:1] + cells[place:]
     if len(cells) < 3 or cells[1].lower() != "time":
-        raise InputError("'Frame#' must be followed by 'Time' and marker names", source=path, field="marker names")
+        raise InputError(
+            "'Frame#' must be followed by 'Time' and marker names",
+            source=path,
+            field="marker names",
+            code=Code.FILE_FORMAT,
+        )
     filled = [i for i, cell in enumerate(cells[2:]) if cell]
     if not filled:
-        raise InputError("found no marker name after 'Time'", source=path, field="marker names")
+        raise InputError("found no marker name after 'Time'", source=path, field="marker names", code=Code.FILE_FORMAT)
     by_place = all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3)
     if by_place and not (width < 2 + filled[-1] + 1 and width == 2 + 3 * len(filled)):
         return cells[2 : 2 + filled[-1] + 1 : 3]
@@ -137,6 +146,9 @@ def _unit(path: Path, facts: dict[str, str]) -> tuple[float, tuple[str, ...]]:
     unit = PER_METRE.get(name.lower())
     if unit is None:
         raise InputError(
-            f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", source=path, field="Units"
+            f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}",
+            source=path,
+            field="Units",
+            code=Code.FILE_FORMAT,
         )
     return unit, ()

@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.stride_table import conventions_of, typed
@@ -31,7 +32,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     try:
         import xarray
     except ImportError:
-        raise InputError("xarray is not installed; pip install xarray") from None
+        raise InputError("xarray is not installed; pip install xarray", code=Code.INSTALLATION) from None
     if strides.empty:
         return xarray.Dataset()
     strides = typed(strides)

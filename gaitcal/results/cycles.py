@@ -10,13 +10,14 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
-from gaitcal.gait.progression import PELVIS_ANGLES, TURNING, along_line, pelvis_angles, turns
+from gaitcal.gait.progression import PELVIS_ANGLES, TURNING, pelvis_angles, turns
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.gait.strides import strides_of
@@ -26,6 +27,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.angle_validity import angle_counts
 from gaitcal.person.kinetic_tables import told_powers
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.results.table_file import read_csv, refused_lines, write_csv
 
@@ -110,7 +112,9 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(f"cannot be read as a table of strides: {error}", source=source) from None
+        raise InputError(
+            f"cannot be read as a table of strides: {error}", source=source, code=Code.DAMAGED_RESULT
+        ) from None
     return typed(table, source)
 
 
@@ -165,25 +169,8 @@ def _against_line(
 ) -> list[_Signal]:
     """The signals of one stride: angles of the pelvis against its line of progression."""
     straight = stride is None or not turns(stride.turn)
-    inside = (trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop)
-    angles = pelvis_angles(trial.body)
-    turned = dict(
-        zip(PELVIS_ANGLES, np.degrees(along_line(angles, _line(trial, cycle, stride), inside)).T, strict=True)
-    )
+    turned = dict(zip(PELVIS_ANGLES, pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T, strict=True))
     return [replace(s, value=turned[s.name], valid=s.valid & straight) if s.name in turned else s for s in signals]
-
-
-def _line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
-    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none is known."""
-    if stride is not None and stride.line is not None:
-        return stride.line
-    middle = 0.5 * (cycle.start + cycle.stop)
-    known = [
-        (abs(0.5 * (s.start + s.stop) - middle), s.line)
-        for s in trial.strides
-        if s.line is not None and s.start is not None and s.stop is not None
-    ]
-    return min(known)[1] if known else 0.0
 
 
 def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:

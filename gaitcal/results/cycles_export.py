@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import InputError
@@ -76,7 +77,7 @@ def write_cycles_export(
     if frame is not MomentFrame.COORDINATES:
         names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
     if not (folder / CYCLES).exists():
-        raise InputError(f"has no {CYCLES}; calibrate again", source=folder)
+        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
     found, snapshot = read_whole(folder, names, lambda: _read(folder, frame, model))
     table = in_convention(found, convention)
     write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
@@ -109,7 +110,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
             vectors[name] = of_trial
         elif frame is not MomentFrame.COORDINATES and _has_moments(table, name):
             message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
-            raise InputError(message, source=folder)
+            raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
     # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
     told = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(told))
@@ -170,7 +171,9 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         if table is None or of_trial.empty:
             continue
         if len(cycles) != of_trial["stride"].nunique():
-            raise InputError(f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again")
+            raise InputError(
+                f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again", code=Code.DAMAGED_RESULT
+            )
         first = of_trial.iloc[0]
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.files.package_data import package_version
@@ -36,7 +37,9 @@ def write_export_manifest(
     if earlier and earlier.get("kind") != ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
-        raise InputError("is damaged; move it away and export again", source=folder / MANIFEST)
+        raise InputError(
+            "is damaged; move it away and export again", source=folder / MANIFEST, code=Code.DAMAGED_RESULT
+        )
     hashes = {name: digest for name, digest in listed(folder).items() if (folder / name).is_file()}
     hashes |= {name: sha256_of(stage / name) or "" for name in files_of(stage)}
     about = {

@@ -10,6 +10,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.page import Shown, person_scene, trial_scene
 from gaitcal.page.joining import after_trials
+from gaitcal.page.sections import Origin
 from gaitcal.page.sheet import SHEET, doubted, further_sheet, merged, only, read_sheet
 from gaitcal.person.result import TrialResult
 from gaitcal.results.page_files import AGAIN, OTHER_MODEL, SCENE, read_page, write_page
@@ -22,7 +23,7 @@ def write_further_page(
 ) -> None:
     """Write scene, sheet and page of these trials into a folder, those of `earlier` before them.
 
-    Normal bands are those of the result, where its page is as it was written.
+    Normal bands, and what is told of the model, are those of the result's own page, where it can be read.
     """
     scene = person_scene(
         saved.model,
@@ -34,9 +35,11 @@ def write_further_page(
         ),
         saved.uncertainty.standard_errors,
     )
+    origin = Origin(_sheet_of(saved.files.folder), edited=bool(saved.files.remarks))
+    bands = origin.sheet.get("bands")
     sheet: Mapping[str, Any] = {
-        **further_sheet(saved.model, trials, verdict, saved.relative_to),
-        "bands": _bands(saved.files.folder),
+        **further_sheet(saved.model, trials, verdict, saved.relative_to, origin),
+        "bands": bands if isinstance(bands, list) else [],
     }
     if earlier is not None and earlier.sheet is not None and (joined := after_trials(scene, earlier.scene)) is not None:
         scene, sheet = joined, merged(earlier.sheet, sheet)
@@ -79,9 +82,9 @@ def _fault(folder: Path, hashes: Mapping[str, str]) -> str:
     return ""
 
 
-def _bands(result: Path) -> list[Any]:
+def _sheet_of(result: Path) -> Mapping[str, Any]:
+    """Of the calibration's page; empty where it cannot be read."""
     try:
-        bands = read_sheet(result / SHEET)["bands"]
-    except (InputError, KeyError):
-        return []
-    return bands if isinstance(bands, list) else []
+        return read_sheet(result / SHEET)
+    except InputError:
+        return {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import sha256_of
@@ -32,6 +33,7 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
             "found no list of its trials' files, which earlier versions did not keep; calibrate again",
             source=folder / MANIFEST,
             field="trials",
+            code=Code.CHANGED_FILE,
         )
     return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
 
@@ -58,10 +60,10 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
         changed = changed or (path if is_its_place else None)
     if changed is not None:
         message = "is not the file that the result was made from (another SHA-256); calibrate again"
-        raise InputError(message, source=changed)
+        raise InputError(message, source=changed, code=Code.CHANGED_FILE)
     where = inputs or folder.resolve().parent
     cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
-    raise InputError(f"found no '{name}', which the result was made from{cure}", source=where)
+    raise InputError(f"found no '{name}', which the result was made from{cure}", source=where, code=Code.CHANGED_FILE)
 
 
 def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:

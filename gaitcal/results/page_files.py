@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import read_whole, sha256_of
@@ -53,7 +54,9 @@ def read_page(folder: Path) -> Shown:
         sheet = read_sheet(folder / SHEET) if (folder / SHEET).exists() else None
         shown = Shown(load_scene(folder / SCENE), sheet, folder.resolve().name)
         if sheet is not None and [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
-            raise InputError("tells of other trials than scene.npz; calibrate again", source=folder / SHEET)
+            raise InputError(
+                "tells of other trials than scene.npz; calibrate again", source=folder / SHEET, code=Code.DAMAGED_RESULT
+            )
         return shown
 
     shown, _ = read_whole(folder, (SCENE, SHEET), read)

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.files.package_data import package_version
@@ -76,7 +77,7 @@ def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tupl
     written = []
     for trial in saved:
         if "file" not in files.get(trial.name, {}):
-            raise InputError(f"trial '{trial.name}' was not made from a file", source=folder)
+            raise InputError(f"trial '{trial.name}' was not made from a file", source=folder, code=Code.CHANGED_FILE)
         paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
         notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d")
         source = files[trial.name]["file"]
@@ -165,7 +166,9 @@ def _rows(file: Array, trial: Array, source: Path) -> IntArray:
     """(nf,) frames of the file at the times of the trial."""
     rows = np.clip(np.searchsorted(file, trial - SAME_TIME), 0, len(file) - 1)
     if np.abs(file[rows] - trial).max() > SAME_TIME:
-        raise InputError("its frames are at other times than those of the result", source=source)
+        raise InputError(
+            "its frames are at other times than those of the result", source=source, code=Code.CHANGED_FILE
+        )
     return np.asarray(rows, dtype=np.intp)
 
 
@@ -186,7 +189,7 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
             turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
             if len(frames) and all(_found(turn.apply(markers.markers[i, seen[i]]), places[i]) for i in frames):
                 return turn
-    raise InputError("its markers are not those of the result", source=source)
+    raise InputError("its markers are not those of the result", source=source, code=Code.CHANGED_FILE)
 
 
 def _found(wanted: Array, among: Array) -> bool:
@@ -249,7 +252,9 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
         same = np.allclose(old.markers, new.markers, rtol=rounding, atol=0.0, equal_nan=True)
     same = same and all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True))
     if not (same and set(old.events) <= set(new.events)):
-        raise InputError("reads back with other markers, plates or events; please report it", source=target)
+        raise InputError(
+            "reads back with other markers, plates or events; please report it", source=target, code=Code.INTERNAL
+        )
 
 
 def _said(trial: SavedTrial, points: list[AddedPoint]) -> tuple[str, ...]:

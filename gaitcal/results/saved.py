@@ -10,6 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from gaitcal.calibration.influence import Influence
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import Snapshot, read_whole
@@ -78,7 +79,9 @@ def _read(folder: Path) -> SavedResult:
     manifest = read_object(folder / MANIFEST)
     settings = manifest.get("settings")
     if not isinstance(settings, dict):
-        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
+        raise InputError(
+            "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
+        )
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
     rename = manifest.get("rename")
     summary = read_object(folder / SUMMARY)
@@ -98,7 +101,9 @@ def _read(folder: Path) -> SavedResult:
 def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
     angles = summary.get(STATIC_ANGLES)
     if not isinstance(angles, dict) or not angles:
-        raise InputError("found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY)
+        raise InputError(
+            "found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY, code=Code.NO_RESULT
+        )
     return {str(name): float(np.deg2rad(value)) for name, value in angles.items()}
 
 
@@ -138,4 +143,4 @@ def load_uncertainty(path: Path) -> Uncertainty:
                 joint = Influence(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
             return Uncertainty(joint, stored.get("inertial"))
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
+        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None

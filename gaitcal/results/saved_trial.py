@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import read_object
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
@@ -54,7 +55,9 @@ def moving_trials(folder: Path) -> list[str]:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             return [str(name) for name in stored["trials"]]
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(f"cannot be read: {error}; calibrate again", source=folder / SPLINES) from None
+        raise InputError(
+            f"cannot be read: {error}; calibrate again", source=folder / SPLINES, code=Code.DAMAGED_RESULT
+        ) from None
 
 
 def load_trial(folder: Path, k: int, name: str) -> SavedTrial:

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
+from gaitcal.codes import Code
 from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
@@ -67,7 +68,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         message = (
             "is no result of 'gaitcal calibrate': found no manifest.json in it" if folder.is_dir() else "not found"
         )
-        raise InputError(message, source=folder)
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
     whole = folder.resolve()
     calibrated = folder / ".." if FURTHER in manifest else folder
     tables = (CYCLES, SPATIOTEMPORAL, SUMMARY)
@@ -112,7 +113,9 @@ def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
 def _settings(folder: Path) -> CalibrationSettings:
     settings = read_object(folder / MANIFEST).get("settings")
     if not isinstance(settings, dict):
-        raise InputError("no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder)
+        raise InputError(
+            "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
+        )
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
     return CalibrationSettings.model_validate(known)
 
@@ -122,10 +125,16 @@ def _measures(folder: Path) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
         if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
-            raise InputError(f"is no table of measures: found no column {', '.join(missing)}", source=source)
+            raise InputError(
+                f"is no table of measures: found no column {', '.join(missing)}",
+                source=source,
+                code=Code.DAMAGED_RESULT,
+            )
         numbers = {name: pd.to_numeric(table[name]) for name in ("stride", "value", "valid", "turn")}
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(f"cannot be read as a table of measures: {error}", source=source) from None
+        raise InputError(
+            f"cannot be read as a table of measures: {error}", source=source, code=Code.DAMAGED_RESULT
+        ) from None
     whole = table.assign(**numbers)
     return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
 

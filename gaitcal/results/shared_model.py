@@ -16,6 +16,7 @@ import pandas as pd
 
 from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
+from gaitcal.codes import Code
 from gaitcal.compare.session import Common, Session, common_to
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
@@ -73,13 +74,19 @@ def compare_with_shared_model(
     one, other = named_apart(*(load_session(folder)[0] for folder in folders))
     common = common_to(one, other)
     if common is Common.MODEL:
-        raise InputError("both results have one model already", source=f"{one.name}, {other.name}")
+        raise InputError(
+            "both results have one model already", source=f"{one.name}, {other.name}", code=Code.NOT_COMPARABLE
+        )
     plain = compare_sessions(one, other)
     require_fit_to_share(one, other)
     shared = None if common is Common.STATIC else shared_joints(one, other, common)
     files = tuple(map(Path, studies)) or tuple(folder / STUDY for folder in folders)
     if len(files) != len(folders):
-        raise InputError(f"found {len(files)} study files; allowed: that of A, then that of B", field="--study")
+        raise InputError(
+            f"found {len(files)} study files; allowed: that of A, then that of B",
+            field="--study",
+            code=Code.NOT_COMPARABLE,
+        )
     progress("reading the recordings")
     read = [study_of_result(folder, file) for folder, file in zip(folders, files, strict=True)]
     if shared is None:
@@ -116,7 +123,9 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
     whole = replace(a, trials=(*a.trials, *named))
     joint = joint_stage(whole, nominal_of(whole), silent, leave_out=False).joint
     if joint is None:
-        raise InputError("its settings leave joint parameters alone (jp = false)", source=a.source)
+        raise InputError(
+            "its settings leave joint parameters alone (jp = false)", source=a.source, code=Code.NOT_COMPARABLE
+        )
     if late := [phase for phase in joint.phases if not phase.converged]:
         raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
     names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
@@ -135,7 +144,11 @@ def study_of_result(folder: Path, file: Path) -> Study:
         It is not there, or its recordings are others.
     """
     if not file.is_file():
-        raise InputError(f"not found; say with --study FILE which study {folder} was made from", source=file)
+        raise InputError(
+            f"not found; say with --study FILE which study {folder} was made from",
+            source=file,
+            code=Code.NOT_COMPARABLE,
+        )
     study, manifest = Study.load(file), read_object(folder / MANIFEST)
     hashes, used = manifest.get("inputs_sha256"), manifest.get("trials")
     known = set(hashes.values()) if isinstance(hashes, dict) else set()
@@ -143,7 +156,9 @@ def study_of_result(folder: Path, file: Path) -> Study:
     chosen = replace(study, trials=tuple(t for t in study.trials if t.name in names))
     read = {digest for name, digest in study.inputs.items() if not name.endswith(".toml")}
     if {t.name for t in chosen.trials} != names or not read & known:
-        raise InputError(f"is not the study that {folder} was made from: other recordings", source=file)
+        raise InputError(
+            f"is not the study that {folder} was made from: other recordings", source=file, code=Code.NOT_COMPARABLE
+        )
     return chosen
 
 

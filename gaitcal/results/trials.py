@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import cast
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.xml_text import safe_name
 from gaitcal.files.atomic import also_at, atomic_directory
@@ -101,7 +102,11 @@ def _earlier(folder: Path) -> Mapping[str, str]:
     hashes = listed(folder)
     if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
-        raise InputError(f"is damaged, or was edited: not as gaitcal wrote it; {cure}", source=folder / SUMMARY)
+        raise InputError(
+            f"is damaged, or was edited: not as gaitcal wrote it; {cure}",
+            source=folder / SUMMARY,
+            code=Code.DAMAGED_RESULT,
+        )
     return hashes
 
 

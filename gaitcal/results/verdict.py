@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import read_object
 from gaitcal.findings import STUDY, Finding, Severity
@@ -21,6 +22,7 @@ def verdict_summary(verdict: Verdict) -> dict[str, Json]:
         out["forced"] = True
     out["reasons"] = [
         {
+            "code": reason.code.value,
             "cause": reason.cause,
             "evidence": reason.evidence,
             "action": reason.action,
@@ -51,7 +53,8 @@ def require_not_refused(folder: Path) -> None:
         return
     stored = summary.get("reasons")
     first = stored[0] if isinstance(stored, list) and stored and isinstance(stored[0], dict) else {}
-    raise InputError(f"the calibration is refused: {first.get('cause')}; {first.get('action')}", source=folder)
+    said = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
+    raise InputError(said, code=Code.MODEL_IN_DOUBT, source=folder)
 
 
 def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
@@ -77,6 +80,7 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
             found=f"{first.get('cause')}: {first.get('evidence')}",
             cure=str(first.get("action") or "look at its report"),
             leg=str(first.get("leg") or ""),
+            code=Code.MODEL_IN_DOUBT,
         ),
     )
 

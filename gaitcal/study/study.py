@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -71,7 +72,9 @@ class Study:
         )
         for name, f in _file_words(study.files, path.parent).items():
             if study.inputs[name] != before[f]:
-                raise InputError(f"'{name}' changed while the study was read; run again", source=path)
+                raise InputError(
+                    f"'{name}' changed while the study was read; run again", source=path, code=Code.CHANGED_FILE
+                )
         return study
 
     @classmethod
@@ -96,7 +99,9 @@ class Study:
             truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
         )
         if (other := study.other_truth()) is not None:
-            raise InputError(f"{other}; allowed: the same, or no [truth]", source=path, field="truth.landmarks")
+            raise InputError(
+                f"{other}; allowed: the same, or no [truth]", source=path, field="truth.landmarks", code=Code.TRUTH
+            )
         return study
 
     def other_truth(self) -> str | None:
@@ -195,6 +200,7 @@ def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
                 f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}",
                 source=path,
                 field="markers.weights",
+                code=Code.UNKNOWN_LABEL,
             )
 
 
@@ -207,6 +213,7 @@ def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path)
                 f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, worn)}",
                 source=path,
                 field="markers.rename",
+                code=Code.UNKNOWN_LABEL,
             )
 
 
@@ -227,4 +234,4 @@ def nominal_of(study: Study) -> SubjectModel:
     try:
         return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:
-        raise InputError(f"{fault}{completed.why_not(str(fault))}") from fault
+        raise InputError(f"{fault}{completed.why_not(str(fault))}", code=fault.code) from fault

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording import read_recording
@@ -71,6 +72,7 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
                 f"found plate '{name}'; the recording has {', '.join(known) or 'none'}",
                 source=trial.file,
                 field=f"trial '{trial.name}'.plates",
+                code=Code.PART_OF_TRIAL,
             )
     recording = _window(recording, trial)
     _check_forces_cover(recording, trial)
@@ -102,6 +104,7 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
             f"found '{doubled[0]}' twice after renaming; a label names one marker",
             source=recording.source,
             field="markers.rename",
+            code=Code.UNKNOWN_LABEL,
         )
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
     return replace(recording, labels=labels).with_notes(
@@ -119,6 +122,7 @@ def _window(recording: Recording, trial: Trial) -> Recording:
             f"found [{low:g}, {high:g}]; the recording runs from {recording.time[0]:g} to {recording.time[-1]:g} s",
             source=trial.file,
             field=f"trial '{trial.name}'.time",
+            code=Code.PART_OF_TRIAL,
         )
     return recording.frames(inside)
 
@@ -136,6 +140,7 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
                 "another unit (ms?); both must be in s",
                 source=trial.forces or trial.file,
                 field=f"plate {plate.name}",
+                code=Code.PART_OF_TRIAL,
             )
         if plate.time[0] > recording.time[0] + step or plate.time[-1] < recording.time[-1] - step:
             raise InputError(
@@ -144,4 +149,5 @@ def _check_forces_cover(recording: Recording, trial: Trial) -> None:
                 "with time = [start, end]",
                 source=trial.forces or trial.file,
                 field=f"plate {plate.name}",
+                code=Code.PART_OF_TRIAL,
             )

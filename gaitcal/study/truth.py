@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.validation import shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
@@ -130,12 +131,15 @@ def read_truth(
     other = other_rule(table, settings, marker_set)
     if other is not None:
         message = f"{other.words}; allowed: the same, or no [truth]"
-        raise InputError(message, source=source, field=f"truth.{other.rule}")
+        raise InputError(message, source=source, field=f"truth.{other.rule}", code=Code.TRUTH)
     motions, moments = (_curves(table.folder, trials, end) for end in (MOTION, MOMENTS))
     if table.folder and not motions and not moments:
         wanted = f"TRIAL{MOTION} or TRIAL{MOMENTS} of a trial of the study"
         raise InputError(
-            f"found no such file in '{table.folder.name}'; allowed: {wanted}", source=source, field="truth.folder"
+            f"found no such file in '{table.folder.name}'; allowed: {wanted}",
+            source=source,
+            field="truth.folder",
+            code=Code.TRUTH,
         )
     return Truth(
         told=table,
@@ -169,18 +173,28 @@ def other_rule(table: TruthTable, settings: CalibrationSettings, marker_set: str
 def _parameters(path: Path) -> dict[str, float]:
     rows = _read(path)
     if list(rows.columns) != ["name", "unit", "value"]:
-        raise InputError(f"found columns {shown(list(rows.columns))}; allowed: name,unit,value", source=path)
+        raise InputError(
+            f"found columns {shown(list(rows.columns))}; allowed: name,unit,value", source=path, code=Code.TRUTH
+        )
     out: dict[str, float] = {}
     for name, unit, value in rows.itertuples(index=False):
         if name not in _UNIT:
             hint = nearest(str(name), _UNIT) or "; allowed: names of a result's parameters.csv"
-            raise InputError(f"found {shown(name)}, which is no parameter{hint}", source=path, field="name")
+            raise InputError(
+                f"found {shown(name)}, which is no parameter{hint}", source=path, field="name", code=Code.TRUTH
+            )
         if unit != _UNIT[name]:
-            raise InputError(f"found {shown(unit)}; allowed: {_UNIT[name]}", source=path, field=f"unit of {name}")
+            raise InputError(
+                f"found {shown(unit)}; allowed: {_UNIT[name]}", source=path, field=f"unit of {name}", code=Code.TRUTH
+            )
         if name in out:
-            raise InputError("found twice; a parameter has one true value", source=path, field=str(name))
+            raise InputError(
+                "found twice; a parameter has one true value", source=path, field=str(name), code=Code.TRUTH
+            )
         if not np.isfinite(value):
-            raise InputError(f"found {shown(value)}; allowed: a finite number", source=path, field=str(name))
+            raise InputError(
+                f"found {shown(value)}; allowed: a finite number", source=path, field=str(name), code=Code.TRUTH
+            )
         out[name] = float(value * _TO_SI[name])
     return out
 
@@ -197,7 +211,9 @@ def _curve(path: Path, ending: str) -> TrueCurves:
     units = MOTION_UNITS if ending == MOTION else MOMENT_UNITS
     first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
     if first != units:
-        raise InputError(f"found {shown(first)}; allowed: '# {units}'", source=path, field="line 1, the units")
+        raise InputError(
+            f"found {shown(first)}; allowed: '# {units}'", source=path, field="line 1, the units", code=Code.TRUTH
+        )
     rows = _read(path)
     known = FILE_COORDINATES if ending == MOTION else FORCE_NAMES
     derived = ("_velocity", "_acceleration") if ending == MOTION else ("_bwh",)
@@ -205,11 +221,17 @@ def _curve(path: Path, ending: str) -> TrueCurves:
     for column in rows.columns:
         if column not in allowed:
             hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
-            raise InputError(f"found {shown(column)}, which is no column{hint}", source=path, field="columns")
+            raise InputError(
+                f"found {shown(column)}, which is no column{hint}", source=path, field="columns", code=Code.TRUTH
+            )
         if column in ("time", *known) and not np.isfinite(pd.to_numeric(rows[column], errors="coerce")).all():
-            raise InputError("found a value that is no finite number; allowed: numbers", source=path, field=column)
+            raise InputError(
+                "found a value that is no finite number; allowed: numbers", source=path, field=column, code=Code.TRUTH
+            )
     if "time" not in rows or len(rows) < 2 or (np.diff(rows["time"]) <= 0).any():
-        raise InputError("found no increasing times; allowed: two rows or more, in s", source=path, field="time")
+        raise InputError(
+            "found no increasing times; allowed: two rows or more, in s", source=path, field="time", code=Code.TRUTH
+        )
     scale = _scale if ending == MOTION else _one
     values = {name: rows[name].to_numpy(dtype=np.float64) * scale(name) for name in known if name in rows}
     return TrueCurves(time=rows["time"].to_numpy(dtype=np.float64), values=values)
@@ -219,7 +241,7 @@ def _read(path: Path) -> pd.DataFrame:
     try:
         return pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(f"cannot be read as CSV: {error}", source=path) from None
+        raise InputError(f"cannot be read as CSV: {error}", source=path, code=Code.TRUTH) from None
 
 
 def _scale(coordinate: str) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
@@ -38,12 +39,18 @@ def read_landmarks(path: Path) -> dict[str, Array]:
     try:
         rows = pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(f"cannot be read as CSV: {error}", source=path) from None
+        raise InputError(f"cannot be read as CSV: {error}", source=path, code=Code.TRUTH) from None
     if list(rows.columns) != COLUMNS or not len(rows):
-        raise InputError(f"found columns {list(rows.columns)}; allowed: name,x,y,z and a landmark a row", source=path)
+        raise InputError(
+            f"found columns {list(rows.columns)}; allowed: name,x,y,z and a landmark a row",
+            source=path,
+            code=Code.TRUTH,
+        )
     places = rows[COLUMNS[1:]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     if not np.isfinite(places).all():
-        raise InputError("found a place that is no finite number; allowed: m", source=path, field="x,y,z")
+        raise InputError(
+            "found a place that is no finite number; allowed: m", source=path, field="x,y,z", code=Code.TRUTH
+        )
     return dict(zip(map(str, rows["name"]), places, strict=True))
 
 

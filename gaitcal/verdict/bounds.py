@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -96,15 +97,16 @@ def impossible(
         if moments is not None and of_leg is not None and of_leg.any():
             broken += _torques(moments, of_leg, side)
         if broken:
-            found.append(_finding(motion, f"the {word} leg moves or is loaded as no leg can be", side, broken))
+            cause = f"the {word} leg moves or is loaded as no leg can be"
+            found.append(_finding(motion, Code.IMPOSSIBLE_LEG, cause, side, broken))
     if moments is not None and valid is not None and valid.any():
         broken = list(_residual(moments, valid, weight))
         if broken:
-            found.append(_finding(motion, DISAGREE, "", broken))
+            found.append(_finding(motion, Code.FORCES_OF_ANOTHER, DISAGREE, "", broken))
     return tuple(found)
 
 
-def _finding(motion: Motion, cause: str, leg: str, broken: list[_Broken]) -> Finding:
+def _finding(motion: Motion, code: Code, cause: str, leg: str, broken: list[_Broken]) -> Finding:
     broken = sorted(broken, key=lambda b: -b.times)
     marked: BoolArray = np.any([b.frames for b in broken], axis=0)
     when = spans(motion.time, runs(marked))
@@ -117,6 +119,7 @@ def _finding(motion: Motion, cause: str, leg: str, broken: list[_Broken]) -> Fin
         cure="look at labels, gaps and interpolated markers in that time, and at the units of the forces",
         leg=leg,
         weight=10.0 * broken[0].times,
+        code=code,
     )
 
 
@@ -208,4 +211,5 @@ def large_changes(before: Motion, after: Motion, valid: BoolArray | None = None)
         found=f"mean change: {listed([f'{name} {change:+.0f} deg' for change, name in changed])}",
         cure="look at the landmarks of these joints in the static trial, and at the isolated trials" if much else "",
         weight=abs(changed[0][0]) / CHANGED_MUCH_DEG,
+        code=Code.ANGLES_MOVED,
     )

@@ -16,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.verdict.force_causes import Kind
 from gaitcal.verdict.force_choice import Named, Unexplained, choose
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_torques import HOLDS, torque_change
-from gaitcal.verdict.force_words import told
+from gaitcal.verdict.force_words import CODES, told
 
 TOPIC = "forces"
 
@@ -72,6 +73,7 @@ def _findings(named: Named) -> list[Finding]:
             found=found,
             cure=first.cure,
             weight=weight,
+            code=CODES[best.cause.kind],
         )
     ]
 
@@ -90,4 +92,5 @@ def _unexplained(one: Unexplained) -> Finding:
         found=f"the disagreement is {one.size**0.5:.1f} times the usual one",
         cure=cure,
         weight=one.size**0.5 / 2.0,
+        code=Code.UNEXPLAINED_RESIDUAL,
     )

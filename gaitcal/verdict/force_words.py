@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.verdict.force_causes import Kind
 from gaitcal.verdict.force_choice import told_size
 from gaitcal.verdict.force_evidence import ForceEvidence
@@ -186,4 +187,20 @@ WORDS: Mapping[Kind, Callable[[ForceFit, ForceEvidence], Told]] = {
     Kind.CENTRE_UNIT: _plain("the centre of pressure is in {unit}, not in m", "give points of application in m"),
     Kind.EXCHANGED: _exchanged,
     Kind.TRUNK: _trunk,
+}
+CODES: Mapping[Kind, Code] = {
+    Kind.CLOCK: Code.CLOCKS_DIFFER,
+    Kind.PLACE: Code.PLATES_ELSEWHERE,
+    Kind.YAW: Code.PLATE_AXES,
+    Kind.AXES: Code.PLATE_AXES,
+    **dict.fromkeys((Kind.TILT, Kind.MARKERS_TILTED), Code.TILTED),
+    **dict.fromkeys((Kind.GAIN, Kind.VERTICAL_GAIN, Kind.HORIZONTAL_GAIN), Code.FORCE_GAIN),
+    **dict.fromkeys((Kind.FORE_AFT_GAIN, Kind.SIDEWAYS_GAIN), Code.FORCE_GAIN),
+    Kind.FREE_MOMENT: Code.FREE_MOMENT,
+    Kind.OFFSET: Code.PLATE_OFFSET,
+    **dict.fromkeys((Kind.SIGN_FORE_AFT, Kind.SIGN_SIDEWAYS), Code.FORCE_SIGN),
+    **dict.fromkeys((Kind.SIGN_HORIZONTAL, Kind.SIGN_VERTICAL), Code.FORCE_SIGN),
+    **dict.fromkeys((Kind.FORCE_UNIT, Kind.MOMENT_UNIT, Kind.CENTRE_UNIT), Code.FORCE_UNIT),
+    Kind.EXCHANGED: Code.PLATES_EXCHANGED,
+    Kind.TRUNK: Code.TRUNK_WEIGHT,
 }

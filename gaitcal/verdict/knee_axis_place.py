@@ -21,6 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JP_INDEX
@@ -115,6 +116,7 @@ def knee_axis_findings(
             found=found,
             cure=_cure(f"knee_{side}" in isolated, fully=all(p.palpated for p in passes)) if doubted else "",
             weight=worst.times / TIMES,
+            code=Code.KNEE_AXIS,
         )
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.recording.intervals import runs, spans
@@ -117,8 +118,9 @@ def _elsewhere(
     """What became of marker k in some stretches, and the markers that are named with it."""
     label, frames = tracked.labels[k], _mask(stretches, len(distance))
     worst = float(np.nanmax(distance[frames, k]))
-    other = _exchanged_with(tracked, k, frames)
+    other, code = _exchanged_with(tracked, k, frames), Code.MARKER_AWAY
     if other is not None:
+        code = Code.EXCHANGED_LABELS
         cause = f"markers '{label}' and '{tracked.labels[other]}' carry each other's label for a while"
         cure = "label that part again, or leave it out with time = [start, end]"
     elif all(_straight(tracked.measured[s, k]) for s in stretches):
@@ -138,6 +140,7 @@ def _elsewhere(
         cure=cure,
         leg=_leg(tracked.segments[k]),
         weight=(worst - usual) / _limit(tracked, k),
+        code=code,
     )
     return finding, {label} if other is None else {label, tracked.labels[other]}
 
@@ -184,6 +187,7 @@ def _displaced(tracked: TrackedMarkers, k: int, usual: Array) -> Iterator[Findin
         cure=f'weights = {{ "{label}" = 0 }} under [markers], another label, or another static trial',
         leg=_leg(tracked.segments[k]),
         weight=float(usual[k]) / limit,
+        code=Code.MARKER_OFF_STATIC,
     )
 
 

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.linkage import SIDES
 
@@ -55,6 +56,8 @@ class Reason:
     """`r` or `l`; empty where it is about both, or neither."""
     topic: str
     severity: Severity
+    code: Code
+    """Of the worst of its findings: `gaitcal explain` tells what it means."""
 
     @property
     def line(self) -> str:
@@ -220,4 +223,5 @@ def _reason(group: Sequence[Finding]) -> Reason:
         leg=first.leg if len(legs) == 1 else "",
         topic=first.topic,
         severity=first.severity,
+        code=first.code,
     )

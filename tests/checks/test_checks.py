@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.checks import check_study
+from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
@@ -291,7 +292,13 @@ def test_cut_offs(sound: Study, field: str, value: float, severity: Severity, wo
 
 def test_line_names_file_trial_and_cure() -> None:
     finding = Finding(
-        severity=ERROR, topic="units", where="walk", found="found 1800 m", cure="declare mm", source="walk.csv"
+        code=Code.UNIT_OF_LENGTH,
+        severity=ERROR,
+        topic="units",
+        where="walk",
+        found="found 1800 m",
+        cure="declare mm",
+        source="walk.csv",
     )
     assert finding.line == "walk.csv: trial 'walk': units: found 1800 m; declare mm"
 

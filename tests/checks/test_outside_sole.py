@@ -17,6 +17,7 @@ from gaitcal.checks.contacts import Feet, contacts
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.outside_sole import outside_sole
 from gaitcal.checks.plates import PLATES_ELSEWHERE
+from gaitcal.codes import Code
 from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
 from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft_text import study_of
@@ -262,11 +263,16 @@ def test_one_fault_is_told_once(data_dir: Path, tmp_path: Path) -> None:
     heel = walk.marker_set.landmarks["heel_r"][0]
     assert len(told(walk)) == 1
     for topic, words in (("time", "clocks differ"), ("plates", "plate 2: saturated")):
-        blamed = [walk.warning(topic, words, "")]
+        blamed = [walk.warning(topic, words, "", code=Code.CLOCKS_DIFFER)]
         left = list(outside_sole(walk, blamed))
         assert [f.leg for f in left] == ([] if topic == "time" else ["r"])
         assert len(list(outside_sole(walk, [replace(blamed[0], severity=Severity.INFO)]))) == 1
-    assert [f.leg for f in outside_sole(walk, [walk.warning("left its place", f"marker '{heel}'", "")])] == ["l"]
+    assert [
+        f.leg
+        for f in outside_sole(
+            walk, [walk.warning("left its place", f"marker '{heel}'", "", code=Code.MARKER_LEFT_PLACE)]
+        )
+    ] == ["l"]
 
 
 def test_plates_beside_both_feet_are_told_once(data_dir: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from gaitcal.codes import Code
 from gaitcal.cohort import task as tasks
 from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.one_person import CommonSettings, PersonError
@@ -110,7 +111,7 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def stub(person: CohortPerson, out: Path, common: CommonSettings) -> None:
         called.append(person.name)
         if person.name == "Zed":
-            raise PersonError("the static trial is restless", "record it again")
+            raise PersonError("the static trial is restless", "record it again", code=Code.STILLNESS)
         if person.name == "Yan":
             raise ZeroDivisionError("by zero")
         write_result(person, out, common)
@@ -157,9 +158,9 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     assert (cycles.num_row_groups, cycles.metadata.num_rows) == (2, 2 * len(strides("Ann")))
     assert rows(out / FAILURES) == [
         {"person": "Yan", "session": "", "group": "", "folder": "Yan"}
-        | {"cause": "internal error: ZeroDivisionError: by zero", "what_to_do": "please report it"},
+        | {"code": "GC-240", "cause": "internal error: ZeroDivisionError: by zero", "what_to_do": "please report it"},
         {"person": "Zed", "session": "", "group": "", "folder": "Zed"}
-        | {"cause": "the static trial is restless", "what_to_do": "record it again"},
+        | {"code": "GC-040", "cause": "the static trial is restless", "what_to_do": "record it again"},
     ]
     assert [row["column"] for row in rows(out / "columns.csv")] == [column.name for column in COLUMNS]
 

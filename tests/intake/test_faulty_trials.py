@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.intake.draft_text import study_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
@@ -21,7 +22,9 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 
 def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
-    return Finding(severity=severity, topic="plates", where=where, found="x is wrong", cure="do y")
+    return Finding(
+        code=Code.PLATE_OFFSET, severity=severity, topic="plates", where=where, found="x is wrong", cure="do y"
+    )
 
 
 def test_a_faulty_walk_goes_and_is_told(study: Study) -> None:

@@ -70,6 +70,7 @@ def opened(page: Page, preset: str) -> Page:
     """The preset with everything unfolded."""
     page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
     page.run("for (const fold of document.querySelectorAll('details')) fold.open = true")
+    page.run("document.querySelectorAll('.more[aria-expanded=false]').forEach(more => more.click())")
     page.run(SETTLED)
     return page
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from gaitcal.explanations import PARTS
 from gaitcal.gait.symmetry import Average, counting, measure_means
 from gaitcal.page.steps import SHOWN
 from gaitcal.page.view import SCRIPTS
@@ -181,6 +182,10 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path
     assert page.run("gaitcal.state.preset") == "trust"
     assert text(page, ".reasons li > strong") == ["Plates and feet do not agree", "Few markers"]
     assert HOSTILE in text(page, ".reasons li")[0] and "walk 2, left leg" in text(page, ".reasons li")[0]
+    assert text(page, ".explanation summary") == ["What this means, and what to do: GC-073"]
+    assert not page.run("document.querySelector('.explanation').open")
+    assert text(page, ".explanation h3") == list(PARTS)
+    assert text(page, ".explanation > p")[-1] == "The same on the command line: gaitcal explain GC-073"
     assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.gait.spatiotemporal import MEASURES, Stride
 from gaitcal.page import Scene
 from gaitcal.page.packing import floats
 from gaitcal.page.sheet import sheet_rows
+from gaitcal.page.sheet.explained import explained_code
 from gaitcal.page.sheet.sheet import FORMAT
 from gaitcal.page.sheet.trial_curves import Curve, packed_curves
 from gaitcal.page.steps import SHOWN
@@ -65,7 +67,8 @@ def told_sheet(scene: Scene) -> dict[str, Any]:
         "bwh": 1157.4,
     }
     reasons = [
-        {"severity": "error", "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
+        {**explained_code(Code.PRESSURE_LEAVES_FOOT), "severity": "error",
+         "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
     ]  # fmt: skip

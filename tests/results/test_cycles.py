@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,8 @@ from gaitcal.gait.progression import AXES, PELVIS_ANGLES
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION
+from gaitcal.page.packing import FULL
+from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.person.result import Calibration
 from gaitcal.results.cycle_arrays import cycles_to_xarray
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, read_cycles, write_cycles
@@ -228,3 +231,21 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
     assert comments == (lines[0], *CYCLE_HEADER)
     pd.testing.assert_frame_equal(both[both["trial"] == "walk"], rows)
     assert (both["trial"] == "later").sum() == len(cycle_table(whole.model, later))
+
+
+def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Calibration) -> None:
+    """As in the table; the walk is turned, so that the room's axis, or the trial's mean line, would tell others."""
+    trial = next(t for t in whole.trials if t.joint is None and t.strides)
+    lines = [replace(stride, line=0.2 * k - 0.5) for k, stride in enumerate(trial.strides)]
+    turned = replace(trial, strides=tuple(lines))
+    table, sheet = cycle_table(whole.model, [turned]), trial_sheet(whole.model, turned, verdict=None)
+    compared = 0
+    for stride in sheet["strides"]:
+        of = table[(table["side"] == stride["side"]) & (table["stride"] == stride["number"])]
+        for name in PELVIS_ANGLES:
+            packed = stride["pelvis"][name]["value"]
+            steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + FULL
+            value = of[of["variable"] == name]["value"].to_numpy()
+            assert packed["low"] + packed["step"] * steps == pytest.approx(value, abs=packed["step"])
+            compared += 1
+    assert compared >= 3

@@ -102,6 +102,21 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert trials(result / "dynamics" / PAGE) == [["walk2"]]
 
 
+def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
+    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    assert len(sheet["lines"]) == 3 and "mm RMS (walk2)" in sheet["lines"][1]["text"]
+    whole = json.dumps(sheet["sections"]["provenance"])
+    assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
+    assert "was edited since" not in whole
+    assert sheet["sections"]["joints"][1:] == read_sheet(folder / "result" / SHEET)["sections"]["joints"]
+    assert "walk2.csv" in json.dumps(sheet["trials"][0]["sections"]["provenance"])
+    with_another_model(folder / "result")
+    assert run("dynamics", folder / "result", trial(folder, "walk3"), "-q").exit_code == 0
+    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    assert [line["text"][:6] for line in sheet["lines"]][2] == "walk3:"
+    assert "was edited since" in json.dumps(sheet["sections"]["provenance"])
+
+
 @pytest.mark.parametrize("name", ["report.html", "view.html"])
 def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
     text = (folder / "result" / name).read_text(encoding="utf-8")

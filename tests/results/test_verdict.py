@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.codes import Code
 from gaitcal.commands.calibrate import run as run_calibrate
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
@@ -29,7 +30,14 @@ from tests.synthetic_studies import write_synthetic_study
 def with_finding(severity: Severity, where: str, leg: str = "", topic: str = "forces") -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        severity=severity, topic=topic, where=where, cause="the forces come late", found="by 60 ms", cure="do", leg=leg
+        code=Code.CLOCKS_DIFFER,
+        severity=severity,
+        topic=topic,
+        where=where,
+        cause="the forces come late",
+        found="by 60 ms",
+        cure="do",
+        leg=leg,
     )
     walks = [t.name for t in whole.trials if t.joint is None]
     return withdrawn(replace(whole, findings=(finding,), verdict=judge([finding], walks)))
@@ -53,6 +61,7 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
     assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word  # type: ignore[index,call-overload]
     (reason,) = told["reasons"]  # type: ignore[misc]
     assert reason == {
+        "code": "GC-069",
         "cause": "the forces come late",
         "evidence": "by 60 ms",
         "action": "do",

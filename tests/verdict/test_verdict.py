@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.verdict.bounds import DISAGREE
@@ -25,7 +26,15 @@ JUDGED = {Severity.INFO: GOOD, Severity.WARNING: DOUBTFUL, Severity.ERROR: REFUS
 
 def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weight: float = 1.0) -> Finding:
     return Finding(
-        severity=severity, topic="forces", where=where, cause=cause, found="3 mm", cure="do", leg=leg, weight=weight
+        code=Code.CLOCKS_DIFFER,
+        severity=severity,
+        topic="forces",
+        where=where,
+        cause=cause,
+        found="3 mm",
+        cure="do",
+        leg=leg,
+        weight=weight,
     )
 
 
@@ -118,7 +127,7 @@ def test_the_worst_of_one_severity_is_told_first() -> None:
 
 def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> None:
     def plain(where: str, text: str) -> Finding:
-        return Finding(severity=Severity.WARNING, topic="gaps", where=where, found=text, cure="fill")
+        return Finding(code=Code.GAPS, severity=Severity.WARNING, topic="gaps", where=where, found=text, cure="fill")
 
     (told,) = reasons([plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")])
     assert told.trials == ("a", "b")
@@ -128,7 +137,9 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
 
 def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
     def finding(topic: str, where: str, cause: str, severity: Severity = Severity.WARNING) -> Finding:
-        return Finding(severity=severity, topic=topic, where=where, cause=cause, found="", cure="")
+        return Finding(
+            code=Code.FORCES_CONTRADICT, severity=severity, topic=topic, where=where, cause=cause, found="", cure=""
+        )
 
     contradicted = finding(FORCES, "walk", CONTRADICTED)
     late, everywhere = (finding(FORCES, where, "the forces come late") for where in ("walk", STUDY))

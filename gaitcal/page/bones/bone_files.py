@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.page.body_meshes import Mesh, read_stl
 from gaitcal.page.bones.bone_shape import with_fewer_triangles
@@ -102,7 +103,9 @@ def bones_of_folder(folder: Path) -> BoneMeshes:
         No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not the metre.
     """
     if not folder.is_dir():
-        raise InputError("found no such folder; allowed: OpenSim's `Geometry`, or one like it", source=folder)
+        raise InputError(
+            "found no such folder; allowed: OpenSim's `Geometry`, or one like it", source=folder, code=Code.NO_FILE
+        )
     meshes = _read({path.name: path for path in sorted(folder.iterdir()) if path.is_file()})
     _check(meshes, folder)
     return BoneMeshes(meshes, f"the folder {folder.name}", "")
@@ -117,7 +120,7 @@ def _read(files: dict[str, Path]) -> dict[str, Mesh]:
             try:
                 meshes[bone] = _READERS[path.suffix](path.read_bytes())
             except (OSError, ValueError) as error:
-                raise InputError(f"cannot be read as a surface: {error}", source=path) from error
+                raise InputError(f"cannot be read as a surface: {error}", source=path, code=Code.BONES) from error
     if "spine" in meshes:
         meshes = {bone: mesh for bone, mesh in meshes.items() if bone not in _WHOLE_SPINE}
     return meshes
@@ -127,11 +130,14 @@ def _check(meshes: dict[str, Mesh], source: Path) -> None:
     missing = [bone for bone in NEEDED if bone not in meshes]
     if missing:
         names = "; ".join(f"{bone}: {' or '.join(_BONES[bone].stems)}" for bone in missing)
-        raise InputError(f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}", source=source)
+        raise InputError(
+            f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}", source=source, code=Code.BONES
+        )
     length = float(np.ptp(meshes["femur"].vertices[:, 1]))
     low, high = _ALLOWED_LENGTH
     if not low <= length <= high:
         raise InputError(
             f"found a femur that is {length:.3g} high along y; allowed: {low:g} to {high:g} m (metres, y up)",
             source=source,
+            code=Code.BONES,
         )

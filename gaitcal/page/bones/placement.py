@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
@@ -106,6 +107,7 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
         raise InputError(
             f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",
             source=bones.source,
+            code=Code.BONES,
         ) from error
     return found
 

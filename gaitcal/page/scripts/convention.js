@@ -53,16 +53,27 @@ Gaitcal.Convention = class {
 
   title(base, kind) {
     if (kind === "force") return Gaitcal.GROUND[base]?.[0] ?? base;
-    const joint = this.sheet.joints.find(({ power }) => power === base);
-    if (kind === "power" && joint) return `${joint.title} power, all axes`;
+    const joint = this.total(base);
+    if (kind === "power" && joint) return `${joint.title} power`;
     const title = this.sheet.rows.get(base)?.title ?? base;
     return kind === "angle" ? title : `${title} ${Gaitcal.KINDS[kind]}`;
+  }
+
+  // The joint of which a power is the sum over all axes.
+  total(base) {
+    return this.sheet.joints.find(({ power }) => power === base);
+  }
+
+  // "N·m/kg, + extension".
+  brief(base, kind, side) {
+    const whole = kind === "power" && this.total(base) ? ["all axes"] : [];
+    return [this.unit(kind), `+ ${this.positive(base, kind, side)}`, ...whole].join(", ");
   }
 
   // "N·m/kg, + extension, internal".
   words(base, kind, side) {
     const whose = kind === "moment" ? [this.external ? "external" : "internal"] : [];
-    return [this.unit(kind), `+ ${this.positive(base, kind, side)}`, ...whose].join(", ");
+    return [this.brief(base, kind, side), ...whose].join(", ");
   }
 
   flipped(base) {

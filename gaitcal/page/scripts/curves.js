@@ -47,9 +47,8 @@ Gaitcal.Curves = class {
     this.host.replaceChildren();
     if (!this.strides.sheet) return;
     this.known = new Set(this.strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials.flatMap(({ packed }) => packed.curves.map((curve) => `${curve.base}/${curve.kind}`))));
-    for (const joint of this.strides.sheet.joints) this.group(joint);
-    const ground = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null }));
-    this.place("ground", "Ground reactions", ground.filter((subject) => this.has(subject)), "flow");
+    for (const joint of this.strides.sheet.joints) this.place(Gaitcal.jointGroup(joint, this));
+    this.place(Gaitcal.groundGroup(this));
     this.top = element("div", "curve-top");
     this.top.append(this.legend.root, this.sentence);
     this.host.append(element("h2", "unseen", "Curves"), this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
@@ -62,46 +61,11 @@ Gaitcal.Curves = class {
     return this.known.has(`${base}/${kind}`);
   }
 
-  // A joint: angle, moment and power of each coordinate in a row. What has angles alone stands side by side.
-  group({ joint, title, power, rows }) {
-    const subjects = rows.flatMap(({ base }, i) =>
-      ["angle", "moment", "power"].flatMap((kind) => {
-        const total = { base: power, kind, joint };
-        const own = { base, kind, joint };
-        const first = kind === "power" && i === 0 && power && this.has(total) ? [total] : [];
-        const detail = kind === "power" && this.has(own) && power !== base ? [{ ...own, detail: true }] : [];
-        return kind === "power" ? [...first, ...detail] : this.has(own) ? [own] : [];
-      }),
-    );
-    const flow = !subjects.some(({ kind }) => kind !== "angle");
-    this.place(joint, title, subjects, flow ? "flow" : "columns");
-  }
-
-  place(joint, title, subjects, layout) {
-    if (!subjects.length) return;
-    const element = Gaitcal.curvePart;
-    const folded = joint === "arm";
-    const root = element(folded ? "details" : "section", `curve-group ${layout}`);
-    root.dataset.joint = joint;
-    const heading = element("h3", "", title);
-    if (folded) {
-      const summary = element("summary");
-      summary.append(heading);
-      root.append(summary);
-    } else root.append(heading);
-    const columns = element("div", "curve-columns");
-    columns.setAttribute("aria-hidden", "true");
-    for (const text of layout === "flow" ? [] : ["Angle", "Moment", "Power"]) columns.append(element("span", "", text));
-    const cells = element("div", "curve-cells");
-    const panels = subjects.map((subject) => new Gaitcal.Panel(subject, this));
-    for (const panel of panels) {
-      panel.root.classList.toggle("detail", Boolean(panel.subject.detail));
-      cells.append(panel.root);
-    }
-    root.append(columns, cells);
-    this.grid.append(root);
-    this.groups.push({ joint, root, cells, panels });
-    this.panels.push(...panels);
+  place(group) {
+    if (!group.panels.length) return;
+    this.grid.append(group.root);
+    this.groups.push(group);
+    this.panels.push(...group.panels);
   }
 
   // Where there is room for one column only, what kind of curve it holds.
@@ -271,13 +235,16 @@ Gaitcal.Curves = class {
         if (side) panel.lead = side;
         if (panel.title.type === "button") panel.title.setAttribute("aria-pressed", String(chosen));
       }
-      // Where the body stands above the curves, it would be scrolled away.
-      if (chosen && move && window.matchMedia("(min-width: 761px)").matches) {
-        const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-        group.root.scrollIntoView({ block: "nearest", behavior: still ? "auto" : "smooth" });
-      }
     }
     this.schedule();
+    if (move) this.reveal(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+  }
+
+  // The enlarged curves come into view; where the body stands above the curves, it would be scrolled away.
+  reveal(smooth) {
+    const large = this.groups.find(({ root }) => root.classList.contains("large"));
+    if (!large || this.host.hidden || !window.matchMedia("(min-width: 761px)").matches) return;
+    large.root.scrollIntoView({ block: "start", behavior: smooth ? "smooth" : "auto" });
   }
 
   // For paper: all panels at once, light, at twice the density, by kind; and back.

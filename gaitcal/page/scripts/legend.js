@@ -24,7 +24,7 @@ Gaitcal.CurveLegend = class {
       ["thin", "other strides", percent && !means && Math.max(...counts) > 1],
       ["nominal", "nominal model", state.nominal && has("nominal")],
       ["truth", "truth", state.truth && has("truth")],
-      ["norm", "healthy people, mean \u00b1 SD", state.norm && percent && strides.sheet.bands.length > 0],
+      ["norm", "healthy, mean \u00b1 SD", state.norm && percent && strides.sheet.bands.length > 0],
       ["invalid", "not valid", true],
       ["off", "toe-off", percent],
       ["stance", "foot on the ground", !percent],

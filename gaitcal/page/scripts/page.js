@@ -2,8 +2,10 @@
 // Everything together: results, what is chosen of them, and all that draws.
 Gaitcal.Page = class {
   constructor(results) {
-    this.results = results.map((result) => ({
+    const alike = results.length > 1 && results[0].name === results[1].name;
+    this.results = results.map((result, i) => ({
       ...result,
+      name: alike ? `${result.name || result.scene.subject} (${i + 1})` : result.name,
       trials: result.scene.trials.map((packed) => new Gaitcal.Trial(packed, result.scene)),
     }));
     this.state = new Gaitcal.State(this.results);
@@ -33,6 +35,8 @@ Gaitcal.Page = class {
     this.steps = part(Gaitcal.Steps, "steps");
     this.sections = part(Gaitcal.Sections, "sections");
     this.print = part(Gaitcal.Print, "print");
+    // A joint that the address names is looked at once everything below has its place.
+    requestAnimationFrame(() => this.curves.reveal(false));
   }
 
   get result() {

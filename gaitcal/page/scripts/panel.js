@@ -61,8 +61,11 @@ Gaitcal.Panel = class {
     const { base, kind } = this.subject;
     const convention = this.curves.conventions[this.state.result];
     this.title.textContent = convention.title(base, kind);
-    this.unit.textContent = convention.words(base, kind, this.strides.percent ? "r" : "");
-    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}`);
+    const side = this.strides.percent ? "r" : "";
+    this.words = convention.words(base, kind, side);
+    // On the screen the row of switches says whose moments they are.
+    this.unit.textContent = this.curves.density > 1 ? this.words : convention.brief(base, kind, side);
+    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.words}`);
   }
 
   // How large its plot is; null while it is hidden.
@@ -77,7 +80,7 @@ Gaitcal.Panel = class {
     this.traces = new Gaitcal.Traces(this.subject, this.strides, this.curves.conventions);
     this.traces.offs = this.traces.percent ? this.curves.offs : [];
     this.traces.stances = this.traces.percent ? [] : this.curves.stances;
-    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.unit.textContent}. ${this.curves.summary(this)}`);
+    this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.words}. ${this.curves.summary(this)}`);
     const [width, height] = size.map((length) => length * this.curves.density);
     this.place.classList.toggle("empty", !this.traces.lines.length);
     const data = [this.traces.x, this.traces.y];

@@ -129,14 +129,14 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
     return [change - (row.se ?? 0), change + (row.se ?? 0), row.truth == null ? 0 : row.truth - from(row)];
   });
   const axis = new Gaitcal.Axis(ends, { unit, zero: true });
+  // Where a row's bounds stand, as far as the picture reaches.
+  const boundsOf = (row) =>
+    (row.bounds ?? []).filter((bound) => bound !== null && axis.inside(bound - from(row))).map((bound) => bound - from(row));
   const marks = (row, y) => {
     const [change, side] = [row.fitted - from(row), Gaitcal.SIDE_WORDS[row.side] ?? "middle"];
     const out = [];
-    for (const bound of row.bounds ?? []) {
-      const at = bound - from(row);
-      if (bound !== null && axis.inside(at))
-        out.push(Gaitcal.svg("line", { class: "bound", x1: axis.at(at), x2: axis.at(at), y1: y - 7, y2: y + 7 }));
-    }
+    for (const at of boundsOf(row))
+      out.push(Gaitcal.svg("line", { class: "bound", x1: axis.at(at), x2: axis.at(at), y1: y - 7, y2: y + 7 }));
     if (row.se)
       out.push(
         Gaitcal.svg("line", {
@@ -164,7 +164,7 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
     );
   const key = Gaitcal.sideKeys(known);
   if (truths) key.push(Gaitcal.keyOf([Gaitcal.svg("circle", { class: "truth", cx: 13, cy: 7, r: 5.5 })], "truth"));
-  if (known.some((row) => row.bounds))
+  if (known.some((row) => boundsOf(row).length))
     key.push(Gaitcal.keyOf([Gaitcal.svg("line", { class: "bound", x1: 13, x2: 13, y1: 0, y2: 14 })], "bound"));
   return Gaitcal.picture(
     blocks.subject,

@@ -19,11 +19,23 @@ Gaitcal.Print = class {
       Gaitcal.make("section", { class: "leaf" }, ...curves.kinetics, this.steps(curves.notes)),
       Gaitcal.make("section", { class: "appendix" }, ...curves.peaks, ...this.appendix(sheet)),
     );
-    // What a reader has unfolded is printed.
+    this.unfold();
+  }
+
+  // What speaks against the result is printed, and what a reader has unfolded, or everything on demand; what is left
+  // out is counted, and named where it stands.
+  unfold() {
     const open = new Set(
       [...document.querySelectorAll("#panel details[open] > summary")].map(({ textContent }) => textContent),
     );
-    for (const fold of this.host.querySelectorAll("details")) fold.open = open.has(fold.firstElementChild.textContent);
+    const every = document.getElementById("print-all").checked;
+    const folds = [...this.host.querySelectorAll("details")];
+    for (const fold of folds)
+      fold.open = every || fold.closest(".reasons") !== null || open.has(fold.firstElementChild.textContent);
+    const left = folds.filter((fold) => !fold.open && !fold.parentElement.closest("details:not([open])")).length;
+    if (!left) return;
+    const words = `${left} parts that are folded on the screen are not printed; their titles stand where they belong. To print them too: Layers, About this page.`;
+    this.host.querySelector(".appendix").prepend(Gaitcal.make("p", { class: "soft left-out" }, words));
   }
 
   clear() {

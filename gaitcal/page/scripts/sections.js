@@ -1,5 +1,6 @@
 "use strict";
-// Below the curves, what a preset tells: of the person first, then of the chosen trial.
+// Below the curves, what a preset tells: of the person first, then of the chosen trial. Trust tells in between what
+// makes the error of the trial's peak moments, as the person is asked about that first.
 
 Gaitcal.TITLES = {
   clinician: "About these curves",
@@ -13,17 +14,24 @@ Gaitcal.TITLES = {
 Gaitcal.presetParts = (scope, sheet, preset, trials) => {
   const out = document.createDocumentFragment();
   const [title, own] = [Gaitcal.TITLES[preset] ?? "", sheet.sections?.[preset] ?? []];
-  if (own.length || preset === "trust") out.append(Gaitcal.make("h2", {}, title));
-  if (preset === "trust") out.append(Gaitcal.reasons(sheet));
-  out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own));
+  const trust = preset === "trust";
+  if (own.length || trust) out.append(Gaitcal.make("h2", {}, title));
+  if (trust) out.append(Gaitcal.reasons(sheet));
+  const heading = own.findIndex(({ kind }) => kind === "heading");
+  const first = trust && heading >= 0 ? heading : own.length;
+  out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(0, first)));
   for (const trial of trials) {
     const blocks = trial.sections?.[preset];
     if (!blocks?.length) continue;
     const name = Gaitcal.visible(trial.name);
     const told = blocks[0].kind === "heading" && Gaitcal.visible(blocks[0].text).includes(name);
-    const heading = Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
+    const above = Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
     const parts = new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks);
-    out.append(Gaitcal.make("div", { class: "of-trial" }, told ? null : heading, parts));
+    out.append(Gaitcal.make("div", { class: "of-trial" }, told ? null : above, parts));
+  }
+  if (first < own.length) {
+    out.append(Gaitcal.make("h2", { class: "of-all" }, "The whole calibration"));
+    out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(first)));
   }
   return out;
 };

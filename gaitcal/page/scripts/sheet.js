@@ -150,9 +150,16 @@ Gaitcal.Curve = class {
       const places = this.trial.places(stride);
       const lay = (values) => values && Float64Array.from(places, (place) => Gaitcal.mixed(values, place));
       const valid = Uint8Array.from(places, ({ low, high, share }) => Number(share >= 0 && this.valid[low] && this.valid[high]));
-      this.laid.set(stride, this.record(Gaitcal.PERCENTS, lay, valid));
+      this.laid.set(stride, { ...this.record(Gaitcal.PERCENTS, lay, valid), ...this.along(stride) });
     }
     return this.laid.get(stride);
+  }
+
+  // Angles of the pelvis are against the line of each stride, as in `cycles.csv`; over time, against that of the trial.
+  along({ pelvis }) {
+    const { base, kind } = this.packed;
+    const own = kind === "angle" ? Object.entries(pelvis?.[base] ?? {}) : [];
+    return Object.fromEntries(own.map(([part, packed]) => [part, Float64Array.from(new Gaitcal.Lengths(packed).all())]));
   }
 
   // The curve over the time of the trial; of a long one the least and greatest value of each stretch.

@@ -1,5 +1,8 @@
 "use strict";
-// The controls of what is shown of the curves and in which convention; those without a meaning here are not shown.
+// The controls of what is shown of the curves and in which convention; those without a meaning here are not shown. The
+// usual ones stand in a row, the others behind a button that says which of them are not as they were at first.
+Gaitcal.USUAL = ["axis", "spread", "unit", "errors", "norm"];
+
 Gaitcal.Switches = class {
   constructor(host, page) {
     this.page = page;
@@ -15,12 +18,11 @@ Gaitcal.Switches = class {
     host.setAttribute("aria-label", "How curves are drawn");
     const choices = [
       [strides, "axis", "Axis", [["percent", "% gait cycle"], ["time", "time"]]],
-      [strides, "spread", "Strides", [["strides", "every one"], ["mean", "mean \u00b1 SD"]]],
+      [strides, "spread", "Strides", [["strides", "every stride"], ["mean", "mean \u00b1 SD"]]],
       [moments, "unit", "Moments", [["Nm/kg", "N\u00b7m/kg"], ["Nm", "N\u00b7m"], ["%BWH", "% BW\u00b7H"]]],
       [moments, "signs", "Signs", [["opensim", "OpenSim"], ["clinical", "clinical"]]],
-      [moments, "acting", "Acting", [["internal", "internal"], ["external", "external"]]],
-    ];
-    for (const [meant, field, title, options] of choices) if (meant) host.append(this.choice(field, title, options));
+      [moments, "acting", "Moments are", [["internal", "internal"], ["external", "external"]]],
+    ].filter(([meant]) => meant);
     const boxes = [
       [has("se"), "errors", "standard errors"],
       [sheets.some(({ bands }) => bands.length), "norm", "norm band"],
@@ -28,11 +30,60 @@ Gaitcal.Switches = class {
       [has("truth"), "truth", "truth"],
       [page.results.length > 1, "second", "second result"],
     ].filter(([meant]) => meant);
-    if (boxes.length) host.append(this.group("Draw", boxes.map(([, field, title]) => this.box(field, title))));
-    if (trials.some((trial) => trial.strides.length > 1) || trials.length > 1) host.append(this.parts());
-    const fields = [...choices.map(([, field]) => field), "errors", "norm", "nominal", "truth", "second", "off"];
-    this.state.on(fields, () => this.write());
+    const fields = [...choices, ...boxes].map(([, field]) => field);
+    const usual = (field) => Gaitcal.USUAL.includes(field);
+    const made = (wanted) => [
+      ...choices.filter(([, field]) => usual(field) === wanted).map(([, ...choice]) => this.choice(...choice)),
+      ...boxes.filter(([, field]) => usual(field) === wanted).map(([, ...box]) => this.box(...box)),
+    ];
+    const rest = made(false);
+    if (trials.some((trial) => trial.strides.length > 1) || trials.length > 1) rest.push(this.parts());
+    const [button, others] = rest.length ? this.more(rest, fields.filter((field) => !usual(field))) : [];
+    host.append(...[...made(true), button, moments ? this.convention() : null, others].filter(Boolean));
+    this.state.on([...fields, "off"], () => this.write());
     this.write();
+  }
+
+  // Whose moments, and which of their signs, without opening anything.
+  convention() {
+    const told = Gaitcal.element("span", "", "told");
+    told.title = "Moments";
+    this.writers.push(() => {
+      const signs = this.state.signs === "clinical" ? "clinical signs" : "OpenSim\u2019s signs";
+      told.textContent = `${this.state.acting}, ${signs}`;
+    });
+    return told;
+  }
+
+  // The button, and what it opens.
+  more(rest, fields) {
+    const button = Gaitcal.element("button", "", "more");
+    Object.assign(button, { type: "button", id: "switches-more" });
+    const others = Gaitcal.element("div", "", "others");
+    others.id = "switches-others";
+    others.append(...rest);
+    button.setAttribute("aria-controls", others.id);
+    const open = (on) => {
+      others.hidden = !on;
+      button.setAttribute("aria-expanded", String(on));
+    };
+    button.addEventListener("click", () => open(others.hidden));
+    open(false);
+    const first = this.state.defaults();
+    this.writers.push(() => {
+      const set = fields.filter((field) => this.state[field] !== first[field]).map((field) => this.words(field));
+      if (this.state.off.size) set.push("strides left out");
+      button.textContent = set.length ? `More: ${set.join(", ")}` : "More";
+    });
+    return [button, others];
+  }
+
+  // A choice in words: "external", "no truth".
+  words(field) {
+    const value = this.state[field];
+    if (typeof value !== "boolean") return value;
+    const title = document.getElementById(`switch-${field}`).labels[0].textContent;
+    return value ? title : `no ${title}`;
   }
 
   write() {
@@ -40,7 +91,9 @@ Gaitcal.Switches = class {
   }
 
   choice(field, title, options) {
-    const label = Gaitcal.element("label", title, "pick");
+    const label = Gaitcal.element("label", "", "pick");
+    label.title = title;
+    label.append(Gaitcal.element("span", title, Gaitcal.USUAL.includes(field) ? "unseen" : ""));
     const select = document.createElement("select");
     select.id = `switch-${field}`;
     for (const [value, text] of options) select.add(new Option(text, value));
@@ -48,12 +101,6 @@ Gaitcal.Switches = class {
     this.writers.push(() => (select.value = this.state[field]));
     label.append(select);
     return label;
-  }
-
-  group(title, boxes) {
-    const set = document.createElement("fieldset");
-    set.append(Gaitcal.element("legend", title), ...boxes);
-    return set;
   }
 
   box(field, title) {

@@ -70,11 +70,50 @@ Gaitcal.Verdict = class {
       return made;
     };
     const shown = results.filter((result, index) => result.sheet && (index === state.result || state.second));
-    this.host.replaceChildren(
-      Gaitcal.make("div", { class: "judgements" }, ...shown.map(button)),
-      Gaitcal.verdictLines(sheet),
-    );
+    const lines = Gaitcal.verdictLines(sheet);
+    lines.id = "verdict-lines";
+    this.host.replaceChildren(Gaitcal.make("div", { class: "judgements" }, ...shown.map(button), this.more(lines)), lines);
   }
+
+  // Where the window is narrow, one line is shown until more is asked for.
+  more(lines) {
+    if (lines.children.length < 2) return null;
+    const button = Gaitcal.make("button", { type: "button", class: "more", "aria-controls": lines.id });
+    const write = () => {
+      lines.classList.toggle("folded", !this.unfolded);
+      button.setAttribute("aria-expanded", String(Boolean(this.unfolded)));
+      button.textContent = this.unfolded ? "Less" : "More";
+    };
+    button.addEventListener("click", () => {
+      this.unfolded = !this.unfolded;
+      write();
+    });
+    write();
+    return button;
+  }
+};
+
+// Reasons of more letters than this are folded: what they make of the moments stands below them.
+Gaitcal.FEW_LETTERS = 320;
+
+// What speaks for a reason, and what to do about it.
+Gaitcal.told = (evidence, action) => {
+  const parts = [
+    evidence ? Gaitcal.make("p", {}, Gaitcal.capital(Gaitcal.visible(evidence))) : null,
+    action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
+  ].filter(Boolean);
+  if (evidence.length + action.length <= Gaitcal.FEW_LETTERS) return parts;
+  return [Gaitcal.fold(action ? "What was found, and what to do" : "What was found", ...parts)];
+};
+
+// The page of a code, as `gaitcal explain` prints it, folded away below its reason.
+Gaitcal.explanation = (code, page) => {
+  const title = `What this means, and what to do: ${Gaitcal.visible(code)}`;
+  const blocks = new Gaitcal.Blocks({ trial: null }, 2, title).all(page);
+  const command = Gaitcal.make("p", { class: "soft" }, `The same on the command line: gaitcal explain ${code}`);
+  const made = Gaitcal.fold(title, blocks, command);
+  made.classList.add("explanation");
+  return made;
 };
 
 // Sentence, reasons (the worst first), walks and legs: at the head of the preset trust.
@@ -86,7 +125,7 @@ Gaitcal.reasons = ({ verdict, trials }) => {
     Gaitcal.make("p", { class: "whole" }, Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)),
   );
   const severities = { error: "error", warning: "warning", info: "to know" };
-  const reason = ({ severity, cause, evidence, action, trials: where, leg }) => {
+  const reason = ({ severity, cause, evidence, action, trials: where, leg, code, page }) => {
     const places = [
       ...where.map(Gaitcal.named),
       ...(Gaitcal.SIDE_WORDS[leg] ? [`${Gaitcal.SIDE_WORDS[leg]} leg`] : []),
@@ -99,8 +138,8 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       " ",
       Gaitcal.make("strong", {}, Gaitcal.capital(Gaitcal.visible(cause))),
       places.length ? Gaitcal.make("span", { class: "soft" }, " ", ...listed) : null,
-      evidence ? Gaitcal.make("p", {}, Gaitcal.visible(evidence)) : null,
-      action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
+      ...Gaitcal.told(evidence, action),
+      page?.length ? Gaitcal.explanation(code, page) : null,
     );
   };
   if (verdict.reasons.length) out.append(Gaitcal.make("ol", {}, ...verdict.reasons.map(reason)));
@@ -112,7 +151,10 @@ Gaitcal.reasons = ({ verdict, trials }) => {
       head: ["Trial", ...["Verdict", "Right leg", "Left leg"].map((t) => ({ t, align: "text" }))],
       rows: judged.map(({ name, verdict: { judgement, r, l } }) => [name, cell(judgement), cell(r), cell(l)]),
     };
-    out.append(Gaitcal.scroller(Gaitcal.table(table, "Verdict of each trial"), "Verdict of each trial"));
+    const place = Gaitcal.scroller(Gaitcal.table(table, "Verdict of each trial"), "Verdict of each trial");
+    const words = new Set(judged.flatMap(({ verdict: { judgement, r, l } }) => [judgement, r, l]));
+    const alike = words.size === 1 && judged.length > 1;
+    out.append(alike ? Gaitcal.fold(`All trials, both legs: ${[...words][0]}`, place) : place);
   }
   return out;
 };

@@ -4,6 +4,15 @@
 study.
 """
 
+from gaitcal.page.sections.further import Origin, further_lines, further_sections, recorded_blocks
 from gaitcal.page.sections.sections import result_lines, result_sections, trial_sections
 
-__all__ = ["result_lines", "result_sections", "trial_sections"]
+__all__ = [
+    "Origin",
+    "further_lines",
+    "further_sections",
+    "recorded_blocks",
+    "result_lines",
+    "result_sections",
+    "trial_sections",
+]

@@ -13,7 +13,7 @@ from gaitcal.page.sections.clinician import complete_strides
 from gaitcal.page.sections.error_bars import FIRST, PeakError, peak_error
 from gaitcal.page.sections.gait_numbers import GaitNumbers
 from gaitcal.person.marker_fit import leg_fit
-from gaitcal.person.result import Calibration
+from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.verdict.verdict import Judgement
 
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
@@ -35,7 +35,8 @@ class Line:
 
 def top_lines(calibration: Calibration, walks: Sequence[GaitNumbers]) -> tuple[Line, ...]:
     """Of a calibration with these walks."""
-    return _believed(calibration), _agrees(calibration, walks), _counts(calibration, walks)
+    mass = calibration.model.subject.mass
+    return _believed(calibration), agreement_line(calibration.trials, walks), counting_line(mass, walks)
 
 
 def _believed(calibration: Calibration) -> Line:
@@ -51,29 +52,30 @@ def _believed(calibration: Calibration) -> Line:
     return Line(tone, visible(words))
 
 
-def _agrees(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:
-    fit, residual = _fit(calibration), _residual(walks)
+def agreement_line(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
+    """How near the model is to the markers of these trials, and to the forces of these walks."""
+    fit, residual = _fit(trials), _residual(walks)
     told = [line for line in (fit, residual) if line is not None]
     if not told:
         return Line("plain", "Nothing was fitted: this study has no moving trial.")
     return Line(max((line.tone for line in told), key=ORDER.index), " ".join(line.text for line in told))
 
 
-def _fit(calibration: Calibration) -> Line | None:
+def _fit(every: Sequence[TrialResult]) -> Line | None:
     """Of the walk, or other trial, that is met worst against what its joints could reach."""
-    trials = [t for t in calibration.trials if t.joint is None] or list(calibration.trials)
+    trials = [t for t in every if t.joint is None] or list(every)
     fits = [(fit, t) for t in trials if (fit := leg_fit(t)).calibrated is not None]
     if not fits:
         return None
     fit, trial = max(fits, key=lambda pair: pair[0].joint_ratio or pair[0].ratio or 0.0)
-    of = "markers of pelvis and legs" if trial.joint is None else "markers"
-    words = f"The model follows the {of} to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
+    of = "Markers of pelvis and legs" if trial.joint is None else "Markers"
+    words = f"{of} are met to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
     ratio, floor = (fit.joint_ratio, fit.joint_floor) if fit.joint_ratio is not None else (fit.ratio, fit.floor)
     if ratio is None:
         return Line("plain", visible(f"{words}."))
-    least = "each joint by itself reaches" if fit.joint_ratio is not None else "rigid segments alone reach"
+    least = "each joint by itself to" if fit.joint_ratio is not None else "rigid segments alone to"
     tone = "good" if ratio <= GOOD_RATIO else "look" if ratio <= FAIR_RATIO else "poor"
-    return Line(tone, visible(f"{words}; {least} {number(floor)} mm."))
+    return Line(tone, visible(f"{words}, {least} {number(floor)} mm."))
 
 
 def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
@@ -86,18 +88,18 @@ def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
     last, limits = walk.stages[-1], walk.limits
     if limits is None:
         return None
-    words = f"Forces and motion agree but for {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
+    words = f"Forces and motion agree to {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
     if excess <= 1.0:
         return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
     peaks = (
-        f"peaks {number(last.peak_force, 0)} N (common limit {number(limits.force, 0)}) and "
-        f"{number(last.peak_moment, 0)} N·m ({number(limits.moment, 0)})"
+        f"peaks {number(last.peak_force, 0)} N and {number(last.peak_moment, 0)} N·m "
+        f"(limits {number(limits.force, 0)}, {number(limits.moment, 0)})"
     )
     return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
 
 
-def _counts(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:
-    """Strides with valid moments, and the largest knee adduction moment of each leg with its error."""
+def counting_line(mass: float, walks: Sequence[GaitNumbers]) -> Line:
+    """Strides with valid moments, and the largest knee adduction moment of each leg with its error. `mass`: kg."""
     if not walks:
         return Line("plain", "No walk: joint parameters alone.")
     loaded = [walk for walk in walks if walk.numbers]
@@ -110,7 +112,6 @@ def _counts(calibration: Calibration, walks: Sequence[GaitNumbers]) -> Line:
     total = {side: sum(n for _, n in found) for side, found in strides.items()}
     told = [f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES]
     words = f"Moments count throughout {told[0]} and {told[1]} strides."
-    mass = calibration.model.subject.mass
     peaks = [peak for side in SIDES if (peak := _largest(loaded, side, mass)) is not None]
     if peaks:
         both = ", ".join(_peak(peak) for peak in peaks)

@@ -44,7 +44,8 @@ def with_monte_carlo(
     sections = dict(sheet.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
     new = [{**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)]
-    return {**sheet, "sections": {**sections, PRESET: [*kept, *new]}}
+    first = next((k for k, block in enumerate(kept) if block["kind"] == "heading"), len(kept))
+    return {**sheet, "sections": {**sections, PRESET: [*kept[:first], *new, *kept[first:]]}}
 
 
 def monte_carlo_blocks(

@@ -110,18 +110,18 @@ def _assumptions(calibration: Calibration) -> list[Block]:
         out.append(text("Nothing beyond the study file."))
     of_trials = {trial.name: f"{trial.name}: " for trial in calibration.trials}
     every = [note for note in calibration.notes if not note.startswith(tuple(of_trials.values()))]
-    out += _notes(every)
+    out += note_blocks(every)
     for name, begin in of_trials.items():
         if own := [note.removeprefix(begin) for note in calibration.notes if note.startswith(begin)]:
-            out.append(fold(f"Trial {named(name)}: {counted(len(own), 'note')}", _notes(own)))
+            out.append(fold(f"Trial {named(name)}: {counted(len(own), 'note')}", note_blocks(own)))
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
         out.append(text(f"Held still, as no marker moves with them: {held}."))
     return out
 
 
-def _notes(notes: Sequence[str]) -> list[Block]:
-    """A list; long ones stand below it, folded away."""
+def note_blocks(notes: Sequence[str]) -> list[Block]:
+    """Notes as a list; long ones stand below it, folded away."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
     long = [fold(f"{note[:120]}…", [text(note)]) for note in notes if len(note) > LONG_NOTE]
     return [bullets(short), *long] if short else [*long]

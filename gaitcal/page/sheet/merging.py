@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from gaitcal.codes import Code
 from gaitcal.page.sections.blocks import visible
 from gaitcal.page.sections.lines import TONES
+from gaitcal.page.sheet.explained import explained_code
 from gaitcal.verdict.verdict import Judgement, TrialVerdict, Verdict
 
 
@@ -14,8 +16,12 @@ def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]
     """A sheet of further trials, after those of an earlier one that it does not hold itself."""
     names = {trial["name"] for trial in new["trials"]}
     kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
-    verdict = _joined(kept, new)
-    return {**new, "trials": [*kept["trials"], *new["trials"]], "verdict": verdict, "lines": [verdict_line(verdict)]}
+    verdict, rest = _joined(kept, new), list(new["lines"][1:])
+    if kept["trials"]:
+        last = ", ".join(visible(name) for name in sorted(names))
+        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
+    lines = [verdict_line(verdict), *rest]
+    return {**new, "trials": [*kept["trials"], *new["trials"]], "verdict": verdict, "lines": lines}
 
 
 def followed_by(sheet: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,7 +64,15 @@ def doubted(sheet: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) ->
     verdict = sheet["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
     new = [
-        {"severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
+        {
+            **explained_code(Code.RESULT_EDITED),
+            "severity": "warning",
+            "cause": cause,
+            "evidence": "",
+            "action": action,
+            "trials": [name],
+            "leg": "",
+        }
         for name, cause, action in doubts
         if (cause, name) not in known
     ]

@@ -11,7 +11,7 @@ sections            preset of the page -> blocks: headings, sentences, tables, p
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from gaitcal.files.package_data import package_version
@@ -20,7 +20,15 @@ from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.variables import coordinate_of, kind_of
 from gaitcal.gait.words import explained
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.page.sections import result_lines, result_sections
+from gaitcal.page.sections import (
+    Origin,
+    further_lines,
+    further_sections,
+    recorded_blocks,
+    result_lines,
+    result_sections,
+)
+from gaitcal.page.sheet.explained import explained_code
 from gaitcal.page.sheet.merging import verdict_line
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.trial_sheet import trial_sheet
@@ -32,14 +40,30 @@ FORMAT: Final = 1
 
 
 def further_sheet(
-    model: SubjectModel, trials: Iterable[TrialResult], verdict: Verdict, relative_to: Mapping[str, float] | None = None
+    model: SubjectModel,
+    trials: Sequence[TrialResult],
+    verdict: Verdict,
+    relative_to: Mapping[str, float] | None = None,
+    origin: Origin | None = None,
 ) -> dict[str, Any]:
-    """The sheet of further trials of a calibrated person; `relative_to` as of `curves_of`."""
-    told = [
-        trial_sheet(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to) for trial in trials
-    ]
+    """The sheet of further trials of a calibrated person.
+
+    Parameters
+    ----------
+    relative_to : as of `curves_of`.
+    origin : the calibration; None where nothing is known of it.
+    """
+    told = []
+    for trial in trials:
+        sheet = trial_sheet(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to)
+        told.append({**sheet, "sections": {**sheet["sections"], "provenance": recorded_blocks(trial)}})
     person = person_sheet(model.subject, verdict)
-    return {**person, "lines": [verdict_line(person["verdict"])], "trials": told, "sections": {}}
+    return {
+        **person,
+        "lines": [verdict_line(person["verdict"]), *(line.as_data() for line in further_lines(model, trials))],
+        "trials": told,
+        "sections": {} if origin is None else further_sections(origin),
+    }
 
 
 def calibration_sheet(
@@ -102,6 +126,7 @@ def verdict_sheet(verdict: Verdict) -> dict[str, Any]:
         "forced": verdict.forced,
         "reasons": [
             {
+                **explained_code(reason.code),
                 "severity": reason.severity.value,
                 "cause": explained(reason.cause),
                 "evidence": explained(reason.evidence),

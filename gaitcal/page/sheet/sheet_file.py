@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.page.sheet.sheet import FORMAT
 
@@ -34,7 +35,7 @@ def read_sheet(path: Path) -> dict[str, Any]:
     try:
         sheet = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
+        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
     if not isinstance(sheet, dict) or sheet.get("format") != FORMAT or not isinstance(sheet.get("trials"), list):
-        raise InputError("is no page of this version; calibrate again", source=path)
+        raise InputError("is no page of this version; calibrate again", source=path, code=Code.NO_RESULT)
     return sheet

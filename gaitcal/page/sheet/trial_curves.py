@@ -115,8 +115,9 @@ def _angles(
     """Joint angles; those of the pelvis against the trial's line of progression."""
     body, frozen, unseen, static = trial.body, set(model.frozen), unseen_frames(trial.body), taken_off(relative_to)
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
-    whole = trial.nominal if trial.nominal.coordinates == body.coordinates else None
-    line = line_of(trial)
+    whole = _whole(trial)
+    rooms = pelvis_parts(trial, truth)
+    along = {part: _along(angles, line_of(trial)) for part, angles in rooms.items()}
     for k, name in enumerate(body.coordinates):
         if name in frozen or is_translation(name):
             continue
@@ -124,19 +125,22 @@ def _angles(
         errors = (trial.coordinate_errors, trial.own_coordinate_errors)
         error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
         base, side = split_side(name)
-        true = known[name].truth - off if name in known else None
+        values = {
+            "value": np.degrees(body.q[:, k]) - off,
+            "nominal": None if whole is None else np.degrees(whole.q[:, k]) - off,
+            "truth": known[name].truth - off if name in known else None,
+        }
+        if name in PELVIS_ANGLES:
+            values = {part: along[part][:, PELVIS_ANGLES.index(name)] if part in along else None for part in values}
         yield Curve(
             base=base,
             side=side,
             kind="angle",
             unit="deg",
-            value=_angle(body, k, line) - off,
             valid=angle_counts(trial, name, unseen) if leg_of(name) else np.full(len(body.time), not trial.is_refused),
             error=error,
             own=own,
-            nominal=None if whole is None else _angle(whole, k, line) - off,
-            # Known against the room: of no use against another line.
-            truth=None if name in PELVIS_ANGLES and line else true,
+            **values,
         )
 
 
@@ -146,13 +150,24 @@ def line_of(trial: TrialResult) -> float:
     return float(np.angle(np.mean(np.exp(1j * np.array(lines))))) if lines else 0.0
 
 
-def _angle(motion: Motion, column: int, line: float) -> Array:
-    """(nf,) deg."""
-    name = motion.coordinates[column]
-    if name in PELVIS_ANGLES:
-        turned = along_line(pelvis_angles(motion), line, np.ones(len(motion.time), dtype=bool))
-        return np.asarray(np.degrees(turned[:, PELVIS_ANGLES.index(name)]))
-    return np.asarray(np.degrees(motion.q[:, column]))
+def pelvis_parts(trial: TrialResult, truth: TrialTruth | None) -> dict[str, Array]:
+    """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES` against the room."""
+    whole, known = _whole(trial), {} if truth is None else truth.coordinates
+    out = {"value": pelvis_angles(trial.body)}
+    if whole is not None:
+        out["nominal"] = pelvis_angles(whole)
+    if all(name in known for name in PELVIS_ANGLES):
+        out["truth"] = np.radians(np.stack([known[name].truth for name in PELVIS_ANGLES], axis=1))
+    return out
+
+
+def _whole(trial: TrialResult) -> Motion | None:
+    return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
+
+
+def _along(angles: Array, line: float) -> Array:
+    """(nf, 3) deg."""
+    return np.asarray(np.degrees(along_line(angles, line, np.ones(len(angles), dtype=bool))))
 
 
 def _moments(model: SubjectModel, loads: LoadedTrial, truth: TrialTruth | None) -> Iterator[Curve]:

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gaitcal.arrays import Array
+from gaitcal.gait.cycles import GaitCycle, normalise
 from gaitcal.gait.gait_event import source_words
-from gaitcal.gait.progression import turns
+from gaitcal.gait.progression import PELVIS_ANGLES, turns
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.words import role_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.packing import floats
+from gaitcal.page.packing import floats, lengths
 from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.page.sections import trial_sections
-from gaitcal.page.sheet.trial_curves import curves_of, line_of, packed_curves
+from gaitcal.page.sheet.trial_curves import curves_of, line_of, packed_curves, pelvis_parts
 from gaitcal.person.result import TrialResult
+from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.truth_errors import TrialTruth
 from gaitcal.verdict.verdict import TrialVerdict
 
@@ -59,7 +62,7 @@ def trial_sheet(
             }
             for e in trial.events.events
         ],
-        "strides": _strides(trial),
+        "strides": _strides(trial, pelvis_parts(trial, truth)),
         "measures": [_measured(stride) for stride in trial.strides],
         "line": line_of(trial),
         "relative": relative_to is not None,
@@ -71,8 +74,8 @@ def _verdict(verdict: TrialVerdict) -> dict[str, str]:
     return {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}}
 
 
-def _strides(trial: TrialResult) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number` as in `cycles.csv`."""
+def _strides(trial: TrialResult, rooms: Mapping[str, Array]) -> list[dict[str, Any]]:
+    """Complete strides of both feet: s from the begin of the trial; `number` and pelvis as in `cycles.csv`."""
     if trial.joint is not None:
         return []
     start = float(trial.body.time[0])
@@ -85,10 +88,22 @@ def _strides(trial: TrialResult) -> list[dict[str, Any]]:
             "stop": cycle.stop - start,
             "off": None if cycle.toe_off is None else cycle.toe_off - start,
             "turns": (own := measured.get((side, number))) is not None and turns(own.turn),
+            "pelvis": _pelvis(trial, cycle, own, rooms),
         }
         for side in SIDES
         for number, cycle in enumerate(strides_of(trial.events)[side], start=1)
     ]
+
+
+def _pelvis(
+    trial: TrialResult, cycle: GaitCycle, stride: Stride | None, rooms: Mapping[str, Array]
+) -> dict[str, dict[str, Any]]:
+    """Pelvis angle -> each part of `pelvis_parts` over 0 to 100 %, against the line of this stride."""
+    laid = {
+        part: normalise(trial.body.time, pelvis_in_stride(trial, angles, cycle, stride), cycle)
+        for part, angles in rooms.items()
+    }
+    return {name: {part: lengths(of[:, k]) for part, of in laid.items()} for k, name in enumerate(PELVIS_ANGLES)}
 
 
 def _measured(stride: Stride) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.text_file import readable_size
 
@@ -69,20 +70,32 @@ def check_c3d_header(path: Path) -> C3DHeader:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
             if len(head) < HEADER_BYTES or head[1] != C3D_KEY:
-                raise InputError("this is not a C3D file (its second byte is not 0x50)", source=path)
+                raise InputError(
+                    "this is not a C3D file (its second byte is not 0x50)", source=path, code=Code.FILE_FORMAT
+                )
             parameters = (head[0] - 1) * BLOCK
             if parameters < BLOCK or size < parameters + BLOCK:
-                raise InputError(f"cut short or damaged: {size} bytes end before the parameters", source=path)
+                raise InputError(
+                    f"cut short or damaged: {size} bytes end before the parameters",
+                    source=path,
+                    code=Code.DAMAGED_RECORDING,
+                )
             file.seek(parameters + 3)
             processor = file.read(1)[0]
     except OSError as error:
-        raise InputError(f"cannot be read ({error})", source=path) from None
+        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
     if processor == MIPS:
         raise InputError(
-            "found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel format", source=path
+            "found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel format",
+            source=path,
+            code=Code.FILE_FORMAT,
         )
     if processor not in (INTEL, DEC):
-        raise InputError(f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)", source=path)
+        raise InputError(
+            f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)",
+            source=path,
+            code=Code.FILE_FORMAT,
+        )
     return _checked(path, _header(size, head, processor))
 
 
@@ -109,16 +122,17 @@ def _checked(path: Path, header: C3DHeader) -> C3DHeader:
     """The header, unless it contradicts itself or the length of the file."""
     if header.frames < 1:
         found = f"frame {header.first_frame} is its first and {header.last_frame} its last"
-        raise InputError(found, source=path, field="header")
+        raise InputError(found, source=path, field="header", code=Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
         found = f"its data start at block {header.start // BLOCK + 1}; allowed from 2"
-        raise InputError(found, source=path, field="header")
+        raise InputError(found, source=path, field="header", code=Code.DAMAGED_RECORDING)
     needed = header.start + header.data_bytes
     if header.size < needed:
         raise InputError(
             f"cut short: {header.size} bytes found, {needed} needed for its {header.frames} frames of "
             f"{header.points} points",
             source=path,
+            code=Code.DAMAGED_RECORDING,
         )
     return header
 
@@ -136,13 +150,17 @@ def is_askew(header: C3DHeader, points: Array, analogs: Array) -> bool:
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise InputError("found DEC encoding without ANALOG:RATE; save the file again in Intel format", source=path)
+        raise InputError(
+            "found DEC encoding without ANALOG:RATE; save the file again in Intel format",
+            source=path,
+            code=Code.FILE_FORMAT,
+        )
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
         raw = np.fromfile(path, dtype=kind, count=length, offset=header.start).astype(np.float64)
     except OSError as error:
-        raise InputError(f"cannot be read ({error})", source=path) from None
+        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
     # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
     quads = rows[:, : 4 * header.points].reshape(header.frames, header.points, 4)

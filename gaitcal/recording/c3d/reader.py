@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.recording.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
@@ -36,13 +37,19 @@ def read_c3d(path: Path) -> Recording:
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
-        raise InputError(f"damaged or not a C3D file: the parser says '{str(error)[:120]}'", source=path) from None
+        raise InputError(
+            f"damaged or not a C3D file: the parser says '{str(error)[:120]}'", source=path, code=Code.DAMAGED_RECORDING
+        ) from None
     except ParserDiedError as error:
-        raise InputError(f"damaged: the parser did not survive it, {error}", source=path) from None
+        raise InputError(
+            f"damaged: the parser did not survive it, {error}", source=path, code=Code.DAMAGED_RECORDING
+        ) from None
     try:
         return _recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise InputError(f"damaged: its parameters contradict each other ({error})", source=path) from None
+        raise InputError(
+            f"damaged: its parameters contradict each other ({error})", source=path, code=Code.DAMAGED_RECORDING
+        ) from None
 
 
 def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
@@ -56,7 +63,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         notes += ("ANALOG parameters are missing or do not fit the data, which were laid out after the header.",)
     frames = points.shape[2]
     if frames < 1:
-        raise InputError("found no frame of points; at least one is needed", source=path)
+        raise InputError("found no frame of points; at least one is needed", source=path, code=Code.FILE_FORMAT)
     first = _first_frame(parameters, int(raw["first_frame"]))
     keep, labels, label_notes, computed = _markers(path, parameters, points.shape[1])
     notes += label_notes
@@ -91,7 +98,9 @@ def _rate(path: Path, parameters: Mapping[str, Mapping[str, Any]], header: float
     for rate in [*values.tolist(), header]:
         if np.isfinite(rate) and 0.1 <= rate <= 1e5:
             return float(rate)
-    raise InputError(f"found {header:g} Hz; 0.1 to 100000 are allowed", source=path, field="POINT:RATE")
+    raise InputError(
+        f"found {header:g} Hz; 0.1 to 100000 are allowed", source=path, field="POINT:RATE", code=Code.DAMAGED_RECORDING
+    )
 
 
 def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> int:
@@ -138,7 +147,11 @@ def _markers(
     if count > len(named):
         notes += (f"{count - len(named)} unlabelled trajectories left out.",)
     if not named:
-        raise InputError(f"found {count} trajectories, none with a name; labelled markers are needed", source=path)
+        raise InputError(
+            f"found {count} trajectories, none with a name; labelled markers are needed",
+            source=path,
+            code=Code.FILE_FORMAT,
+        )
     listed = _listed_as_computed(group)
     prefix, prefix_notes = common_prefix([labels[i] for i in named if labels[i] not in listed])
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
@@ -148,7 +161,9 @@ def _markers(
     if dropped:
         notes += (f"{len(dropped)} computed points, not markers, left out: {', '.join(dropped)}.",)
     if not keep:
-        raise InputError(f"all {len(named)} named points are computed ones; markers are needed", source=path)
+        raise InputError(
+            f"all {len(named)} named points are computed ones; markers are needed", source=path, code=Code.FILE_FORMAT
+        )
     names, repetition_notes = unique(spelt[i] for i in keep)
     numbers = _listed_as_computed(group, NUMBERS)
     places = {spelt[i]: i for i in named if i not in set(keep) and labels[i] not in numbers and not is_number(spelt[i])}

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.c3d.layout import BLOCK, DEC, C3DHeader, check_c3d_header
 from gaitcal.recording.c3d.parameter_section import (
@@ -94,7 +95,7 @@ def c3d_original(path: Path, frames: int) -> C3DOriginal:
     try:
         section = parse_section(content[at : at + content[at + 2] * BLOCK])
     except (ValueError, IndexError, struct.error) as fault:
-        raise InputError(f"damaged: {fault}", source=path) from None
+        raise InputError(f"damaged: {fault}", source=path, code=Code.DAMAGED_RECORDING) from None
     return C3DOriginal(path=path, content=content, header=header, section=section, frames=frames)
 
 
@@ -136,7 +137,9 @@ def supplement_c3d(
         out[16:18] = (start // BLOCK + 1).to_bytes(2, "little")
         out += _data(original, points)
     except (ValueError, OverflowError, IndexError, StopIteration, struct.error) as fault:
-        raise InputError(f"cannot be given further points: {fault}", source=original.path) from None
+        raise InputError(
+            f"cannot be given further points: {fault}", source=original.path, code=Code.NOT_WRITABLE
+        ) from None
     target.write_bytes(bytes(out) + bytes(-len(out) % BLOCK))
 
 
@@ -146,7 +149,9 @@ def _rows(original: C3DOriginal) -> Array:
     width = 4 * header.points + header.analog_values
     kind = np.dtype("<u4" if header.is_float else "<i2")
     if header.start + original.frames * width * kind.itemsize > len(original.content):
-        raise InputError(f"ends before its {original.frames} frames do", source=original.path)
+        raise InputError(
+            f"ends before its {original.frames} frames do", source=original.path, code=Code.DAMAGED_RECORDING
+        )
     return np.frombuffer(original.content, kind, original.frames * width, header.start).reshape(original.frames, width)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.recording.axes import Turn
@@ -39,7 +40,11 @@ def write_c3d(path: Path, recording: Recording) -> None:
 
     require_plain_labels(recording, path)
     if len(recording.labels) > MOST_LABELS:
-        raise InputError(f"{len(recording.labels)} markers found; at most {MOST_LABELS} are allowed", source=path)
+        raise InputError(
+            f"{len(recording.labels)} markers found; at most {MOST_LABELS} are allowed",
+            source=path,
+            code=Code.NOT_WRITABLE,
+        )
     rate, first = _clock(path, recording)
     frames = len(recording.time)
     file = ezc3d.c3d()
@@ -61,7 +66,7 @@ def write_c3d(path: Path, recording: Recording) -> None:
         try:
             file.write(str(written))
         except (RuntimeError, ValueError) as error:
-            raise InputError(f"cannot be written ({error})", source=path) from None
+            raise InputError(f"cannot be written ({error})", source=path, code=Code.NOT_WRITABLE) from None
         written.replace(part)
 
 
@@ -76,10 +81,16 @@ def _clock(path: Path, recording: Recording) -> tuple[float, int]:
     first = round(float(time[0]) * rate)
     away = float(np.max(np.abs((first + np.arange(len(time))) - time * rate)))
     if away > LOOSE:
-        raise InputError(f"times lie up to {away:.2g} frames off a uniform clock; C3D allows none", source=path)
+        raise InputError(
+            f"times lie up to {away:.2g} frames off a uniform clock; C3D allows none",
+            source=path,
+            code=Code.NOT_WRITABLE,
+        )
     if first < 0 or first + len(time) > MOST_FRAMES:
         raise InputError(
-            f"frames {first + 1} to {first + len(time)} found; 1 to {MOST_FRAMES} are allowed", source=path
+            f"frames {first + 1} to {first + len(time)} found; 1 to {MOST_FRAMES} are allowed",
+            source=path,
+            code=Code.NOT_WRITABLE,
         )
     return rate, first
 
@@ -97,9 +108,15 @@ def _add_plates(
                 "number of samples a frame, from the first frame on, is needed",
                 source=path,
                 field=f"plate {plate.name}",
+                code=Code.NOT_WRITABLE,
             )
         if not np.isfinite(plate.wrench()).all():
-            raise InputError("its wrench holds NaN; channels cannot", source=path, field=f"plate {plate.name}")
+            raise InputError(
+                "its wrench holds NaN; channels cannot",
+                source=path,
+                field=f"plate {plate.name}",
+                code=Code.NOT_WRITABLE,
+            )
     parts = [_plate_in_its_frame(plate) for plate in plates]
     channels = 6 * len(plates)
     parameters = file["parameters"]  # type: ignore[index]

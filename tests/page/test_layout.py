@@ -1,0 +1,108 @@
+"""Where things stand: switches in a row, curves above the fold, the verdict of a phone, the order of Trust, paper."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gaitcal.page.view import Shown, page_html
+from tests.page.browser import Page
+from tests.page.stridden import long_walks, stridden
+from tests.page.told import told_page
+
+pytestmark = pytest.mark.browser
+Visit = Callable[..., Page]
+STRIDES = {0: {"r": [0.103, 0.551, 0.987], "l": [0.252, 0.741]}}
+ROW = 40
+"""px: one row of switches."""
+VISIBLE = "(e => { const r = e.getBoundingClientRect(); return r.top < innerHeight && r.bottom > 0; })"
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("told") / "result.html"
+    path.write_text(told_page(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("walked") / "result.html"
+    scene = long_walks()
+    sheet: Any = stridden(scene, STRIDES)[0]
+    path.write_text(page_html([Shown(scene, sheet, "one")] * 2), encoding="utf-8")
+    return path
+
+
+def words(page: Page, selector: str) -> list[str]:
+    return list(page.run(f"[...document.querySelectorAll({selector!r})].map(e => e.textContent.trim())"))
+
+
+def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, walked: Path) -> None:
+    page = visit(walked, 1280, 800)
+    assert page.run("document.getElementById('switches').offsetHeight") <= ROW
+    assert page.run("document.getElementById('switches-others').hidden")
+    assert words(page, "#switches-more") == ["More"]
+    page.run("gaitcal.state.set({ acting: 'external', second: false, off: new Set(['0/0/r/1']) })")
+    assert words(page, "#switches-more") == ["More: external, no second result, strides left out"]
+    assert words(page, "#switches .told") == ["external, OpenSim\u2019s signs"]
+    page.run("document.getElementById('switches-more').click()")
+    assert not page.run("document.getElementById('switches-others').hidden")
+    assert page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"
+
+
+def test_results_of_one_name_are_told_apart(visit: Visit, walked: Path) -> None:
+    page = visit(walked, 1280, 800)
+    assert page.run("[...document.getElementById('result').options].map(o => o.text)") == ["one (1)", "one (2)"]
+
+
+def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:
+    page = visit(f"{walked.as_uri()}?joint#joint=ankle_r", 1280, 400)
+    page.run("new Promise(done => setTimeout(() => done(true), 300))")
+    large = "document.querySelector('.curve-group.large')"
+    assert page.run(f"{large}.dataset.joint") == "ankle" and page.run("scrollY") > 0
+    assert 0 <= page.run(f"{large}.getBoundingClientRect().top") < page.run("innerHeight / 2")
+
+
+def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, told: Path) -> None:
+    page = visit(told, 390, 844, phone=True)
+    seen = "[...document.querySelectorAll('#verdict .lines li')].filter(li => li.offsetHeight > 0).length"
+    assert page.run(seen) == 1
+    assert page.run(f"{VISIBLE}(document.getElementById('pane'))")
+    page.run("document.querySelector('#verdict .more').click()")
+    assert page.run(seen) == 3 and words(page, "#verdict .more") == ["Less"]
+
+
+def test_trust_tells_of_the_trial_between_verdict_and_calibration(visit: Visit, told: Path) -> None:
+    page = visit(told, 1280, 800)
+    page.run("gaitcal.state.set({ preset: 'trust', playing: false })")
+    parts = page.run("[...document.querySelectorAll('#sections > :is(.reasons, .of-trial, h2)')].map(e => e.className)")
+    assert parts == ["", "reasons refused", "of-trial", "of-all"]
+    assert page.run("document.querySelector('.of-all').nextElementSibling.tagName") == "H3"
+
+
+def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, told: Path) -> None:
+    page = visit(told, 1280, 800)
+    row = {"label": "axis", "nominal": 0.0, "fitted": 1.0, "se": None, "truth": None}
+    rows = [{**row, "bounds": bounds} for bounds in ([-50.0, 50.0], [None, 1.0])]
+    made = "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new Gaitcal.Blocks({})).querySelector('.key')"
+    told_of = [page.run(f"({made % json.dumps(row)})?.textContent ?? ''") for row in rows]
+    assert ["bound" in text for text in told_of] == [False, True]
+
+
+def test_paper_says_what_it_leaves_out_and_leaves_nothing_out_on_demand(visit: Visit, told: Path) -> None:
+    page = visit(told, 1280, 800)
+    page.run("gaitcal.print.build()")
+    folded = page.run("document.querySelectorAll('#print details:not([open])').length")
+    assert folded > 0
+    [left] = words(page, "#print .left-out")
+    assert int(left.split()[0]) <= folded and "not printed" in left
+    assert page.run("document.querySelectorAll('#print .reasons details:not([open])').length") == 0
+    page.run("gaitcal.print.clear(); document.getElementById('print-all').checked = true; gaitcal.print.build()")
+    assert page.run("document.querySelectorAll('#print details:not([open])').length") == 0
+    assert words(page, "#print .left-out") == []
+    page.run("gaitcal.print.clear()")
