@@ -21,6 +21,7 @@ import gaitcal
 
 MODULES = (
     "gaitcal",
+    "gaitcal.codes",
     "gaitcal.findings",
     "gaitcal.verdict.verdict",
     "gaitcal.files.snapshot",
