@@ -4,14 +4,18 @@ python scripts/check_cohort.py kills [--kills 30] [--people 8]   SIGKILL of pare
 python scripts/check_cohort.py cluster [--people 6]              two dask workers against this machine: the same tables
 python scripts/check_cohort.py memory [--people 20 60]           people a minute, largest memory of the parent
 python scripts/check_cohort.py scaling [--people 8]              two processes against one, and against `calibrate`
+python scripts/check_cohort.py page [--people 100 1000]          size of cohort.html, time until it can be used; these
+                                                                 people are copies of three, with noise
 
 Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), two processes 1.8
-times as fast as one and a person 1.05 times the CPU time of `gaitcal calibrate` (scaling; on two free cores).
+times as fast as one and a person 1.05 times the CPU time of `gaitcal calibrate` (scaling; on two free cores), a page of
+6 MB that is ready after 3 s, written with 10 % more memory (page).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import resource
@@ -25,13 +29,26 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from many_people import write_people
+from page_of_many import copy_people, look_at
 
-TABLES = ("people.csv", "people.parquet", "cycles.parquet", "failures.csv", "columns.csv", "manifest.json")
+from gaitcal.cohort.page import PAGE
+
+TABLES = (
+    "people.csv",
+    "people.parquet",
+    "cycles.parquet",
+    "failures.csv",
+    "columns.csv",
+    "cohort.html",
+    "manifest.json",
+)
 """What must be the same; times.csv tells what is not."""
 MOST_GROWTH, LEAST_SPEED_UP, MOST_OVER_ONE = 1.10, 1.8, 1.05
+COPIED = 3
+"""People who are calibrated for a page of many copies."""
 LEAST_S = 0.3
 """A command is killed this long after its start at the earliest."""
-PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "scaling": [8]}
+PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "scaling": [8], "page": [100, 1000]}
 
 
 def command(*words: object) -> list[str]:
@@ -186,6 +203,27 @@ def scaling(folder: Path, people: int) -> bool:
     return over <= MOST_OVER_ONE and faster >= LEAST_SPEED_UP
 
 
+def page(folder: Path, sizes: Sequence[int]) -> bool:
+    """The page of many people is small, soon ready, and written in little memory."""
+    source, few = folder / "people", folder / "few"
+    if not (few / "manifest.json").is_file():
+        write_people(source, range(COPIED), bodies=COPIED)
+        whole(source, few, "--jobs", 1)
+    peaks, met = [], True
+    for people in sizes:
+        out = folder / f"copies{people}"
+        copy_people(few, people, out)
+        script = Path(__file__).with_name("page_of_many.py")
+        words = [sys.executable, str(script), str(out), str(people)]
+        told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+        peaks.append(told["mebibytes"])
+        print(f"{people} people: tables and page written in {told['seconds']} s, {told['mebibytes']:.0f} MiB at most")
+        met &= look_at(out / PAGE)
+    growth = peaks[-1] / peaks[0]
+    print(f"{'met' if growth <= MOST_GROWTH else 'NOT MET'}: memory grows {growth:.3f} times, limit {MOST_GROWTH}")
+    return met and growth <= MOST_GROWTH
+
+
 def _calibrated(person: Path, folder: Path) -> None:
     subprocess.run(command("calibrate", person, "--out", folder / f"single-{person.name}", "-q"), check=True)
 
@@ -214,6 +252,7 @@ def main(words: Sequence[str] | None = None) -> None:
             "cluster": lambda: cluster(folder, people[0]),
             "memory": lambda: memory(folder, people),
             "scaling": lambda: scaling(folder, people[0]),
+            "page": lambda: page(folder, people),
         }[told.what]()
     finally:
         if told.folder is None:

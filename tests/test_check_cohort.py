@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.page.browser import chromium
+
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 
 
@@ -30,3 +32,14 @@ def test_two_dask_workers_write_the_same(
     pytest.importorskip("distributed")
     assert ended(monkeypatch, "cluster", "--people", 3, "--folder", tmp_path) == 0
     assert "met: two dask workers: all tables are the same, bit for bit" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_the_page_of_many_is_soon_ready(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if chromium() is None:
+        pytest.skip("no Chromium on this machine")
+    assert ended(monkeypatch, "page", "--people", 40, 120, "--folder", tmp_path) == 0
+    assert "met: cohort.html: " in capsys.readouterr().out

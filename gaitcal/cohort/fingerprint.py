@@ -18,7 +18,7 @@ from gaitcal.intake.folder import MARKER_ENDINGS, TABLE_ENDINGS
 from gaitcal.study.study import input_files
 from gaitcal.study.study_file import load_study_file
 
-FORMAT = 1
+FORMAT = 2
 """Of what a cohort keeps of a person: a change of it makes everyone be computed again."""
 READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
 """Endings of files that a draft or a study may read."""

@@ -7,7 +7,7 @@ so that nothing but people at work is lost, whatever ends the run.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -46,6 +46,10 @@ class Outcome:
     """Largest memory of the worker until then."""
     row: Mapping[str, Cell] = field(default_factory=dict)
     """Of the table of people."""
+    reasons: Sequence[Mapping[str, str]] = ()
+    """Of its verdict, the worst first: severity, cause, action."""
+    curves: str = ""
+    """Mean curves over the stride (`mean_curves.py`)."""
     computed: bool = True
     """Whether this run did it; False where nothing had changed."""
 

@@ -66,6 +66,13 @@ def row_of(folder: Path) -> dict[str, Cell]:
     return {name: _cell(row[name]) for name in NAMES if name in row}
 
 
+def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
+    """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
+    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
+    return tuple({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")} for reason in found)
+
+
 def _cell(value: Cell) -> Cell:
     if isinstance(value, float):
         return round(value, DIGITS) if math.isfinite(value) else None

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Cell, Outcome, kept, state_file
+from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
 from gaitcal.files.amend import amended
@@ -59,6 +60,8 @@ def write_tables(people: Sequence[CohortPerson], source: Path, out: Path, common
                 writers.add(person, outcome, _seen_from(source, person.folder), out)
             writers.flush()
         _write_meanings(stage / MEANINGS)
+        written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
+        write_page(stage / PAGE, written, people, out, common)
         (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
     return Written(verdicts)
 

@@ -12,10 +12,11 @@ import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
 from gaitcal.cohort.fingerprint import fingerprint
+from gaitcal.cohort.mean_curves import mean_curves
 from gaitcal.cohort.one_person import CommonSettings, calibrate_person
 from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.row import row_of
+from gaitcal.cohort.row import reasons_of, row_of
 from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_file
 from gaitcal.files.ownership import MANIFEST, read_object
@@ -23,6 +24,7 @@ from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import SELF
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.results.cycles import read_cycles
+from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.runtime import keep_freed_memory, one_blas_thread
 
 STRIDE_TYPES = {
@@ -54,7 +56,7 @@ class Task:
 def end_person(task: Task) -> Outcome:
     """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves it.
 
-    What is returned has no row: that stays on disk.
+    What is returned has neither row nor curves: they stay on disk.
     """
     began = time.monotonic()
     try:
@@ -68,7 +70,7 @@ def end_person(task: Task) -> Outcome:
         except Exception as error:  # noqa: BLE001 - a full disk
             outcome = _failure(task, error)
     row = {name: outcome.row[name] for name in ("verdict", "first_cause") if name in outcome.row}
-    return replace(outcome, row=row)
+    return replace(outcome, row=row, reasons=(), curves="")
 
 
 def lost_person(task: Task, words: str) -> Outcome:
@@ -108,6 +110,8 @@ def _ended(task: Task) -> Outcome:
         fingerprint=mark,
         result=_own_hash(result),
         row=row,
+        reasons=reasons_of(result),
+        curves=mean_curves(result / ENSEMBLE, float(row["mass_kg"] or 1.0)),
     )
 
 

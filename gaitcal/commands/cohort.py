@@ -10,6 +10,7 @@ from pathlib import Path
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, learn_priors
 from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import Cohort, joined
 from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
 from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
@@ -128,4 +129,5 @@ def _tell_end(talk: Talk, written: Written, out: Path) -> None:
         talk.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
     if failed:
         talk.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
+    talk.line(f"page: {out / PAGE}")
     talk.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")

@@ -59,6 +59,8 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
     first = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     assert first.returncode == 1, first.stderr
     assert "1 of 3" in first.stdout
+    assert f"page: {out / 'cohort.html'}" in first.stdout
+    assert (out / "cohort.html").is_file()
     with (out / "people.csv").open(newline="") as stream:
         (ann,) = csv.DictReader(stream)
     assert (ann["person"], ann["session"], ann["group"]) == ("Ann", "day 1", "controls")

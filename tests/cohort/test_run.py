@@ -17,6 +17,7 @@ from gaitcal.cohort import task as tasks
 from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.one_person import CommonSettings, PersonError
 from gaitcal.cohort.outcome import Outcome, state_file
+from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson, people_in
 from gaitcal.cohort.run import Ended, run_cohort
 from gaitcal.cohort.tables import CYCLES, FAILURES, PEOPLE_CSV, PEOPLE_PARQUET
@@ -27,7 +28,7 @@ from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.results.table_file import write_csv
 
 MASS = 50.0
-SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, "manifest.json")
+SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
 
 
 class Here:

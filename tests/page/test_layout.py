@@ -101,7 +101,7 @@ def test_paper_says_what_it_leaves_out_and_leaves_nothing_out_on_demand(visit: V
     assert folded > 0
     [left] = words(page, "#print .left-out")
     assert int(left.split()[0]) <= folded and "not printed" in left
-    assert page.run("document.querySelectorAll('#print .reasons details:not([open])').length") == 0
+    assert page.run("document.querySelectorAll('#print .reasons details:not([open], .explanation)').length") == 0
     page.run("gaitcal.print.clear(); document.getElementById('print-all').checked = true; gaitcal.print.build()")
     assert page.run("document.querySelectorAll('#print details:not([open])').length") == 0
     assert words(page, "#print .left-out") == []

@@ -30,8 +30,8 @@ Gaitcal.Print = class {
     );
     const every = document.getElementById("print-all").checked;
     const folds = [...this.host.querySelectorAll("details")];
-    for (const fold of folds)
-      fold.open = every || fold.closest(".reasons") !== null || open.has(fold.firstElementChild.textContent);
+    const against = (fold) => fold.closest(".reasons") !== null && !fold.classList.contains("explanation");
+    for (const fold of folds) fold.open = every || against(fold) || open.has(fold.firstElementChild.textContent);
     const left = folds.filter((fold) => !fold.open && !fold.parentElement.closest("details:not([open])")).length;
     if (!left) return;
     const words = `${left} parts that are folded on the screen are not printed; their titles stand where they belong. To print them too: Layers, About this page.`;

@@ -103,7 +103,7 @@ Gaitcal.told = (evidence, action) => {
     action ? Gaitcal.make("p", {}, Gaitcal.make("strong", {}, "To do: "), Gaitcal.visible(action)) : null,
   ].filter(Boolean);
   if (evidence.length + action.length <= Gaitcal.FEW_LETTERS) return parts;
-  return [Gaitcal.fold(action ? "What was found, and what to do" : "What was found", ...parts)];
+  return [Gaitcal.fold(action ? "What was found here, and what to do about it" : "What was found here", ...parts)];
 };
 
 // The page of a code, as `gaitcal explain` prints it, folded away below its reason.

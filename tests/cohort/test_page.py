@@ -1,0 +1,152 @@
+"""`cohort.html` as data: who and what stands in it, that nothing in it is code, and that it is the same every time."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.cohort.columns import NAMES, UNITS
+from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
+from gaitcal.cohort.measures import MEASURES
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.gait.variables import Kind
+from gaitcal.results.table_file import write_csv
+from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
+
+MASS = 50.0
+HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=1>@@PAGE@@"
+
+
+def scripts(html: str) -> list[tuple[str, str]]:
+    """Attributes and contents of the script elements, found as a browser does."""
+    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
+
+
+def content(page: Path) -> dict[str, Any]:
+    found = [text for attributes, text in scripts(page.read_text(encoding="utf-8")) if 'id="content"' in attributes]
+    return dict(json.loads(found[0]))
+
+
+def integers(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype="<i2")
+
+
+def ensemble(path: Path) -> None:
+    percent = np.arange(101)
+    curves = {
+        ("knee_angle", "r"): 20.0 + percent / 3.0,
+        ("knee_angle_moment", "l"): np.where(percent > 50, np.nan, 0.3 * percent),
+        ("hip_power", "r"): np.full(101, 1e9),
+        ("lumbar_bending", "r"): percent * 1.0,
+    }
+    parts = [
+        pd.DataFrame({"variable": name, "side": side, "percent": percent, "mean": mean})
+        for (name, side), mean in curves.items()
+    ]
+    write_csv(pd.concat(parts), path)
+
+
+def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
+    ensemble(tmp_path / "ensemble.csv")
+    found = integers(mean_curves(tmp_path / "ensemble.csv", MASS)).reshape(SHAPE)
+    percent = np.arange(0, 101, EVERY)
+    angle, moment = STEPS[Kind.ANGLE], STEPS[Kind.MOMENT]
+    knee = found[VARIABLES.index("knee_angle"), 0]
+    np.testing.assert_allclose(angle * knee, 20 + percent / 3, atol=angle / 2 + 1e-9)
+    other = found[VARIABLES.index("knee_angle_moment"), 1]
+    np.testing.assert_allclose(
+        moment * other[percent <= 50], 0.3 * percent[percent <= 50] / MASS, atol=moment / 2 + 1e-9
+    )
+    assert (other[percent > 50] == GAP).all()
+    assert (found[VARIABLES.index("hip_power"), 0] == -GAP - 1).all()  # what is too large does not become a gap
+    assert (found[VARIABLES.index("knee_angle"), 1] == GAP).all()
+
+
+def test_people_without_curves_have_room(tmp_path: Path) -> None:
+    assert mean_curves(tmp_path / "none.csv", MASS) == ""
+    assert (integers(no_curves()) == GAP).all()
+    assert integers(no_curves()).size == np.prod(SHAPE) == len(VARIABLES) * 2 * POINTS
+    assert not no_curves().endswith("=")  # people's texts can stand one behind the other
+
+
+def test_measures_are_of_columns_that_are_there() -> None:
+    for measure in MEASURES:
+        for text in filter(None, (measure.column, measure.error)):
+            assert {text.format("r"), text.format("l")} <= set(NAMES), text
+    assert set(VARIABLES) <= set(UNITS)
+
+
+def test_everyone_stands_in_the_page(tmp_path: Path) -> None:
+    page = write_cohort(tmp_path / "out", some_people())
+    found = content(page)
+    assert found["about"] | {"version": ""} == {
+        "people": 6, "sessions": 7, "results": 6, "version": "", "settings": {}
+    }  # fmt: skip
+    columns = {column["name"]: column for column in found["columns"]}
+    names = [columns["person"]["words"][k] for k in columns["person"]["of"]]
+    assert names == ["Ann", "Bob", "Cid", "Dan", "Dan", "Eve"]
+    speed = np.frombuffer(base64.b64decode(columns["speed_r"]["numbers"]), dtype="<f4")
+    np.testing.assert_allclose(speed, [1.0, 1.4, 0.7, 1.3, 0.9, np.nan], rtol=1e-6)
+    assert columns["speed_r"]["unit"] == "m/s"
+    assert "cadence_r" not in columns  # nobody has it
+    assert [tuple(cause.values()) for cause in found["reasons"]["causes"]] == [KNEE, FORCES]
+    assert found["reasons"]["of"] == [[], [0], [1, 0], [], [], []]
+    assert [line["cause"] for line in found["failures"]] == ["the static trial is restless"]
+    packed = next(text for attributes, text in scripts(page.read_text()) if 'id="curves-packed"' in attributes)
+    curves = integers(packed).reshape(6, *SHAPE)
+    assert curves[:, 0, :, 0].tolist() == [[100, 200], [300, 300], [9000, 9000], [10, GAP], [30, GAP], [100, 100]]
+
+
+def test_only_its_own_scripts_run(tmp_path: Path) -> None:
+    hostile = [
+        Kept(name=HOSTILE, group=HOSTILE, verdict="doubtful", reasons=(("warning", HOSTILE, HOSTILE),)),
+        Kept(name="b" + HOSTILE, cause=HOSTILE),
+    ]
+    html = write_cohort(tmp_path / "out", hostile).read_text(encoding="utf-8")
+    assert "<img" not in html
+    allowed = re.search(r"script-src ([^;]*);", html)
+    assert allowed
+    code = [text for attributes, text in scripts(html) if "type=" not in attributes]
+    hashes = {f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in code}
+    assert set(allowed.group(1).split()) == hashes
+    assert len(code) == 2
+
+
+def test_the_same_people_give_the_same_bytes(tmp_path: Path) -> None:
+    people = some_people()
+    one = write_cohort(tmp_path / "one", people)
+    other = write_cohort(tmp_path / "other", people[::-1])
+    assert one.read_bytes() == other.read_bytes()
+    assert (
+        json.loads((one.parent / "manifest.json").read_text())["sha256"]["cohort.html"]
+        == hashlib.sha256(one.read_bytes()).hexdigest()
+    )
+
+
+def test_normal_bands_are_per_body_mass(tmp_path: Path) -> None:
+    page = write_cohort(tmp_path / "out", some_people(), CommonSettings(normal=bands_file("schwartz2008")))
+    bands = {curve["name"]: curve.get("normal") for curve in content(page)["curves"]}
+    own = read_normal_bands("schwartz2008")["knee_angle_moment"]
+    np.testing.assert_allclose(
+        bands["knee_angle_moment"]["mean"], np.interp(range(0, 101, 2), own.percent, own.mean), atol=1e-4
+    )
+    assert bands["hip_adduction_moment"] is None
+
+
+def test_a_cohort_of_nobody(tmp_path: Path) -> None:
+    found = content(write_cohort(tmp_path / "out", [Kept(name="Zed", cause="restless")]))
+    assert (found["about"]["results"], found["columns"], len(found["failures"])) == (0, [], 1)
+
+
+def test_a_session_is_no_person(tmp_path: Path) -> None:
+    people = [Kept(name="Dan", session=session) for session in ("post", "pre")]
+    about = content(write_cohort(tmp_path / "out", people))["about"]
+    assert (about["people"], about["sessions"]) == (1, 2)
