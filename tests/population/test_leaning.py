@@ -145,3 +145,20 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path) -> None:
         (tmp_path / "priors.txt").write_text(content)
         marks.append(fingerprint(person, CommonSettings(priors=tmp_path / "priors.txt")))
     assert len(set(marks)) == 3
+
+
+def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from gaitcal.cohort.tables import FAILURES, Written
+    from gaitcal.commands import cohort as command
+
+    def ended(*_: object, **__: object) -> Written:
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
+        return Written({"trustworthy": 9})
+
+    (tmp_path / "lab" / "Ann").mkdir(parents=True)
+    (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
+    monkeypatch.setattr(command, "run_cohort", ended)
+    monkeypatch.setattr(command, "learn_priors", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
+    said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
+    assert "legs: offset learnt of 9 people" in said and "priors:" in said
