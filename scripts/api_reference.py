@@ -21,11 +21,13 @@ import gaitcal
 
 MODULES = (
     "gaitcal",
+    "gaitcal.codes",
     "gaitcal.findings",
     "gaitcal.verdict.verdict",
     "gaitcal.files.snapshot",
     "gaitcal.study.study",
     "gaitcal.study.study_trial",
+    "gaitcal.study.joint_prior",
     "gaitcal.study.truth",
     "gaitcal.person.result",
     "gaitcal.person.truth_errors",

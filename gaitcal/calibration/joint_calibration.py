@@ -18,6 +18,7 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
@@ -40,6 +41,8 @@ class JointSettings:
     cumulative: bool = False
     """In a sequence of phases, what earlier trials know stays in the cost of later ones; and every phase finds out
     `marker_noise` by itself, this value being where it starts."""
+    learnt: JointPrior | None = None
+    """Of a cohort, in place of the default prior, where the evidence of all trials decides (`joint_evidence.py`)."""
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
