@@ -11,3 +11,13 @@ BoolArray = NDArray[np.bool_]
 """Yes or no."""
 IntArray = NDArray[np.intp]
 """Numbers of frames, markers, ...: indices."""
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(..., 3) a x b of vectors (..., 3): what `np.cross` gives, which on few vectors is busy with the axes' order."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[..., i] = a[..., j] * b[..., k]
+        out[..., i] -= a[..., k] * b[..., j]
+    return out

@@ -77,12 +77,14 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
     hold_out: told.HoldOut = False,
     normal: Normal = None,
+    priors: told.Priors = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
     from gaitcal.commands.calibrate import run
     from gaitcal.commands.init import options_of
 
-    run(study, out, talk, options_of(mass, height, sex, age), force=force, hold_out=hold_out, normal=normal)
+    said = options_of(mass, height, sex, age)
+    run(study, out, talk, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
 
 
 @command
@@ -98,13 +100,18 @@ def cohort(
     sex: Sex = None,
     age: Age = None,
     normal: Normal = None,
+    priors: told.Priors = None,
+    learn_priors: told.LearnPriors = False,
 ) -> None:
     """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
     from gaitcal.commands.cohort import CohortOptions, run
     from gaitcal.commands.init import options_of
 
     said = options_of(mass, height, sex, age)
-    run(source, out, talk, CohortOptions(jobs=jobs, cluster=cluster, normal=normal, retry=retry, told=said))
+    chosen = CohortOptions(
+        jobs=jobs, cluster=cluster, normal=normal, retry=retry, priors=priors, learn_priors=learn_priors, told=said
+    )
+    run(source, out, talk, chosen)
 
 
 @command
@@ -138,11 +145,7 @@ def convert(
 
 @command
 def synthesize(
-    talk: "Talk",
-    out: Out,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")] = 0,
-    noise: Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")] = False,
-    perturb: told.Perturb = False,
+    talk: "Talk", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.commands.synthetic import write_subject
@@ -254,11 +257,7 @@ def figures(
 
 @command
 def view(
-    talk: "Talk",
-    result: Result,
-    other: told.Other = None,
-    html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")] = None,
-    geometry: told.Geometry = None,
+    talk: "Talk", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
     """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
     from gaitcal.commands.view import run

@@ -66,6 +66,13 @@ def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) ->
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
+def test_check_loads_no_tables_and_no_solvers(tmp_path: Path) -> None:
+    """They would take half of its time."""
+    heavy = ["pandas", "pyarrow", "scipy.optimize", "scipy.interpolate", "scipy.spatial", "matplotlib"]
+    code = f"import sys, gaitcal.commands.check; print([name for name in {heavy} if name in sys.modules])"
+    assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
+
+
 def test_public_names_are_loaded_when_first_used() -> None:
     assert len(gaitcal.__all__) == len(set(gaitcal.__all__))
     assert set(dir(gaitcal)) == set(gaitcal.__all__), "as in the stub that type checkers read"

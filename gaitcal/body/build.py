@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.body.plan import body_axes, measures
@@ -65,6 +65,6 @@ def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
                 continue
             origin = np.mean(centre, axis=0)
             for axis in axes.T:
-                R = Rotation.from_rotvec(np.deg2rad(STEP_DEG) * axis).as_matrix()
+                R = pin.exp3(np.deg2rad(STEP_DEG) * axis)
                 yield {**p, **{n: origin + R @ (p[n] - origin) for n in own}}, TURN_DEG / STEP_DEG
                 yield {**p, **{n: p[n] + STEP_M * axis for n in own}}, SHIFT_M / STEP_M

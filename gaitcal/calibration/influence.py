@@ -175,7 +175,7 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
         clusters.append(f"bandwidth/{problem.name}")
     return TrialScores(
         reduced=by_parameter - eliminated.sensitivity[:, :count].T @ by_node,
-        nodes=eliminated.factor.solve(np.asfortranarray(by_node)),
+        nodes=eliminated.factor.solve(by_node),
         sensitivity=eliminated.sensitivity,
         hessian=eliminated.hessian[:count, :count],
         clusters=tuple(clusters),

@@ -18,6 +18,7 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
@@ -40,6 +41,8 @@ class JointSettings:
     cumulative: bool = False
     """In a sequence of phases, what earlier trials know stays in the cost of later ones; and every phase finds out
     `marker_noise` by itself, this value being where it starts."""
+    learnt: JointPrior | None = None
+    """Of a cohort, in place of the default prior, where the evidence of all trials decides (`joint_evidence.py`)."""
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
@@ -98,57 +101,95 @@ def calibrate_joints(
     information : (98, 98) m^2 per units of p: the reduced Gauss-Newton matrix of earlier trials about `parameters`, so
         that these trials add to what those know; none unless given.
     """
-    began = time.perf_counter()
-    settings = settings or JointSettings()
-    passed = {name for problem in problems for name in problem.with_free(free).chain.free}
-    free = tuple(name for name in free if name in passed)
-    index = [JP_INDEX[name] for name in free]
-    position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
-    middle = (nominal or parameters).joint[index]
-    reach = np.where(position, settings.position_bound, settings.orientation_bound)
-    lower, upper = middle - reach, middle + reach
-    sigma = settings.prior_deviation(free)
-    first = parameters.joint[index] if start_values is None else start_values
-    inside = np.clip(first, lower + 1e-9 * (upper - lower) if np.isfinite(reach).all() else lower, upper)
-    problem = ReducedProblem(
-        problems,
-        parameters,
-        free,
-        starts,
-        settings.tracking,
-        prior=_prior_rows(
-            settings.marker_noise / sigma, None if information is None else information[np.ix_(index, index)]
-        ),
-        centre=parameters.joint[index],
+    return JointSearch(problems, parameters, free, starts, settings, nominal=nominal, information=information).run(
+        start_values
     )
-    scale = np.where(position, POSITION_SCALE, 1.0)
-    result = least_squares(
-        problem.residual,
-        inside,
-        jac=problem.jacobian,
-        bounds=(lower, upper) if np.isfinite(reach).any() else (-np.inf, np.inf),
-        x_scale=scale,
-        ftol=settings.tolerance,
-        xtol=settings.tolerance,
-        gtol=1e-15,
-        max_nfev=settings.most_evaluations,
-    )
-    state = problem.settle(result.x)
-    edge = np.isfinite(reach) & (np.abs(result.x - middle) > 0.999 * np.where(np.isfinite(reach), reach, 1.0))
-    return JointFit(
-        free=free,
-        values=result.x,
-        parameters=parameters.with_joint(free, result.x),
-        nodes=tuple(trial.nodes for trial in state.trials),
-        state=state,
-        prior=problem.prior,
-        marker_noise=settings.marker_noise,
-        iterations=int(result.nfev),
-        seconds=time.perf_counter() - began,
-        converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
-        message=ending(result),
-        at_bound=tuple(name for name, on_edge in zip(free, edge, strict=True) if on_edge),
-    )
+
+
+class JointSearch:
+    """The fit of joint parameters to some trials, which may be run again with trials that count more or less."""
+
+    def __init__(
+        self,
+        problems: Sequence[TrialProblem],
+        parameters: Parameters,
+        free: tuple[str, ...],
+        starts: Sequence[Array],
+        settings: JointSettings | None = None,
+        *,
+        nominal: Parameters | None = None,
+        information: Array | None = None,
+    ) -> None:
+        """As `calibrate_joints`."""
+        self.parameters, self.settings = parameters, settings or JointSettings()
+        passed = {name for problem in problems for name in problem.with_free(free).chain.free}
+        self.free = tuple(name for name in free if name in passed)
+        index = [JP_INDEX[name] for name in self.free]
+        position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
+        self.middle, self.present = (nominal or parameters).joint[index], parameters.joint[index]
+        self.reach = np.where(position, self.settings.position_bound, self.settings.orientation_bound)
+        self.scale = np.where(position, POSITION_SCALE, 1.0)
+        self.problem = ReducedProblem(
+            problems,
+            parameters,
+            self.free,
+            starts,
+            self.settings.tracking,
+            prior=_prior_rows(
+                self.settings.marker_noise / self.settings.prior_deviation(self.free),
+                None if information is None else information[np.ix_(index, index)],
+            ),
+            centre=self.present,
+        )
+
+    def weigh(self, shares: Sequence[float]) -> None:
+        """Let the cost of each trial count so much from now on."""
+        self.problem.weigh(shares)
+
+    def run(self, start_values: Array | None = None) -> JointFit:
+        """Fit to the end, from where the last search ended unless told otherwise."""
+        began = time.perf_counter()
+        result = self._least_squares(self._first(start_values), self.settings.tolerance)
+        state = self.problem.settle(result.x)
+        bounded = np.isfinite(self.reach)
+        edge = bounded & (np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0))
+        return JointFit(
+            free=self.free,
+            values=result.x,
+            parameters=self.parameters.with_joint(self.free, result.x),
+            nodes=tuple(trial.nodes for trial in state.trials),
+            state=state,
+            prior=self.problem.prior,
+            marker_noise=self.settings.marker_noise,
+            iterations=int(result.nfev),
+            seconds=time.perf_counter() - began,
+            converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
+            message=ending(result),
+            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
+        )
+
+    def approach(self, tolerance: float, start_values: Array | None = None) -> ReducedState:
+        """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
+        return self.problem.at(self._least_squares(self._first(start_values), tolerance).x)
+
+    def _first(self, start_values: Array | None) -> Array:
+        best = self.problem.best
+        return start_values if start_values is not None else self.present if best is None else best.p
+
+    def _least_squares(self, start: Array, tolerance: float) -> OptimizeResult:
+        lower, upper = self.middle - self.reach, self.middle + self.reach
+        inside = np.clip(start, lower + 1e-9 * (upper - lower) if np.isfinite(self.reach).all() else lower, upper)
+        return least_squares(
+            self.problem.residual,
+            inside,
+            jac=self.problem.jacobian,
+            bounds=(lower, upper) if np.isfinite(self.reach).any() else (-np.inf, np.inf),
+            x_scale=self.scale,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=1e-15,
+            max_nfev=self.settings.most_evaluations,
+        )
 
 
 def _prior_rows(each: Array, information: Array | None) -> Array:

@@ -3,7 +3,8 @@
     min  sum_t C_t(p, z, N_t) / nu_t^2  +  |(p - p_0) / sigma|^2  +  z^T Sigma^-1 z
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
-about their nominal values p_0 (`joint_prior.py`), z the skin's movement where there is evidence of it
+about p_0, their nominal values, sigma^2 the default prior's variance or p_0 and sigma^2 those that a cohort expects
+(`joint_prior.py`), z the skin's movement where there is evidence of it
 (`skin_evidence.py`), nu_t the noise of the trial's independent samples (`joint_noise.py`). Trials meet by their full
 information, each in units of its own noise. Without skin the motions are eliminated (`reduced_problem.py`), which
 follows the narrow valleys of ankles; skin is then found by steps of `descend` on the arrow of `motion/arrow.py`.
@@ -26,28 +27,19 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
-from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
-from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations
+from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.calibration.noise_search import expected_joints, joints_and_noise
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.skin_movement import unit_covariance
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials, eliminate
 from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.minimised import Evaluation
-from gaitcal.motion.roughness import frame_rate
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
-PLAIN = JointSettings(prior_position=POSITION, prior_orientation=ORIENTATION, marker_noise=1.0, tolerance=1e-9)
-"""Costs are in units of the noise already."""
 WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, most_steps=60)
 """Costs are squares of standard errors here: what is then left to gain moves nothing by a hundredth of its own."""
-FIRST_NOISE, MEMORY_S = 0.010, 0.1
-"""m, s: noise before any is known, and how long it lasts."""
-ROUNDS = 3
-"""Fits after which the noise of every trial is found anew."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,12 +109,13 @@ class _MarkersAndPriors(SharedTrials):
         free: tuple[str, ...],
         skin: SkinPrior,
         noise: Sequence[float],
+        learnt: JointPrior | None,
     ) -> None:
         super().__init__(problems, nominal, free, skin.keys)
         self.share = [1.0 / nu**2 for nu in noise]
         self.nothing_left = 0.0
-        self.centre = np.concatenate([nominal.joint[[JP_INDEX[n] for n in free]], np.zeros(len(skin.keys))])
-        own = np.diag(1.0 / prior_deviations(free) ** 2)
+        expected, own = expected_joints(nominal, free, learnt)
+        self.centre = np.concatenate([expected, np.zeros(len(skin.keys))])
         self.precision = block_diag(own, np.linalg.inv(skin.covariance)) if skin.keys else own
 
     def at(self, x: Array) -> tuple[list[TrialProblem], Parameters, Array, list[Array]]:
@@ -151,17 +144,17 @@ class _MarkersAndPriors(SharedTrials):
     def reduced(self, x: Array) -> list[Array]:
         """Per trial S_t among all (np + nz) unknowns, motions eliminated."""
         trials, moved, _, nodes = self.at(x)
+        equations = [problem.equations(n, problem.constants(moved)) for problem, n in zip(trials, nodes, strict=True)]
+        return self.placed([eliminate(of_trial).hessian for of_trial in equations])
+
+    def placed(self, hessians: Sequence[Array]) -> list[Array]:
+        """The same from what is left of each trial (np_t, np_t), m^2."""
         out = []
-        for problem, n, share, places in zip(trials, nodes, self.share, self.columns, strict=True):
+        for hessian, share, places in zip(hessians, self.share, self.columns, strict=True):
             whole = np.zeros((self.size, self.size))
-            whole[np.ix_(places, places)] = share * eliminate(problem.equations(n, problem.constants(moved))).hessian
+            whole[np.ix_(places, places)] = share * hessian
             out.append(whole)
         return out
-
-
-def first_noise(problem: TrialProblem) -> float:
-    """m, nu of a trial of which nothing is known."""
-    return FIRST_NOISE * float(np.sqrt(max(frame_rate(problem.basis) * MEMORY_S, 1.0)))
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -185,6 +178,7 @@ def estimate_joints(
     *,
     skin: SkinPrior = NO_SKIN,
     start: JointEstimate | None = None,
+    learnt: JointPrior | None = None,
 ) -> tuple[JointEstimate, Influence]:
     """Fit the joint parameters `free` and the skin to all trials together, and tell their errors by source.
 
@@ -194,22 +188,27 @@ def estimate_joints(
     nominal : centre of the prior, and values of all that is not free.
     start : an estimate of the same trials without skin; its noise is kept, as skin that is free explains noise, too.
         Unless given, the noise of every trial is found by fitting `ROUNDS` times.
+    learnt : prior of a cohort, about `nominal`; the default prior unless given.
     """
     began = time.perf_counter()
+    fit: JointFit | None = None
     if start is None:
-        fit, noise = _without_skin(problems, nominal, free)
+        fit, noise = joints_and_noise(problems, nominal, free, learnt)
         theta, nodes, steps = fit.values, list(fit.nodes), fit.iterations
         converged, message = fit.converged, fit.message
     else:
         noise, theta = list(start.noise), np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
         nodes, steps, converged, message = list(start.nodes), 0, start.converged, start.message
-    shared = _MarkersAndPriors(problems, nominal, free, skin, noise)
+    shared = _MarkersAndPriors(problems, nominal, free, skin, noise, learnt)
     x = shared.joined(theta, nodes)
     if skin.keys:
         end = descend(shared, x, WITH_SKIN)
         x, steps, converged, message = end.x, steps + end.steps, end.converged, end.ending.value
     theta, nodes = shared.parted(x)
-    parts = shared.reduced(x)
+    if fit is None or skin.keys:
+        parts = shared.reduced(x)
+    else:
+        parts = shared.placed([trial.matrices.hessian for trial in fit.state.trials])
     inverse = np.linalg.inv(sum(parts) + shared.precision)
     estimate = JointEstimate(
         free=free,
@@ -227,25 +226,6 @@ def estimate_joints(
     return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
 
 
-def _without_skin(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]
-) -> tuple[JointFit, list[float]]:
-    """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
-    noise = [first_noise(p) for p in problems]
-    starts: Sequence[Array] = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    least, values = [least_noise(p.basis) for p in problems], None
-    precision = np.diag(1.0 / prior_deviations(free) ** 2)
-    for remaining in reversed(range(ROUNDS + 1)):
-        weighed = [p.scaled(1.0 / nu**2) for p, nu in zip(problems, noise, strict=True)]
-        fit = calibrate_joints(weighed, nominal, free, starts, PLAIN, start_values=values)
-        starts, values = fit.nodes, fit.values
-        if remaining:
-            served = float(np.trace(np.linalg.solve(fit.state.hessian + precision, fit.state.hessian)))
-            seen = [seen_noise(p, fit.parameters, n) for p, n in zip(problems, fit.nodes, strict=True)]
-            noise = trial_noises(seen, least, served)
-    return fit, noise
-
-
 def _influence(
     names: Sequence[str], estimate: JointEstimate, shared: _MarkersAndPriors, parts: Sequence[Array], inverse: Array
 ) -> Influence:
@@ -257,7 +237,7 @@ def _influence(
         columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
     count = len(estimate.free)
-    columns.append(inverse[:, :count] * np.sqrt(np.diag(shared.precision)[:count]))
+    columns.append(inverse[:, :count] @ np.linalg.cholesky(shared.precision[:count, :count]))
     sources += [f"nominal/{name}" for name in estimate.free]
     if estimate.keys:
         columns.append(inverse[:, count:] @ np.linalg.cholesky(shared.precision[count:, count:]))

@@ -19,7 +19,8 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.findings import Finding
@@ -32,6 +33,7 @@ from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
@@ -103,13 +105,17 @@ def calibrate_by_evidence(
 
     `standing`: the whole body in the static trial, where every marker is in its place.
     """
-    legs = _legs(trials, nominal, standing, sides)
-    upper = _trunk_and_arms(trials, nominal, legs.parameters if legs else nominal)
+    legs = _legs(trials, nominal, standing, sides, settings.learnt)
+    upper = _trunk_and_arms(trials, nominal, legs.parameters if legs else nominal, settings.learnt)
     return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
 
 
 def _legs(
-    trials: Sequence[EvidenceTrial], nominal: Parameters, standing: TrialProblem, sides: Sequence[str]
+    trials: Sequence[EvidenceTrial],
+    nominal: Parameters,
+    standing: TrialProblem,
+    sides: Sequence[str],
+    learnt: JointPrior | None,
 ) -> _Part | None:
     """Isolated trials of `sides` and gait, with the skin that there is evidence of; None where nothing is free."""
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
@@ -117,19 +123,19 @@ def _legs(
     free = free_of(problems, tuple(n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides))
     if not free:
         return None
-    plain, errors = estimate_joints(problems, nominal, free)
+    plain, errors = estimate_joints(problems, nominal, free, learnt=learnt)
     whole = len(problems)
     quiet = _quiet_joints([t for t in used if t.joint is None], problems, plain, nominal)
     if quiet:
         used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
-        plain, errors = estimate_joints(problems, nominal, free)
+        plain, errors = estimate_joints(problems, nominal, free, learnt=learnt)
     angles = {t.name: _angles(t.body, plain.parameters, standing) for t in trials}
     columns = [replace(p, tissue=skin_columns(p, angles[t.name])) for t, p in zip(used, problems, strict=True)]
     sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
     estimate, skin, tissue = plain, NO_SKIN_FOUND, dict[str, SoftTissue]()
     if sizes:
         own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
-        estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain)
+        estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain, learnt=learnt)
         skin = SkinFound(sizes, estimate.keys, estimate.skin)
         for t in trials:
             moving = only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes)
@@ -148,7 +154,9 @@ def _legs(
     )
 
 
-def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, parameters: Parameters) -> _Part | None:
+def _trunk_and_arms(
+    trials: Sequence[EvidenceTrial], nominal: Parameters, parameters: Parameters, learnt: JointPrior | None
+) -> _Part | None:
     """Gait by itself above the pelvis, about `parameters`; None where nothing is free."""
     walks = [t for t in trials if t.joint is None]
     problems = [
@@ -159,7 +167,7 @@ def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, parame
     free = free_of(problems, UPPER_PARAMETERS)
     if not free:
         return None
-    trunk, errors = estimate_joints(problems, parameters, free)
+    trunk, errors = estimate_joints(problems, parameters, free, learnt=learnt)
     phase = _phase("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk, trunk)
     return _Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase)
 
@@ -182,10 +190,8 @@ def _quiet_joints(
     free = free_of([piece for _, piece in pieces], plain.free)
     if not free:
         return []
-    alone, _ = estimate_joints([piece for _, piece in pieces], nominal, free)
-    return [
-        (walk, piece) for (walk, piece), nu in zip(pieces, alone.noise, strict=True) if nu < QUIET * legs[walk.name]
-    ]
+    alone = noise_of_joints([piece for _, piece in pieces], nominal, free, plain.parameters)
+    return [(walk, piece) for (walk, piece), nu in zip(pieces, alone, strict=True) if nu < QUIET * legs[walk.name]]
 
 
 def _shows(problem: TrialProblem, joint: str) -> bool:
@@ -256,7 +262,8 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         influence = _joined(influence, part.errors)
     free = tuple(name for part in parts for name in part.free)
     parameters = parts[-1].parameters if parts else nominal
-    errors, spread = influence.standard_errors, dict(zip(free, prior_deviations(free), strict=True))
+    expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
+    errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
@@ -273,12 +280,12 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
             *in_words(
                 [n for n in unseen if n.startswith(LEG_JOINTS)],
                 (),
-                "held near nominal values",
+                "held near nominal values" if settings.learnt is None else "held near what the cohort has",
                 parts[0].turned if parts else {},
             ),
             *beyond_bounds(beyond),
         ),
-        notes=skin_in_words(sizes),
+        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes)),
         at_bound=beyond,
         skin=sizes,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},

@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.study.joint_prior import JointPrior
 
 POSITION = 0.020
 """m, standard deviation of a coordinate of a joint's place about its nominal value."""
@@ -25,3 +26,16 @@ def prior_deviations(names: Sequence[str]) -> Array:
     """(n,) m, rad: standard deviations of joint parameters about their nominal values."""
     position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
     return np.where(position, POSITION, ORIENTATION)
+
+
+def prior_of(names: Sequence[str], learnt: JointPrior | None) -> tuple[Array, Array]:
+    """(n,) m, rad and (n, n): mean and covariance of deviations from nominal values; by default alone where nothing
+    is learnt of a parameter.
+    """
+    mean, covariance = np.zeros(len(names)), np.diag(prior_deviations(names) ** 2)
+    if learnt is not None:
+        own = [k for k, name in enumerate(names) if name in learnt.names]
+        there = [learnt.names.index(names[k]) for k in own]
+        mean[own] = learnt.mean[there]
+        covariance[np.ix_(own, own)] = learnt.covariance[np.ix_(there, there)]
+    return mean, covariance

@@ -25,17 +25,13 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.calibration.open_motion import KEPT_WITHIN, Matrices, OpenMotion, TrialState
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.arrow import Elimination, eliminate
-from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.descent import Descent, DescentSettings, descend
-from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
-KEPT_WITHIN = 0.005
-"""m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
 CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, persistent=False)
 """A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of the cost; where plain
 steps do not get there, it is tracked."""
@@ -48,52 +44,13 @@ MUCH_NEARER = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Matrices:
-    """What a trial's normal equations give at one point, as long as it serves."""
-
-    values: Array
-    """(np_t,) the free parameters of this trial's chain where they were formed."""
-    nodes: Array
-    """(nn, nq) where they were formed."""
-    eliminated: Elimination
-
-    @property
-    def hessian(self) -> Array:
-        """(np_t, np_t) reduced."""
-        return self.eliminated.hessian
-
-    def serve(self, values: Array, nodes: Array) -> bool:
-        """Whether another point is near enough."""
-        far = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
-        return bool(far < KEPT_WITHIN)
-
-    def solve(self, gradient: Array) -> Array:
-        """H_qq^-1 times a gradient by the nodes, one after the other."""
-        return self.eliminated.factor.solve(gradient)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrialState:
-    """One trial at the joint parameters last visited."""
-
-    nodes: Array
-    """(nn, nq)."""
-    matrices: Matrices
-    cost: float
-    """m^2."""
-    reduced_gradient: Array
-    """(np_t,) half gradient."""
-    converged: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReducedState:
     """All trials at one p."""
 
     p: Array
     trials: tuple[TrialState, ...]
     cost: float
-    """m^2, markers only."""
+    """m^2 (as shares have no unit), markers only."""
     hessian: Array
     """(np, np) S of the markers."""
     gradient: Array
@@ -123,6 +80,8 @@ class ReducedProblem:
         self.free = free
         self.parameters = parameters
         self.settings = settings
+        self.shares = [1.0] * len(problems)
+        """What the cost of each trial counts."""
         self.fixed = [problem.with_free(()) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
         self.columns = [problem.places_in(free) for problem in self.open]
@@ -152,13 +111,20 @@ class ReducedProblem:
         state, parameters = self.at(p), self.parameters.with_joint(self.free, p)
         return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
 
+    def weigh(self, shares: Sequence[float]) -> None:
+        """Let the cost of each trial count so much. No motion moves by that: the best point is summed up anew."""
+        self.shares, best = list(shares), self.best
+        self.state = self.best = None
+        if best is not None:
+            self._keep(best.p, best.trials)
+
     def _keep(self, p: Array, trials: tuple[TrialState, ...]) -> ReducedState:
         """Sum the trials up, and remember the point if it is the best."""
-        hessian, gradient = np.zeros((len(p), len(p))), np.zeros(len(p))
-        for trial, columns in zip(trials, self.columns, strict=True):
-            hessian[np.ix_(columns, columns)] += trial.matrices.hessian
-            gradient[columns] += trial.reduced_gradient
-        cost = sum(t.cost for t in trials)
+        hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
+        for trial, columns, share in zip(trials, self.columns, self.shares, strict=True):
+            hessian[np.ix_(columns, columns)] += share * trial.matrices.hessian
+            gradient[columns] += share * trial.reduced_gradient
+            cost += share * trial.cost
         state = ReducedState(p=p.copy(), trials=trials, cost=cost, hessian=hessian, gradient=gradient)
         if self.best is None or self._total(state) <= self._total(self.best):
             self.best = state
@@ -181,11 +147,11 @@ class ReducedProblem:
             predicted = track_nodes(self.fixed[k], constants.without_parameters(), self.starts[k], about).nodes
         else:
             last = self.best.trials[k]
-            ahead = last.matrices.eliminated.sensitivity @ (p - self.best.p)[self.columns[k]]
+            ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
             predicted, kept = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
         if self._curved(k):
             return self._tracked(k, predicted, values, constants, self.settings)
-        motion = _OpenMotion(problem, constants, values)
+        motion = OpenMotion(problem, constants, values)
         serving = kept if kept is not None and kept.serve(values, predicted) else None
         end = descend(motion, predicted.ravel(), CORRECTOR, serving)
         return motion.ended(end) if end.converged else self._tracked(k, predicted, values, constants, near)
@@ -194,7 +160,7 @@ class ReducedProblem:
         """One trial, solved as far as the settings of tracking ask."""
         problem, values = self.open[k], p[self.columns[k]]
         constants = problem.constants(parameters)
-        stepped, share = _OpenMotion(problem, constants, values).stepped(trial.nodes, converged=trial.converged)
+        stepped, share = OpenMotion(problem, constants, values).stepped(trial.nodes, converged=trial.converged)
         if share <= self.settings.gain:
             return stepped
         return self._tracked(k, trial.nodes, values, constants, self.settings)
@@ -207,7 +173,7 @@ class ReducedProblem:
         tracked = track_nodes(self.fixed[k], constants.without_parameters(), nodes, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        motion = _OpenMotion(self.open[k], constants, values)
+        motion = OpenMotion(self.open[k], constants, values)
         return motion.stepped(tracked.nodes, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
@@ -226,72 +192,3 @@ class ReducedProblem:
         """Compressed Jacobian of `residual`."""
         values, vectors = self.at(p).spectrum
         return np.vstack([np.sqrt(values)[:, None] * vectors.T, np.zeros((1, len(p))), self.prior])
-
-
-@dataclass(frozen=True)
-class _OpenEvaluation(Evaluation):
-    """With the gradient by the joint parameters too."""
-
-    by_parameter: Array
-    """(np_t,) half gradient."""
-
-
-class _OpenMotion:
-    """A trial's marker cost by its nodes; what the free joint parameters would change is carried along."""
-
-    nothing_left = 0.0
-    has_curvature = False
-
-    def __init__(self, problem: TrialProblem, constants: ChainConstants, values: Array) -> None:
-        self.problem, self.constants, self.values = problem, constants, values
-
-    def nodes(self, x: Array) -> Array:
-        return x.reshape(self.problem.basis.nodes, -1)
-
-    def evaluate(self, x: Array) -> _OpenEvaluation:
-        cost, by_nodes, by_parameter = self.problem.both_gradients(self.nodes(x), self.constants)
-        return _OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
-
-    def linearise(self, x: Array, *, curved: bool) -> _OpenMatrix:
-        nodes = self.nodes(x)
-        return _OpenMatrix(self.values, nodes, self.problem.equations(nodes, self.constants, curved=curved))
-
-    def ended(self, end: Descent[_OpenEvaluation, Matrices]) -> TrialState:
-        """The trial where an iteration on it converged."""
-        matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
-        return self._state(end.x, end.evaluation, matrices, end.promise, converged=True)
-
-    def stepped(self, nodes: Array, *, converged: bool) -> tuple[TrialState, float]:
-        """The trial one plain step from `nodes` (nn, nq), and the share of the cost that this promises to gain."""
-        matrix = self.linearise(nodes.ravel(), curved=False)
-        here, matrices = matrix.evaluation, matrix.factor(0.0)
-        step = -matrices.solve(here.gradient)
-        promise = -float(here.gradient @ step)
-        state = self._state(nodes.ravel() + step, here, matrices, promise, converged=converged)
-        return state, promise / here.cost if here.cost > 0.0 else 0.0
-
-    def _state(
-        self, x: Array, before: _OpenEvaluation, matrices: Matrices, promise: float, *, converged: bool
-    ) -> TrialState:
-        """At nodes x, reached from `before` by a last step that promised to gain `promise`."""
-        return TrialState(
-            nodes=self.nodes(x),
-            matrices=matrices,
-            cost=max(before.cost - promise, 0.0),
-            reduced_gradient=matrices.eliminated.reduced(before.gradient, before.by_parameter),
-            converged=converged,
-        )
-
-
-class _OpenMatrix:
-    """Its equations at some nodes."""
-
-    spent = False
-
-    def __init__(self, values: Array, nodes: Array, equations: NormalEquations) -> None:
-        self.values, self.nodes, self.equations = values, nodes, equations
-        by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
-        self.evaluation = _OpenEvaluation(equations.cost, by_node, by_parameter)
-
-    def factor(self, damping: float) -> Matrices:
-        return Matrices(values=self.values, nodes=self.nodes, eliminated=eliminate(self.equations, damping))

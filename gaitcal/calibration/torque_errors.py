@@ -175,16 +175,22 @@ class MarkerMoves:
 
     def through(self, basis: SplineBasis, part: slice, slopes: tuple[Array, ...]) -> tuple[Array, Array]:
         """(frames, m, own) T n_c and (frames, m, np) - T S, for slopes (frames, m, nq) by q, v, a in some frames."""
+        # one product, as sums of large arrays take longer
+        moved = [self.moved(basis, part, slopes[0].shape[2], k) for k in range(len(slopes))]
+        return self.split(np.concatenate(slopes, axis=2) @ np.concatenate(moved, axis=1))
+
+    def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
+        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
         near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-        nq = slopes[0].shape[2]
-        rows = slice(near.start * nq, near.stop * nq)
+        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
         by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        frames = part.stop - part.start
-        # only the nodes whose splines reach these frames; one product, as sums of large arrays take longer
-        moved = [(basis_matrix(basis, k)[part, near] @ by_node).reshape(frames, nq, -1) for k in range(len(slopes))]
-        out = np.concatenate(slopes, axis=2) @ np.concatenate(moved, axis=1)
+        out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
+        return out.reshape(part.stop - part.start, nq, -1)
+
+    def split(self, both: Array) -> tuple[Array, Array]:
+        """What belongs to the own coordinates, and to the unknowns."""
         count = self.nodes.shape[1]
-        return out[:, :, :count], out[:, :, count:]
+        return both[:, :, :count], both[:, :, count:]
 
     def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
         """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
@@ -244,8 +250,7 @@ def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Sour
     out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
     for start in range(0, len(basis.time), BLOCK):
         part = slice(start, min(start + BLOCK, len(basis.time)))
-        still = np.broadcast_to(np.eye(nq), (part.stop - part.start, nq, nq))
-        for source, variance in moves.variances(*moves.through(basis, part, (still,))).items():
+        for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
             out[source][part] = variance
     return out
 

@@ -34,6 +34,8 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
         "normal": None if common.normal is None else sha256_of(common.normal),
         "files": {name: sha256_of(path) for name, path in sorted(_files(person.folder))},
     }
+    if common.priors is not None:
+        content["priors"] = sha256_of(common.priors)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -28,6 +28,7 @@ from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.intake.source import files_of, own_study
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
@@ -45,6 +46,8 @@ class CommonSettings:
     """Of it, what was said; a study file of a person's own comes before."""
     normal: Path | None = None
     """File of normal bands."""
+    priors: Path | None = None
+    """`priors.json` of a cohort, on which joint parameters lean."""
 
     @property
     def said(self) -> dict[str, object]:
@@ -83,6 +86,8 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     del folder  # the recordings of all files, also of those that are not used
     require_room(out, ResultKind.CALIBRATION, inputs)
     loaded = replace(loaded, settings=_settings(loaded.settings, common))
+    if common.priors is not None:
+        loaded = with_cohort_priors(loaded, common.priors)
     findings = check_study(loaded)
     if drafted is not None:
         loaded, findings, faulty = without_faulty_trials(loaded, findings)
@@ -92,9 +97,13 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     calibration = calibrate(loaded, checked=findings)
     notes = draft_notes(drafted) if drafted is not None else _contradictions(person, loaded)
     calibration = replace(calibration, notes=(*notes, *calibration.notes))
-    made_with = {}
-    if common.normal is not None:
-        made_with = {"normal": common.normal.name, "normal_sha256": sha256_of(common.normal)}
+    files = {"normal": common.normal, "priors": common.priors}
+    made_with = {
+        key: value
+        for name, file in files.items()
+        if file is not None
+        for key, value in ((name, file.name), (f"{name}_sha256", sha256_of(file)))
+    }
     bands = None if common.normal is None else read_normal_bands(common.normal)
     text = None if drafted is None else draft_text(drafted, out) + settings_text(common.calibration)
     write_results(calibration, out, made_with, drafted=text, normal=bands)

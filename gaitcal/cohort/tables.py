@@ -83,6 +83,8 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
     settings: dict[str, object] = json.loads(common.calibration.model_dump_json(exclude_unset=True))
     if common.normal is not None:
         settings |= {"normal": common.normal.name, "normal_sha256": sha256_of(common.normal)}
+    if common.priors is not None:
+        settings |= {"priors": common.priors.name, "priors_sha256": sha256_of(common.priors)}
     return _text(
         {
             "kind": ResultKind.COHORT.value,

@@ -24,6 +24,7 @@ from gaitcal.intake.source import files_of
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
+from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
 from gaitcal.verdict.verdict import Judgement
@@ -38,21 +39,24 @@ def run(
     force: bool = False,
     hold_out: bool = False,
     normal: Path | None = None,
+    priors: Path | None = None,
 ) -> None:
     """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
 
     `force` goes on past errors that the checks find, and keeps every trial of a drafted study. `normal`: file of normal
-    bands, or the name of those that gaitcal brings.
+    bands, or the name of those that gaitcal brings. `priors`: file of a cohort, on which joint parameters lean.
     """
     normal = None if normal is None else bands_file(normal)
     bands = None if normal is None else read_normal_bands(normal)
     source = study_or_draft(path, options, talk)
     drafted = source if isinstance(source, Draft) else None
     inputs = input_files(load_study_file(source), source) if isinstance(source, Path) else files_of(source)
-    kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *([] if normal is None else [normal])])
+    kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
     with talk.working() as step:
         step("reading the recordings")
         loaded = Study.load(source) if isinstance(source, Path) else study_of(source)
+        if priors is not None:
+            loaded = with_cohort_priors(loaded, priors)
         step("checking the recordings")
         findings = check_study(loaded)
         if drafted is not None and not force:
@@ -68,9 +72,13 @@ def run(
             calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+        if priors is not None:
+            made_with |= {"priors": priors.name, "priors_sha256": sha256_of(priors)}
         text = None if drafted is None else draft_text(drafted, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
     print_calibration(talk, calibration)
+    for note in loaded.joint_prior.notes if loaded.joint_prior else ():
+        talk.line(f"priors: {note}")
     tell_changed(talk, loaded.changed_inputs())
     tell_kept(talk, kept)
     if drafted is not None:

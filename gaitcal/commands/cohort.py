@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaitcal.cohort.cohort_file import read_cohort
+from gaitcal.cohort.learn_priors import PRIORS, learn_priors
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import Cohort, joined
@@ -19,6 +20,7 @@ from gaitcal.files.interruption import InterruptedWork, Stopped
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.montecarlo.workers import Cluster
+from gaitcal.study.cohort_prior import read_cohort_priors
 
 ORDER = ("refused", "doubtful", "trustworthy")
 """Verdicts, those first that somebody should look at."""
@@ -34,6 +36,8 @@ class CohortOptions:
     cluster: str | None = None
     normal: Path | None = None
     retry: bool = False
+    priors: Path | None = None
+    learn_priors: bool = False
     told: Options = NOTHING_SAID
     """Of everyone, where nothing else is said of a person."""
 
@@ -53,11 +57,16 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
     normal = None if options.normal is None else bands_file(options.normal).resolve()
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
+    if options.priors is not None:
+        if options.learn_priors:
+            raise UsageError("not with --priors: priors are learnt of people who lean on none", field="--learn-priors")
+        read_cohort_priors(options.priors)
     cohort, calibration = read_cohort(path, out)
     cohort = _with_options(cohort, options.told)
     for name in cohort.ignored:
         talk.line(f"not used: {name}: holds no recordings")
-    common = CommonSettings(calibration=calibration, normal=normal)
+    priors = None if options.priors is None else options.priors.resolve()
+    common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with talk.working() as step:
             written = run_cohort(
@@ -67,6 +76,12 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
         work = "whoever had ended is kept, the same command goes on with the others"
         raise InterruptedWork(ending, work) from None
     _tell_end(talk, written, out)
+    if options.learn_priors:
+        with talk.working() as step:
+            lines = learn_priors(cohort, out, step)
+        for line in lines:
+            talk.line(line)
+        talk.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
     if written.verdicts.get("failed"):
         sys.exit(1)
 

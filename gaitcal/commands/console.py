@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,10 +14,11 @@ from rich.text import Text
 
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.person.truth_words import sums
 from gaitcal.runtime import Progress, silent
 from gaitcal.verdict.verdict import Verdict
+
+if TYPE_CHECKING:
+    from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
 """How a reason begins."""
@@ -59,6 +61,8 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
 
 def print_calibration(talk: Talk, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
+    from gaitcal.person.truth_words import sums  # with it comes all of a calibration, which `check` does not need
+
     print_trials(talk, calibration.trials)
     for total in sums(calibration, calibration.truth) if calibration.truth else ():
         talk.line(total.sentence)

@@ -21,6 +21,13 @@ Normal = Annotated[
         help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
     ),
 ]
+Priors = Annotated[
+    Path | None,
+    typer.Option(help="priors.json of a cohort: joint parameters lean on its people instead of on the literature."),
+]
+LearnPriors = Annotated[
+    bool, typer.Option("--learn-priors", help="Learn of all people what joint parameters to expect: priors.json.")
+]
 
 ExampleName = Annotated[str | None, typer.Argument(metavar="[NAME]", help="Which; without it, all are listed.")]
 ExampleOut = Annotated[Path | None, typer.Option("--out", help="Folder for the files; NAME unless given.")]
@@ -65,6 +72,8 @@ FilterHz = Annotated[
     str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
 ]
 
+Seed = Annotated[int, typer.Option(min=0, help="Seed of noise and perturbation.")]
+Noise = Annotated[bool, typer.Option("--noise", help="Add the published marker noise (up to 10 mm).")]
 Perturb = Annotated[
     bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
 ]
@@ -139,6 +148,7 @@ Studies = Annotated[
     typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
 ]
 
+Html = Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")]
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]

@@ -44,6 +44,8 @@ class Session:
     """Segment -> deg, how far its axes may point elsewhere (`dynamics/axis_errors.py`)."""
     error_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Torque -> source -> part of the variance of its error, 0 to 1."""
+    leans_on_cohort: bool = False
+    """Its joint parameters were fitted with priors of a cohort."""
     relative: bool = False
     """Joint angles are counted from the static posture."""
 

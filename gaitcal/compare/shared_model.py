@@ -70,11 +70,17 @@ class SharedJoints:
 
 
 def require_fit_to_share(a: Session, b: Session) -> None:
-    """InputError where a session is refused, or its joint parameters were not calibrated."""
+    """InputError where a session is refused, or its joint parameters were not calibrated by itself."""
     for session in (a, b):
         if session.verdict == "refused":
             raise InputError(
                 "is refused: it has no say in a shared model", source=session.name, code=Code.NOT_COMPARABLE
+            )
+        if session.leans_on_cohort:
+            raise InputError(
+                "leans on priors of a cohort: calibrate it without to share a model",
+                source=session.name,
+                code=Code.NOT_COMPARABLE,
             )
         if session.influence is None:
             raise InputError(
@@ -90,7 +96,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     Raises
     ------
     InputError
-        A session is refused, or its joint parameters were not calibrated.
+        A session is refused, its joint parameters were not calibrated, or lean on a cohort.
     """
     require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, unloaded_forces
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain
@@ -160,7 +160,7 @@ class AxisErrors:
             turned = np.zeros((len(q), 3, 3)) + turned  # (nf, turn, xyz)
             for name in crossing.turns:
                 if name in FORCES:
-                    moved = np.cross(turned, axes[name][:, None])
+                    moved = cross(turned, axes[name][:, None])
                     out[:, FORCES.index(name), place] += (moved * moment).sum(axis=2)
                 if name in taken:
                     turned = turned + taken[name][:, :, None] * axes[name][:, None]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, pelvis_axes, pelvis_residual, root_wrench
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain
@@ -93,11 +93,12 @@ def force_derivatives(
     model, data = linkage.model, linkage.model.createData()
     by_q, by_v, by_a = (np.empty((nf, len(rows), len(COORDINATES))) for _ in range(3))
     by_p = np.empty((nf, len(rows), len(free)))
+    places, held_places = np.ix_(rows, moving), np.ix_(rows, fixed)
+    upper = np.minimum(*places), np.maximum(*places)  # Pinocchio fills the upper half of the mass matrix alone
     for f in range(nf):
         dq, dv, da = pin.computeRNEADerivatives(model, data, state[0, f], state[1, f], state[2, f])
-        mass = np.triu(da) + np.triu(da, 1).T  # Pinocchio fills the upper half alone
-        by_q[f], by_p[f] = dq[np.ix_(rows, moving)], dq[np.ix_(rows, fixed)]
-        by_v[f], by_a[f] = dv[np.ix_(rows, moving)], mass[np.ix_(rows, moving)]
+        by_q[f], by_p[f] = dq[places], dq[held_places]
+        by_v[f], by_a[f] = dv[places], da[upper]
     contact = _contact_derivatives(chain, linkage.coordinates, parameters, q, wrenches, names, free)
     by_q -= contact[:, :, :27]
     by_p -= contact[:, :, 27:]
@@ -128,8 +129,8 @@ def _contact_derivatives(
         force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
         v, w = columns[:, moved, :3], columns[:, moved, 3:]
         # F . (w_j x v_i) = w_j . (v_i x F), and so on
-        by_turn = np.cross(v, force[:, None]) + np.cross(w, moment[:, None])
-        product = by_turn @ w.transpose(0, 2, 1) + np.cross(w, force[:, None]) @ v.transpose(0, 2, 1)
+        by_turn = cross(v, force[:, None]) + cross(w, moment[:, None])
+        product = by_turn @ w.transpose(0, 2, 1) + cross(w, force[:, None]) @ v.transpose(0, 2, 1)
         out[np.ix_(np.arange(len(q)), moved, moved)] += product * before
     rows = np.array([place[name] for name in forces])
     by = np.array([place[name] for name in (*COORDINATES, *free)])

@@ -38,7 +38,7 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JP_INDEX
@@ -184,7 +184,7 @@ def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[s
         turning = place.turning[:, wanted].transpose(0, 2, 1)  # (nf, 3, variables)
         found = (g @ turning) * place.moves(joint.proximal)[wanted] + (h @ turning) * place.moves(joint.distal)[wanted]
         for k, name in enumerate(joint.turns):
-            lever = share[:, :, k, None] * np.cross(axes[:, k], moment)[:, None]
+            lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
             found -= (lever @ turning) * place.before(name, joint.distal)[wanted]
         by_variable[:, at] = found
     split = len(COORDINATES)
@@ -197,16 +197,16 @@ def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, A
     e, still = [proximal[:, order], distal[:, order]], np.zeros_like(proximal)
     across = moment[:, None]
     first, third = proximal[:, 2], distal[:, 1]
-    normal = np.cross(third, first)
+    normal = cross(third, first)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     floating = normal / length
     e.append(np.stack([first, floating, third], axis=1))
     b = (moment - (moment * floating).sum(axis=1, keepdims=True) * floating) / length
     nothing = np.zeros_like(moment)
-    g = [np.cross(e[0], across), still]
-    g.append(np.stack([np.cross(first, moment), np.cross(first, np.cross(b, third)), nothing], axis=1))
-    h = [still, np.cross(e[1], across)]
-    h.append(np.stack([nothing, np.cross(third, np.cross(first, b)), np.cross(third, moment)], axis=1))
+    g = [cross(e[0], across), still]
+    g.append(np.stack([cross(first, moment), cross(first, cross(b, third)), nothing], axis=1))
+    h = [still, cross(e[1], across)]
+    h.append(np.stack([nothing, cross(third, cross(first, b)), cross(third, moment)], axis=1))
     return np.concatenate(e, axis=1), np.concatenate(g, axis=1), np.concatenate(h, axis=1)
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.model.hip_centre import (
     HipCentre,
     PelvicWidth,
@@ -71,7 +71,7 @@ def across(a: Array, y: Array) -> Array:
 def frame_yz(origin: Array, y: Array, towards_z: Array) -> Frame:
     """The frame with this y whose z is nearest to a direction."""
     z = across(towards_z, y)
-    return Frame(np.column_stack([np.cross(y, z), y, z]), origin)
+    return Frame(np.column_stack([cross(y, z), y, z]), origin)
 
 
 def sign(side: str) -> float:
@@ -142,11 +142,11 @@ def lumbar_joint(asis_distance: float) -> Array:
 def _pelvis(right: Array, left: Array, sacrum: Array) -> Frame:
     middle = 0.5 * (right + left)
     z = unit(right - left)
-    y = unit(np.cross(z, middle - sacrum))
-    return Frame(np.column_stack([np.cross(y, z), y, z]), middle)
+    y = unit(cross(z, middle - sacrum))
+    return Frame(np.column_stack([cross(y, z), y, z]), middle)
 
 
 def _foot(heel: Array, toe: Array, shank: Frame) -> Frame:
     x = unit(toe - heel)
-    z = unit(np.cross(x, shank.rotation[:, 1]))
-    return Frame(np.column_stack([x, np.cross(z, x), z]), heel)
+    z = unit(cross(x, shank.rotation[:, 1]))
+    return Frame(np.column_stack([x, cross(z, x), z]), heel)

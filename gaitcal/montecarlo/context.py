@@ -85,7 +85,7 @@ def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, 
     """(nn, nq, np) dN/dp of the equation above."""
     opened = problem.with_free(names)
     equations = opened.equations(case.nodes, opened.constants(case.parameters))
-    solved = -BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
+    solved = -BandFactor(equations.band).solve(equations.mixed)
     passed = [names.index(name) for name in opened.chain.free]
     out = np.zeros((*case.nodes.shape, len(names)))
     out[:, :, passed] = solved.reshape(*case.nodes.shape, len(passed))

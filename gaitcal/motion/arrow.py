@@ -8,13 +8,15 @@ Elimination of the nodes leaves the Schur complement S = P - sum_t C_t^T H_t^-1 
 
     dp = -S^-1 (g_p - sum_t C_t^T H_t^-1 g_t),      dN_t = -H_t^-1 g_t - X_t dp,      X_t = H_t^-1 C_t.
 
-X_t is what the nodes of trial t lose by the parameters: -dN_t/dp.
+X_t is what the nodes of trial t lose by the parameters: -dN_t/dp. With H_t = L L^T and Y = L^-1 C_t all of it
+comes from half the substitutions: C_t^T H_t^-1 C_t = Y^T Y,  C_t^T H_t^-1 g = Y^T L^-1 g,  X_t dp = L^-T (Y dp).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -36,26 +38,34 @@ class Elimination:
 
     factor: BandFactor
     """Of H_t."""
-    sensitivity: Array
-    """(nn * nq, np_t) X_t."""
+    halfway: Array
+    """(nn * nq, np_t) Y."""
     hessian: Array
     """(np_t, np_t) H_pp - C_t^T X_t."""
 
+    @cached_property
+    def sensitivity(self) -> Array:
+        """(nn * nq, np_t) X_t."""
+        return self.factor.backward(self.halfway)
+
+    def follow(self, change: Array) -> Array:
+        """(nn * nq,) X_t dp."""
+        return self.factor.backward(self.halfway @ change)
+
     def reduced(self, node_gradient: Array, parameter_gradient: Array) -> Array:
         """(np_t,) half gradient by the parameters, nodes following; from half gradients at one point."""
-        out: Array = parameter_gradient - self.sensitivity.T @ node_gradient.ravel()
+        out: Array = parameter_gradient - self.halfway.T @ self.factor.forward(node_gradient.ravel())
         return out
 
 
 def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
     """Eliminate the nodes of one trial; `damping` is relative to the diagonals of H_t and H_pp."""
     factor = BandFactor(equations.band, damping)
-    mixed = np.asfortranarray(equations.mixed)
-    sensitivity = factor.solve(mixed) if mixed.shape[1] else np.zeros(mixed.shape)
-    hessian = equations.parameters - equations.mixed.T @ sensitivity
+    halfway = factor.forward(equations.mixed) if equations.mixed.shape[1] else equations.mixed
+    hessian = equations.parameters - halfway.T @ halfway
     if damping:
         hessian += damping * np.diag(np.diag(equations.parameters))
-    return Elimination(factor, sensitivity, 0.5 * (hessian + hessian.T))
+    return Elimination(factor, halfway, 0.5 * (hessian + hessian.T))
 
 
 @dataclass(frozen=True)
@@ -110,15 +120,18 @@ class ArrowFactor:
     def solve(self, gradient: Array) -> Array:
         """The whole matrix' inverse times `gradient`, both in the order of x."""
         size = len(self.schur)
-        ends = size + np.cumsum([0, *(len(trial.sensitivity) for trial in self.trials)])
-        by_node = [gradient[a:b] for a, b in pairwise(ends.tolist())]
+        ends = size + np.cumsum([0, *(len(trial.halfway) for trial in self.trials)])
+        halfway = [
+            trial.factor.forward(gradient[a:b])
+            for trial, (a, b) in zip(self.trials, pairwise(ends.tolist()), strict=True)
+        ]
         right = gradient[:size].copy()
-        for trial, places, of_trial in zip(self.trials, self.columns, by_node, strict=True):
-            right[places] -= trial.sensitivity.T @ of_trial
+        for trial, places, of_trial in zip(self.trials, self.columns, halfway, strict=True):
+            right[places] -= trial.halfway.T @ of_trial
         shared = np.linalg.solve(self.schur, right)
         nodes = [
-            trial.factor.solve(of_trial) - trial.sensitivity @ shared[places]
-            for trial, places, of_trial in zip(self.trials, self.columns, by_node, strict=True)
+            trial.factor.backward(of_trial - trial.halfway @ shared[places])
+            for trial, places, of_trial in zip(self.trials, self.columns, halfway, strict=True)
         ]
         return np.concatenate([shared, *nodes])
 

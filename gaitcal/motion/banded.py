@@ -9,18 +9,17 @@ S = H_pp - H_pq H_qq^-1 H_qp. Memory is 8 * 6 nq^2 bytes a node, whatever the nu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import lapack
+from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import blas, lapack
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
-from gaitcal.motion.spline import ORDER, SplineBasis
-
-_NODE_PAIRS = [(a, b) for a in range(ORDER) for b in range(a + 1)]
-_HIGH = np.array([a for a, _ in _NODE_PAIRS])
-_LOW = np.array([b for _, b in _NODE_PAIRS])
+from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +62,6 @@ class Assembler:
         self._later, self._earlier = _mixed_masks(pairs, coordinates, parameters)
         off = i != j
         self._mirror = np.flatnonzero(off)
-        self._weights = [
-            (first, frames, _node_products(basis.value[frames]), np.ascontiguousarray(basis.value[frames].T))
-            for first, frames in basis.spans
-        ]
         self._idle = np.flatnonzero(~pairs.active[:coordinates])
 
     def empty(self) -> _Sums:
@@ -80,71 +75,36 @@ class Assembler:
             parameter_gradient=np.zeros(self.np),
         )
 
-    def spans(self, most_frames: int) -> list[list[int]]:
-        """Spans in groups of at most about `most_frames` frames, to bound memory."""
-        groups: list[list[int]] = [[]]
-        count = 0
-        for k, (_, frames, _, _) in enumerate(self._weights):
-            size = frames.stop - frames.start
-            if groups[-1] and count + size > most_frames:
-                groups.append([])
-                count = 0
-            groups[-1].append(k)
-            count += size
-        return groups
-
-    def frames(self, group: list[int]) -> slice:
-        """Frames of a group of spans."""
-        return slice(self._weights[group[0]][1].start, self._weights[group[-1]][1].stop)
-
-    def add(self, sums: _Sums, equations: FrameEquations, group: list[int]) -> None:
-        """Add the frames of a group of spans."""
+    def add(self, sums: _Sums, equations: FrameEquations, stretch: Stretch) -> None:
+        """Add the frames of a stretch."""
         nq = self.nq
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
-        self.add_matrices(sums, equations.products(coordinates, coordinates), group)
-        self.add_gradient(sums.node_gradient, equations.gradient[:nq], group)
+        self.add_matrices(sums, equations.products(coordinates, coordinates), stretch)
+        stretch.add_gradient(sums.node_gradient, equations.gradient[:nq])
         if self.np:
-            self._add_mixed(sums.mixed, equations, group)
+            self._add_mixed(sums.mixed, equations, stretch)
             totals, pairs = equations.total(parameters), self.pairs
             deep, shallow = pairs.deep[pairs.parameters] - nq, pairs.shallow[pairs.parameters] - nq
             sums.parameters[shallow, deep] += totals[shallow, deep]
             sums.parameters[deep, shallow] = sums.parameters[shallow, deep]
             sums.parameter_gradient[:] += equations.gradient[nq:].sum(axis=1)
 
-    def add_matrices(self, sums: _Sums, matrices: Array, group: list[int]) -> None:
-        """Add matrices (frames of the group, nq, nq) of the coordinates, entry (k, l) valid where l comes after k."""
-        start = self._weights[group[0]][1].start
-        # entries (frames, pairs); for each span  blocks[21 node pairs, pairs] = sum_f B_a(f) B_b(f) entries(f)
+    def add_matrices(self, sums: _Sums, matrices: Array, stretch: Stretch) -> None:
+        """Add matrices (frames of the stretch, nq, nq) of the coordinates, entry (k, l) valid where l comes after k."""
+        # entries (frames, pairs);  blocks[node a, d, pairs] = sum_f B_a(f) B_a+d(f) entries(f)
         entries = np.take(matrices.reshape(len(matrices), self.nq**2), self._place, axis=1)
-        blocks = np.empty((len(group), len(_NODE_PAIRS), entries.shape[1]))
-        for k, out in zip(group, blocks, strict=True):
-            _, frames, products, _ = self._weights[k]
-            np.matmul(products, entries[frames.start - start : frames.stop - start], out=out)
-        firsts = np.array([self._weights[k][0] for k in group])
-        for pair, (high, low) in enumerate(_NODE_PAIRS):
-            sums.blocks[firsts + low, high - low] += blocks[:, pair]  # no node twice: each span has its own first
+        sums.blocks[stretch.nodes] += (stretch.products @ entries).reshape(-1, ORDER, entries.shape[1])
 
-    def _add_mixed(self, out: Array, equations: FrameEquations, group: list[int]) -> None:
+    def _add_mixed(self, out: Array, equations: FrameEquations, stretch: Stretch) -> None:
         """Add H_qp; for each pair the one of the two products whose second variable comes after its first."""
-        start, nq = self._weights[group[0]][1].start, self.nq
+        nq = self.nq
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
         # H_kl is J_k . Y_l J_l with l the later of the two in the chain: which one that is the masks tell
-        later = equations.products(coordinates, parameters).reshape(-1, nq * self.np)
-        earlier = equations.products(parameters, coordinates).reshape(-1, nq * self.np)
-        for k in group:
-            first, frames, _, weights = self._weights[k]
-            local = slice(frames.start - start, frames.stop - start)
-            part = out[first : first + ORDER]
-            part += (weights @ later[local]).reshape(ORDER, nq, self.np) * self._later
-            part += (weights @ earlier[local]).reshape(ORDER, self.np, nq).transpose(0, 2, 1) * self._earlier
-
-    def add_gradient(self, out: Array, gradient: Array, group: list[int]) -> None:
-        """Add the half gradient (nq, frames of the group) of the coordinates to that of the nodes (nn, nq)."""
-        start = self._weights[group[0]][1].start
-        by_frame = np.ascontiguousarray(gradient.T)
-        for k in group:
-            first, frames, _, weights = self._weights[k]
-            out[first : first + ORDER] += weights @ by_frame[frames.start - start : frames.stop - start]
+        chosen = equations.products(coordinates, parameters)
+        chosen *= self._later
+        chosen += equations.products(parameters, coordinates).transpose(0, 2, 1) * self._earlier
+        summed = stretch.weights @ chosen.reshape(len(chosen), nq * self.np)
+        out[stretch.nodes] += summed.reshape(-1, nq, self.np)
 
     def finish(self, sums: _Sums, cost: float) -> NormalEquations:
         """The sums as a banded matrix; coordinates that move no marker get a unit diagonal."""
@@ -188,13 +148,18 @@ def _mixed_masks(pairs: VariablePairs, nq: int, parameters: int) -> tuple[Array,
     return later, earlier
 
 
-def _node_products(weights: Array) -> Array:
-    """(21, nf) products of the weights of two nodes."""
-    return np.ascontiguousarray((weights[:, _HIGH] * weights[:, _LOW]).T)
+@lru_cache(maxsize=64)
+def _above(size: int) -> BoolArray:
+    """(size, size) above the diagonal."""
+    return np.triu(np.ones((size, size), dtype=bool), 1)
 
 
 class BandFactor:
-    """Cholesky factor of H_qq + damping * diagonal (+ a floor where nothing determines a node)."""
+    """Cholesky factor L of H_qq + damping * diagonal (+ a floor where nothing determines a node).
+
+    Many right sides at once are solved in dense blocks of the width of the band: LAPACK's own routine takes them one by
+    one, in a multiple of the time.
+    """
 
     def __init__(self, band: Array, damping: float = 0.0, *, overwrite: bool = False) -> None:
         """`overwrite`: the factor takes the place of `band`, which saves its size in memory; LinAlgError if there is
@@ -216,6 +181,61 @@ class BandFactor:
 
     def solve(self, right: Array) -> Array:
         """H_qq^-1 right, for right (n,) or (n, k)."""
-        solution, _ = lapack.dpbtrs(self.factor, right, lower=1)
-        out: Array = solution
+        if right.ndim == 1:
+            solution, _ = lapack.dpbtrs(self.factor, right, lower=1)
+            out: Array = solution
+            return out
+        return self.backward(self.forward(right))
+
+    def forward(self, right: Array) -> Array:
+        """L^-1 right, for right (n,) or (n, k)."""
+        if right.ndim == 1:
+            return self._one(right, transposed=0)
+        out = np.array(right, order="C")
+        for first, own in self._blocks():
+            if first:
+                before = slice(first - len(self.factor), first)
+                out[own] -= self._coupling(before.start) @ out[before]
+            out[own] = self._divided(own, out[own], transposed=1)
         return out
+
+    def backward(self, right: Array) -> Array:
+        """L^-T right, for right (n,) or (n, k)."""
+        if right.ndim == 1:
+            return self._one(right, transposed=1)
+        out, n = np.array(right, order="C"), len(right)
+        for first, own in reversed(list(self._blocks())):
+            if own.stop < n:
+                after = slice(own.stop, min(own.stop + len(self.factor), n))
+                out[own] -= self._coupling(first).T @ out[after]
+            out[own] = self._divided(own, out[own], transposed=0)
+        return out
+
+    def _one(self, right: Array, *, transposed: int) -> Array:
+        out: Array = blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=transposed)
+        return out
+
+    def _blocks(self) -> Iterator[tuple[int, slice]]:
+        """Rows in blocks of the width of the band, so that only neighbours are coupled: L = [D; E D; E D; ...]."""
+        width, n = self.factor.shape
+        return ((first, slice(first, min(first + width, n))) for first in range(0, n, width))
+
+    def _divided(self, own: slice, rows: Array, *, transposed: int) -> Array:
+        """D^-1 rows (`transposed` = 1, as D stands on the right of the rows' transpose) or D^-T rows."""
+        block = self._dense(own.start, 0, own.stop - own.start, own.stop - own.start)
+        out: Array = blas.dtrsm(1.0, block, rows.T, side=1, lower=1, trans_a=transposed).T
+        return out
+
+    def _coupling(self, first: int) -> Array:
+        """E of the rows after a block and the columns of the block that begins at `first`."""
+        width, n = self.factor.shape
+        part = self._dense(first, width, min(width, n - first - width), width)
+        return np.where(_above(width)[: len(part)], part, 0.0)
+
+    def _dense(self, first: int, below: int, rows: int, columns: int) -> Array:
+        """A part of L as a matrix, from column `first` and so far below the diagonal; what is beyond the band or above
+        the diagonal means nothing.
+        """
+        width = len(self.factor)
+        flat, size = self.factor.T.reshape(-1)[first * width + below :], self.factor.itemsize
+        return as_strided(flat, (rows, columns), (size, size * (width - 1)), writeable=False)

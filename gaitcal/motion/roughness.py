@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, diags_array, eye_array
 
 from gaitcal.arrays import Array, BoolArray
@@ -32,6 +31,8 @@ TENSION_HZ = 0.5
 """f_0: in a gap longer than about a third of a second coordinates come to rest."""
 NODES_AT_ONCE = 256
 """Rows of the band worked on together, to bound memory."""
+KEPT_BYTES = 4 << 20
+"""Of half a Hessian that is kept: smaller ones are added again and again."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,25 @@ class Roughness:
         derivatives = ((by_node @ nodes, products) for by_node, products in self.terms)
         return sum(float(np.vdot(values, products @ values @ coupling)) for values, products in derivatives)
 
+    def both(self, nodes: Array, coupling: Array) -> tuple[float, Array]:
+        """tr(N^T R N K), and (nn, k) R N K."""
+        cost, out = 0.0, np.zeros_like(nodes)
+        for (by_node, products), back in zip(self.terms, self._back, strict=True):
+            values = by_node @ nodes
+            pull = products @ values @ coupling
+            cost += float(np.vdot(values, pull))
+            out += back @ pull
+        return cost, out
+
     def times(self, nodes: Array) -> Array:
         """(nn, k) R N."""
-        out = np.zeros_like(nodes)
-        for by_node, products in self.terms:
-            out += by_node.T @ (products @ (by_node @ nodes))
+        _, out = self.both(nodes, np.eye(nodes.shape[1]))
         return out
+
+    @cached_property
+    def _back(self) -> tuple[csr_array, ...]:
+        """(nn, nn - k) D^T of each term."""
+        return tuple(by_node.T.tocsr() for by_node, _ in self.terms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,13 +105,31 @@ class Smoothing:
         """m^2, for nodes (nn, nq)."""
         return self.roughness.cost(nodes, self.coupling)
 
+    def both(self, nodes: Array) -> tuple[float, Array]:
+        """Cost, and (nn, nq) half its gradient."""
+        return self.roughness.both(nodes, self.coupling)
+
     def gradient(self, nodes: Array) -> Array:
         """(nn, nq) half gradient of the cost."""
-        out: Array = self.roughness.times(nodes) @ self.coupling
+        _, out = self.both(nodes)
         return out
 
     def add_to(self, band: Array) -> None:
         """Add half the Hessian to `band` (nn * nq, 6 nq), in the layout of `NormalEquations`, in place."""
+        if band.nbytes <= KEPT_BYTES:
+            band += self._whole
+        else:
+            self._add_blocks(band)
+
+    @cached_property
+    def _whole(self) -> Array:
+        """(nn * nq, 6 nq) half the Hessian: it is the same at all nodes."""
+        nq = len(self.coupling)
+        out = np.zeros((len(self.roughness.band) * nq, ORDER * nq))
+        self._add_blocks(out)
+        return out
+
+    def _add_blocks(self, band: Array) -> None:
         nq, rough = len(self.coupling), self.roughness.band
         blocks = band.reshape(-1, nq, ORDER * nq)
         j, i = np.indices((nq, nq))
@@ -150,6 +182,8 @@ def derivative(knots: Array, order: int) -> csr_array:
 
 def products_of(knots: Array, order: int) -> csr_array:
     """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every span."""
+    from scipy.interpolate import BSpline  # only fits ask for it
+
     degree, own = DEGREE - order, knots[order : len(knots) - order]
     edges = own[degree : len(own) - degree]
     x, w = np.polynomial.legendre.leggauss(degree + 1)

@@ -9,18 +9,26 @@ exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 
 from gaitcal.arrays import Array, IntArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 DEGREE = 5
 ORDER = DEGREE + 1
 MINIMUM_NODES = ORDER
+FRAMES_AT_ONCE = 512
+"""Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
+_LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
+"""(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +53,7 @@ class SplineBasis:
         """Number of nodes a coordinate."""
         return len(self.knots) - ORDER
 
-    @property
+    @cached_property
     def spans(self) -> list[tuple[int, slice]]:
         """(first node, frames) of each knot span that holds frames; frames of a span are consecutive."""
         edges = np.flatnonzero(np.diff(self.first)) + 1
@@ -63,13 +71,29 @@ class SplineBasis:
             acceleration=self.acceleration[frames],
         )
 
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """All frames, in stretches to work on one after the other."""
+        frames = len(self.time)
+        starts = range(0, frames, FRAMES_AT_ONCE)
+        return tuple(Stretch(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts)
+
     def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
         """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""
-        weights = (self.value, self.rate, self.acceleration)[derivative]
-        out = np.empty((len(self.time), nodes.shape[1]))
-        for first, frames in self.spans:
-            np.matmul(weights[frames], nodes[first : first + ORDER], out=out[frames])
+        out: Array = self.matrices[derivative] @ nodes
         return out
+
+    @cached_property
+    def matrices(self) -> tuple[csr_array, csr_array, csr_array]:
+        """(nf, nn) each: values, first and second derivatives from nodes."""
+        nf = len(self.time)
+        columns = (self.first[:, None] + np.arange(ORDER)).ravel()
+        ends = np.arange(0, ORDER * nf + 1, ORDER)
+        values, rates, accelerations = (
+            csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes))
+            for weights in (self.value, self.rate, self.acceleration)
+        )
+        return values, rates, accelerations
 
     def fit(self, samples: Array) -> Array:
         """(nn, nq) nodes that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
@@ -86,6 +110,34 @@ class SplineBasis:
         band[0] += 1e-12 * band[0].max()
         solution: Array = cho_solve_banded((cholesky_banded(band, lower=True), True), right)
         return solution
+
+
+class Stretch:
+    """Frames in a row, and the sums over them that give the nodes what is theirs, as sparse matrices."""
+
+    def __init__(self, basis: SplineBasis, frames: slice) -> None:
+        self.frames = frames
+        first, value = basis.first[frames], basis.value[frames]
+        self.nodes = slice(int(first[0]), int(first[-1]) + ORDER)
+        """Those that matter at its frames."""
+        count, nf = self.nodes.stop - self.nodes.start, len(first)
+        local = (first - self.nodes.start)[:, None]
+        self.weights = _by_row(value, local + np.arange(ORDER), count, nf)
+        """(nodes, frames) B_a(f)."""
+        both = value[:, _LOW] * value[:, _LOW + _APART]
+        self.products = _by_row(both, (local + _LOW) * ORDER + _APART, count * ORDER, nf)
+        """(6 nodes, frames) B_a(f) B_a+d(f), row 6 a + d."""
+
+    def add_gradient(self, out: Array, gradient: Array) -> None:
+        """Add the half gradient (nq, frames) of the coordinates to that of the nodes (nn, nq)."""
+        out[self.nodes] += self.weights @ gradient.T
+
+
+def _by_row(values: Array, rows: IntArray, count: int, frames: int) -> csr_array:
+    """(count, frames) of `values` (frames, k) that stand in `rows` (frames, k), each in the column of its frame."""
+    columns = np.arange(0, rows.size + 1, rows.shape[1])
+    by_column = csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames))
+    return by_column.tocsr()
 
 
 def spline_basis(time: Array, nodes: int) -> SplineBasis:
@@ -128,12 +180,11 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
 
 def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
     """(nf, nn) the basis, or a derivative of it, as a sparse matrix."""
-    weights = (basis.value, basis.rate, basis.acceleration)[derivative]
-    nf = len(basis.time)
-    columns = basis.first[:, None] + np.arange(ORDER)
-    return csr_array((weights.ravel(), columns.ravel(), np.arange(0, ORDER * nf + 1, ORDER)), shape=(nf, basis.nodes))
+    return basis.matrices[derivative]
 
 
 def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:
     """The same spline as a SciPy object, for evaluation anywhere in the trial."""
+    from scipy.interpolate import BSpline  # loads a tenth of a second of other modules
+
     return BSpline(basis.knots, nodes, DEGREE)

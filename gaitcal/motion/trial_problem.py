@@ -31,9 +31,6 @@ from gaitcal.motion.trunk_support import telling
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.runtime import keep_freed_memory
 
-FRAMES_AT_ONCE = 512
-"""Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrialProblem:
@@ -142,18 +139,19 @@ class TrialProblem:
         assembler, cost = self._assembler, 0.0
         sums = assembler.empty()
         q = self.basis.evaluate(nodes)
-        for group in assembler.spans(FRAMES_AT_ONCE):
-            frames = assembler.frames(group)
+        for stretch in self.basis.stretches:
+            frames = stretch.frames
             part = frame_equations(
                 self.chain, constants, self._pairs, self.data.frames(frames), q[frames], curved=curved
             )
-            assembler.add(sums, part, group)
+            assembler.add(sums, part, stretch)
             cost += part.cost
         equations = assembler.finish(sums, cost)
         if self.penalty is not None:
             self.penalty.add_to(equations.band)
-            gradient = equations.node_gradient + self.penalty.gradient(nodes)
-            equations = replace(equations, cost=cost + self.penalty.cost(nodes), node_gradient=gradient)
+            more, gradient = self.penalty.both(nodes)
+            gradient += equations.node_gradient
+            equations = replace(equations, cost=cost + more, node_gradient=gradient)
         if self.tissue is None:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
@@ -163,8 +161,8 @@ class TrialProblem:
         pairs, nq = self._pairs, len(self.chain.coordinates)
         out = np.zeros((len(q), nq, nq))
         first, second = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
-        for group in self._assembler.spans(FRAMES_AT_ONCE):
-            frames = self._assembler.frames(group)
+        for stretch in self.basis.stretches:
+            frames = stretch.frames
             part = frame_equations(self.chain, constants, pairs, self.data.frames(frames), q[frames])
             entries = part.hessian[:, pairs.coordinates]
             out[frames, first, second] = out[frames, second, first] = entries
@@ -180,16 +178,17 @@ class TrialProblem:
         q = self.basis.evaluate(nodes)
         nq = len(self.chain.coordinates)
         cost, by_nodes, by_values = 0.0, np.zeros_like(nodes), np.zeros(len(self.chain.free))
-        for group in self._assembler.spans(FRAMES_AT_ONCE):
-            frames = self._assembler.frames(group)
+        for stretch in self.basis.stretches:
+            frames = stretch.frames
             part = frame_equations(
                 self.chain, constants, self._pairs, self.data.frames(frames), q[frames], hessian=False
             )
             cost += part.cost
-            self._assembler.add_gradient(by_nodes, part.gradient[:nq], group)
+            stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
         if self.penalty is not None:
-            cost, by_nodes = cost + self.penalty.cost(nodes), by_nodes + self.penalty.gradient(nodes)
+            more, gradient = self.penalty.both(nodes)
+            cost, by_nodes = cost + more, by_nodes + gradient
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
@@ -199,8 +198,8 @@ class TrialProblem:
     def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
         q, total = self.basis.evaluate(nodes), 0.0
-        for group in self._assembler.spans(FRAMES_AT_ONCE):
-            frames = self._assembler.frames(group)
+        for stretch in self.basis.stretches:
+            frames = stretch.frames
             total += marker_cost(self.chain, constants, self.data.frames(frames), q[frames])
         return total
 
@@ -208,8 +207,8 @@ class TrialProblem:
         """(nm, 3, nf) m, model markers."""
         q = self.basis.evaluate(nodes)
         out = np.empty(self.data.measured.shape)
-        for group in self._assembler.spans(FRAMES_AT_ONCE):
-            frames = self._assembler.frames(group)
+        for stretch in self.basis.stretches:
+            frames = stretch.frames
             part = self.data.frames(frames)
             out[:, :, frames] = marker_positions(self.chain, constants, part.placed, q[frames], part.shift)
         return out

@@ -23,6 +23,7 @@ from gaitcal.person.hold_out import HeldOut, hold_out
 from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, standing_problem
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.runtime import Progress
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study
@@ -53,7 +54,7 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
     standing = standing_problem(nominal, completed_static(study).static) if by_evidence else None
-    fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing)
+    fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing, learnt=study.joint_prior)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
@@ -74,19 +75,22 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
 
 
 def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, standing: TrialProblem | None
+    trials: list[PreparedTrial],
+    nominal: SubjectModel,
+    settings: CalibrationSettings,
+    standing: TrialProblem | None,
+    learnt: JointPrior | None = None,
 ) -> tuple[JointCalibration | None, Parameters]:
     """The joint parameters that the settings ask for, fitted to prepared trials.
 
-    `standing`: the static posture; asked for where the evidence decides.
+    `standing`: the static posture; asked for where the evidence decides. `learnt`: prior of a cohort, the same.
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
     if standing is not None:
         taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
-        by_evidence = calibrate_by_evidence(
-            taking_part, nominal.parameters, standing, joint_settings(settings), SIDES[settings.legs]
-        )
+        with_prior = replace(joint_settings(settings), learnt=learnt)
+        by_evidence = calibrate_by_evidence(taking_part, nominal.parameters, standing, with_prior, SIDES[settings.legs])
         return by_evidence, by_evidence.parameters
     calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously
     calibration = calibrate(

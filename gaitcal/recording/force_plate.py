@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
 
@@ -88,11 +88,11 @@ def plate_frame(corners: Array) -> PlateFrame:
     skew = abs(float(x @ y)) / float(np.linalg.norm(x) * np.linalg.norm(y))
     if gap > 0.1 * sides.min() or skew > 0.1:
         raise ValueError(f"its corners make no rectangle (off by {1e3 * gap:.0f} mm, sides skewed by {skew:.2f})")
-    z = np.cross(x, y)
+    z = cross(x, y)
     z /= np.linalg.norm(z)
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    return PlateFrame(np.column_stack([x, np.cross(z, x), z]), corners.mean(axis=0), corners)
+    return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
 
 
 def sensor_origin(origin: Array) -> Array:
@@ -102,7 +102,7 @@ def sensor_origin(origin: Array) -> Array:
 
 def about_surface(force: Array, moment: Array, origin: Array) -> Array:
     """(ns, 3) moment about the middle of the surface, from that about the sensor origin."""
-    return moment - np.cross(origin, force)
+    return moment - cross(origin, force)
 
 
 def wrench_type_1(channels: Array) -> tuple[Array, Array]:
@@ -111,7 +111,7 @@ def wrench_type_1(channels: Array) -> tuple[Array, Array]:
     loaded = np.abs(force[:, 2]) > LOADED_N  # the centre of an unloaded plate is noise divided by noise
     point = np.zeros_like(force)
     point[loaded, :2] = channels[3:5].T[loaded]
-    moment = np.cross(point, force)
+    moment = cross(point, force)
     moment[:, 2] += channels[5]
     return force, moment
 
@@ -149,14 +149,14 @@ def offset(force: Array, moment: Array, rate: float) -> tuple[Array, bool]:
 
 def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
     """(..., 3) m from the point about which `moment` is given, in the plane through it across `normal`."""
-    return np.cross(normal, moment) / (force @ normal)[..., None]
+    return cross(normal, moment) / (force @ normal)[..., None]
 
 
 def centre_on_ground(wrench: Array, height: float = 0.0) -> Array:
     """(..., 3) m, centre of pressure in the plane y = `height` (m) of loaded wrenches (..., 6) about the origin."""
     origin = np.array([0.0, height, 0.0])
     force, moment = wrench[..., :3], wrench[..., 3:]
-    return origin + centre_of_pressure(force, moment - np.cross(origin, force), UP)
+    return origin + centre_of_pressure(force, moment - cross(origin, force), UP)
 
 
 def point_and_torque(wrench: Array) -> tuple[Array, Array]:
@@ -175,7 +175,7 @@ def point_and_torque(wrench: Array) -> tuple[Array, Array]:
         before = np.maximum(after - 1, 0)
         nearer_before = np.abs(loaded[before] - frames) < np.abs(loaded[after] - frames)
         point = centre_on_ground(wrench[loaded])[np.where(nearer_before, before, after)]
-    return point, moment - np.cross(point, force)
+    return point, moment - cross(point, force)
 
 
 def outside_share(force: Array, moment: Array, frame: PlateFrame) -> float:
@@ -201,7 +201,7 @@ def plate_from_moment(
         loaded = force @ normal > LOADED_N
     lever = centre_of_pressure(force[loaded], moment[loaded], normal)
     point[loaded] += lever
-    moment[loaded] -= np.cross(lever, force[loaded])
+    moment[loaded] -= cross(lever, force[loaded])
     return ForcePlate(name=name, time=time, force=force, point=point, moment=moment, corners=corners)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
@@ -44,7 +44,7 @@ class ForcePlate:
 
     def wrench(self) -> Array:
         """(ns, 6) force and moment about the laboratory origin."""
-        return np.hstack([self.force, self.moment + np.cross(self.point, self.force)])
+        return np.hstack([self.force, self.moment + cross(self.point, self.force)])
 
 
 @dataclass(frozen=True, kw_only=True)

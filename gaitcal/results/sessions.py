@@ -25,6 +25,7 @@ from gaitcal.results.cycles_export import made_with_another_model
 from gaitcal.results.originals import trial_files
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.summary import JOINT_PRIOR
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.study.settings import CalibrationSettings
@@ -98,6 +99,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         remarks=(*of_model.remarks, *other),
         axis_deviations=axis_deviations(settings),
         error_shares=_shares(summary),
+        leans_on_cohort=JOINT_PRIOR in (read_object(calibrated / SUMMARY) if calibrated is not folder else summary),
         relative=settings.angles == "relative",
     )
     return session, (read, of_model)

@@ -20,6 +20,8 @@ NO_FLOOR = 1e-6
 SHARE_DIGITS = 4
 TIME_DIGITS = 4
 """s: a tenth of a millisecond."""
+JOINT_PRIOR = "joint_prior"
+"""Entry: the cohort that joint parameters lean on; absent where that is none."""
 STATIC_ANGLES = "static_angles_deg"
 """Entry: coordinate -> deg with which the calibrated model meets the static posture."""
 
@@ -31,6 +33,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         **verdict_summary(calibration.verdict),
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
+        **_joint_prior(calibration),
         "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
         **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
         STATIC_ANGLES: {
@@ -54,6 +57,13 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         ],
         **({} if calibration.truth is None else {"truth": truth_summary(calibration.truth)}),
     }
+
+
+def _joint_prior(calibration: Calibration) -> dict[str, Json]:
+    prior = calibration.study.joint_prior
+    if prior is None:
+        return {}
+    return {JOINT_PRIOR: {"file": prior.file, "people": prior.people, "left_out": prior.left_out}}
 
 
 def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.marker_set import MarkerSet
@@ -97,14 +96,18 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
     if len(pelvis) < TRUNK_SUPPORT or spread_off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
-    axes, origins = [], []
-    centre = local.mean(axis=0)
-    for frame in known:
-        middle = measured[frame].mean(axis=0)
-        turn = Rotation.align_vectors(measured[frame] - middle, local - centre)[0].as_matrix()
-        axes.append(_upright(turn[:, 2]))
-        origins.append(middle + turn @ (model.landmarks["lumbar"][1] - centre))
-    return known, np.array(axes), np.array(origins)
+    centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
+    turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
+    origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
+    return known, np.array([_upright(lateral) for lateral in turns[:, :, 2]]), origins
+
+
+def _rotations(moments: Array) -> Array:
+    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(moments)
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    out: Array = u @ vt
+    return out
 
 
 def _of_static(model: SubjectModel, static: Recording) -> tuple[Array, Array]:

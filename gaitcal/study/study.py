@@ -16,6 +16,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
 from gaitcal.study.borrowed_trunk import model_with_trunk
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, load_study_file
@@ -49,6 +50,8 @@ class Study:
     """Label in the files -> label in the marker set."""
     truth: Truth | None = None
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
+    joint_prior: JointPrior | None = None
+    """What a cohort says of the joint parameters (`cohort_prior.py`); None: the default prior."""
 
     @classmethod
     def load(cls, path: Path | str) -> Study:
@@ -133,6 +136,12 @@ class Study:
         folder = Path(self.source).parent
         files = _file_words(self.files, folder)
         return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
+
+    def with_input(self, path: Path, sha256: str) -> Study:
+        """The same with one more file among its inputs."""
+        files = (*self.files, path)
+        names = [name for name, f in _file_words(files, Path(self.source).parent).items() if f == path]
+        return replace(self, files=files, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
     def input_names(self, trial: StudyTrial) -> dict[str, str]:
         """The files of a trial (`file`, `forces`), as `inputs` names them."""

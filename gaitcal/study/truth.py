@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
@@ -30,6 +30,9 @@ from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_t
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.truth_landmarks import read_landmarks
 from gaitcal.study.truth_table import TruthTable
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who reads or writes: few studies know the truth, and it takes a fifth of a second
 
 MOTION, MOMENTS = "_motion.csv", "_moments.csv"
 """Endings of the files of a trial."""
@@ -104,6 +107,8 @@ def moments_text(time: Array, forces: Array, bwh: float) -> str:
 
 
 def _text(units: str, columns: Mapping[str, Array]) -> str:
+    import pandas as pd
+
     rows: str = pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
     return f"# {units}\n{rows}"
 
@@ -208,6 +213,8 @@ def _curves(folder: Path | None, trials: Sequence[str], ending: str) -> dict[str
 
 def _curve(path: Path, ending: str) -> TrueCurves:
     """One file; columns that follow from others (derivatives, _bwh) are for people and are not read."""
+    import pandas as pd
+
     units = MOTION_UNITS if ending == MOTION else MOMENT_UNITS
     first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
     if first != units:
@@ -238,6 +245,8 @@ def _curve(path: Path, ending: str) -> TrueCurves:
 
 
 def _read(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
     try:
         return pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors

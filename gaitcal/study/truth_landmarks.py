@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
@@ -29,6 +28,8 @@ SAME = 1e-4
 
 def landmarks_text(landmarks: Mapping[str, Array]) -> str:
     """The content of the landmarks file: name -> (3,) m, laboratory, y up."""
+    import pandas as pd
+
     rows = [[name, *map(float, place)] for name, place in landmarks.items()]
     text: str = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n", float_format="%.9g")
     return f"# landmarks of the static trial in m, laboratory, y up\n{text}"
@@ -36,6 +37,8 @@ def landmarks_text(landmarks: Mapping[str, Array]) -> str:
 
 def read_landmarks(path: Path) -> dict[str, Array]:
     """Landmark -> (3,) m. InputError, one line, where the file is not as `landmarks_text` writes it."""
+    import pandas as pd
+
     try:
         rows = pd.read_csv(path, comment="#")
     except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors

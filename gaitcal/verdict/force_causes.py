@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_standing import FORCE_UNITS
 from gaitcal.verdict.plate_forces import PlateForces, joined, rotation
@@ -240,7 +240,7 @@ def _markers_upright(trial: ForceEvidence, x: Array) -> Undone:
     turn = rotation(trial.room[:, [0, 2]] @ x)
     up = np.array([0.0, trial.weight_of_model, 0.0])
     lean = turn @ up - up
-    need = trial.need + np.hstack([np.tile(lean, (len(trial.time), 1)), np.cross(trial.mass_centre, lean)])
+    need = trial.need + np.hstack([np.tile(lean, (len(trial.time), 1)), cross(trial.mass_centre, lean)])
     return Undone(np.stack([plate.turned_in_the_room(turn) for plate in trial.plates]), need)
 
 

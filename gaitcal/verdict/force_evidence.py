@@ -10,12 +10,13 @@ plates enters: which foot a plate is given to cannot be judged here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
@@ -103,7 +104,7 @@ class ForceEvidence:
         """N·m, body weight times height."""
         return self.weight * self.height
 
-    @property
+    @cached_property
     def wrenches(self) -> Array:
         """(plates, k, 6) about the laboratory origin, as measured."""
         return np.stack([plate.wrench for plate in self.plates])
@@ -111,9 +112,14 @@ class ForceEvidence:
     def residual(self, wrenches: Array, need: Array | None = None) -> Array:
         """(k, 6) what plates with wrenches (plates, k, 6) leave unexplained at the pelvis."""
         total = wrenches.sum(axis=0)
-        about_pelvis = total[:, 3:] - np.cross(self.pelvis, total[:, :3])
+        about_pelvis = total[:, 3:] - cross(self.pelvis, total[:, :3])
         out: Array = (self.need if need is None else need) - np.hstack([total[:, :3], about_pelvis])
         return out
+
+    @cached_property
+    def usual(self) -> Array:
+        """(n,) z of the same with the plates as measured."""
+        return self.witnesses(self.wrenches, np.zeros(len(self.plates)))
 
     def witnesses(self, wrenches: Array, taken_away: Array) -> Array:
         """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken away."""

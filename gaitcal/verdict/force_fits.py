@@ -126,7 +126,7 @@ def _choices(residuals: Sequence[ForceResidual], cause: Cause) -> int:
 def _solved(residual: ForceResidual, cause: Cause, plain: Array, slopes: Array) -> Array:
     """Coefficients of a linear cause, by the residual and, where they tell of it, by the witnesses."""
     if cause.witnessed:
-        usual = _witnesses(residual, cause, np.zeros(cause.parameters))
+        usual = np.concatenate([trial.usual for trial in residual.trials])
         each = [_witnesses(residual, cause, e) - usual for e in np.eye(cause.parameters)]
         slopes = np.concatenate([slopes, np.stack(each, axis=1)])
         plain = np.concatenate([plain, usual])
@@ -146,8 +146,7 @@ def _witnessed(residual: ForceResidual, cause: Cause, x: Array) -> Array:
     """(trials,) nats that the witnesses give to a cause."""
     out = []
     for trial in residual.trials:
-        before = trial.witnesses(trial.wrenches, np.zeros(len(trial.plates)))
-        out.append(surprise(before) - surprise(_of_trial(trial, cause, x)))
+        out.append(surprise(trial.usual) - surprise(_of_trial(trial, cause, x)))
     return np.array(out)
 
 

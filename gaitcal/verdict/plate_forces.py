@@ -13,12 +13,13 @@ or the moments of the plate's channels (C3D, plate types 2 to 4):
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 
 
@@ -66,7 +67,7 @@ class PlateForces:
             middle = np.average(centre[loaded], axis=0, weights=np.abs(wrench[loaded, 1]) + 1e-9)
         centre[~loaded] = middle
         force, moment = wrench[:, :3], wrench[:, 3:]
-        free = moment - np.cross(centre, force)
+        free = moment - cross(centre, force)
         return PlateForces(
             name=name,
             force=force,
@@ -78,7 +79,7 @@ class PlateForces:
             until=until,
         )
 
-    @property
+    @cached_property
     def wrench(self) -> Array:
         """(k, 6) about the laboratory origin, as measured."""
         return joined(self.force, self.centre, self.free)
@@ -89,7 +90,7 @@ class PlateForces:
 
     def moments_kept(self, force: Array, factor: float = 1.0) -> Array:
         """(k, 6) wrench of another force (k, 3) with `factor` times the same moment about the middle of the plate."""
-        about = self.free + np.cross(self.centre - self.middle, self.force)
+        about = self.free + cross(self.centre - self.middle, self.force)
         return joined(force, self.middle, factor * about)
 
     def moved(self, change: Array) -> Array:
@@ -120,7 +121,7 @@ class PlateForces:
 
 def joined(force: Array, point: Array, moment: Array) -> Array:
     """(k, 6) wrench about the laboratory origin of forces (k, 3) at points (3,) or (k, 3) with moments (k, 3) there."""
-    return np.hstack([force, moment + np.cross(point, force)])
+    return np.hstack([force, moment + cross(point, force)])
 
 
 def rotation(vector: Array) -> Array:

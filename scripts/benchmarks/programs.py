@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
 from itertools import count
+from pathlib import Path
 
 from benchmarks.figure import Timing
 from benchmarks.folder import temporary_folder
@@ -62,6 +64,25 @@ def section_calibrate_study() -> list[Timing]:
         Timing("gaitcal calibrate study.toml", calibrate, said),
         Timing("gaitcal check study.toml", _python("-m", "gaitcal.cli", "check", "-q", study), "its own process"),
         Timing("gaitcal figures result", draw, "one stride of each foot, a file a variable; 1 run", runs=1),
+    ]
+
+
+def section_calibrate_walk() -> list[Timing]:
+    """`gaitcal calibrate` and `check` on the folder of one real walk; nothing where GAITCAL_DATA has none."""
+    walk = Path(os.environ.get("GAITCAL_DATA", "")) / "subject01"
+    if not walk.is_dir():
+        return []
+    person = (str(walk), "--mass", "72.6", "--height", "1.8", "--sex", "male")
+    out = str(temporary_folder() / "result")
+    calibrate = ("-m", "gaitcal.cli", "calibrate", "-q", *person, "--out", out)
+    said = "one walk over two plates, 151 frames: draft, check, JP, IP, dynamics, error bars, page, exports"
+    return [
+        Timing("gaitcal calibrate subject01", _python(*calibrate), said),
+        Timing(
+            "gaitcal check subject01", _python("-m", "gaitcal.cli", "check", "-q", *person), "wanted below a second"
+        ),
+        Timing("  of both: imports for calibrate", _python("-c", "import gaitcal.commands.calibrate"), "below 0.9 s"),
+        Timing("  of both: imports for check", _python("-c", "import gaitcal.commands.check")),
     ]
 
 

@@ -9,7 +9,13 @@ import pinocchio as pin
 
 from benchmarks.figure import Amount, Timing
 from benchmarks.opensim import inverse_dynamics, inverse_kinematics
-from benchmarks.programs import section_calibrate_study, section_checks, section_montecarlo, section_startup
+from benchmarks.programs import (
+    section_calibrate_study,
+    section_calibrate_walk,
+    section_checks,
+    section_montecarlo,
+    section_startup,
+)
 from benchmarks.references import lower_bound, passes, plain_least_squares
 from benchmarks.scaling import section_scaling
 from benchmarks.trials import GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
@@ -177,6 +183,7 @@ SECTIONS: dict[str, Callable[[], list[Timing] | list[Timing | Amount]]] = {
     "inverse-dynamics": section_inverse_dynamics,
     "checks": section_checks,
     "calibrate-study": section_calibrate_study,
+    "calibrate-walk": section_calibrate_walk,
     "montecarlo": section_montecarlo,
     "startup": section_startup,
     "scaling": section_scaling,

@@ -37,6 +37,7 @@ MODULES: Final = (  # whose types a user's own program meets; the rest is inside
     "gaitcal.person.truth_errors",
     "gaitcal.person.hold_out",
     "gaitcal.study.settings",
+    "gaitcal.study.joint_prior",
     "gaitcal.recording.metadata",
     "gaitcal.model.marker_coverage",
     "gaitcal.model.linkage",

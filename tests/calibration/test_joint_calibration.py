@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gaitcal.calibration import reduced_problem
+from gaitcal.calibration import open_motion, reduced_problem
 from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
-from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings, calibrate_joints
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
@@ -133,6 +133,24 @@ def test_a_strong_prior_keeps_parameters_where_they_are() -> None:
     assert np.abs(weak.values - values(start, KNEE)).max() > 1e-2
 
 
+def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
+    """Trials of people with different knees, so that their weights tell; the search goes on from the even weights."""
+    settings, shares = JointSettings(prior_position=0.01, prior_orientation=0.1), (9.0, 0.5)
+    trials, start = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)], published_subject()
+    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
+    search = JointSearch(trials, start, KNEE, starts, settings)
+    even = search.approach(1e-7)
+    search.weigh(shares)
+    found = search.run()
+    scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
+    expected = calibrate_joints(scaled, start, KNEE, starts, settings)
+    assert np.abs(even.p - expected.values).max() > 1e-3
+    np.testing.assert_allclose(found.values, expected.values, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(
+        found.state.hessian, expected.state.hessian, rtol=0, atol=1e-4 * np.abs(expected.state.hessian).max()
+    )
+
+
 def test_what_earlier_trials_know_counts_like_their_markers() -> None:
     """One trial after the other, the first one's matrix kept, comes to the solution of both at once (small noise)."""
     rng = np.random.default_rng(11)
@@ -198,8 +216,8 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     problem, truth = knee_trial(9, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
     used: list[int] = []
-    plain = reduced_problem._OpenMotion.evaluate
-    monkeypatch.setattr(reduced_problem._OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
+    plain = open_motion.OpenMotion.evaluate
+    monkeypatch.setattr(open_motion.OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
@@ -209,7 +227,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
     assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
-    monkeypatch.setattr(reduced_problem, "KEPT_WITHIN", 0.0)
+    monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))
     fresh = fit(problem, start, KNEE)
     np.testing.assert_allclose(kept.values, fresh.values, rtol=0, atol=2e-5)

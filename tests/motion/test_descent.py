@@ -9,7 +9,8 @@ import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.far_start import step_together
-from gaitcal.calibration.reduced_problem import ReducedProblem, _OpenMotion
+from gaitcal.calibration.open_motion import OpenMotion
+from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
 from gaitcal.montecarlo.draw import refit
@@ -229,7 +230,7 @@ def test_what_an_open_motion_evaluates_is_what_its_equations_hold() -> None:
     parameters = perturbed_parameters(rng)
     problem, true = random_trial(rng, parameters, frames=40, nodes=8)
     opened = problem.with_free(KNEE)
-    motion = _OpenMotion(opened, opened.constants(parameters), opened.values(parameters))
+    motion = OpenMotion(opened, opened.constants(parameters), opened.values(parameters))
     x = true.ravel() + 0.01
     plain, linear = motion.evaluate(x), motion.linearise(x, curved=False).evaluation
     assert plain.cost == pytest.approx(linear.cost, rel=1e-12)

@@ -1,0 +1,1 @@
+"""What many people say of the next one."""

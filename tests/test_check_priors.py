@@ -1,0 +1,77 @@
+"""`scripts/check_priors.py`: its populations, and what it prints of figures that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.model.joint_parameters import JP_NAMES, Kind
+from gaitcal.study.people_design import Person, mirror
+from tests.scripts import script
+
+ANYBODY = Person(height=1.7, sex="male")
+
+
+def test_a_population_that_it_does_not_know_is_refused() -> None:
+    with pytest.raises(SystemExit):
+        script("check_priors").main(["--populations", "imagined"])
+
+
+def test_offsets_are_the_same_on_both_sides_and_wide_people_have_none() -> None:
+    script("check_priors")
+    from priors.populations import POPULATIONS, scaled
+
+    means = {}
+    for name, population in POPULATIONS.items():
+        draw, rng = population(np.random.default_rng(1)), np.random.default_rng(2)
+        means[name] = np.mean([draw(rng, ANYBODY) for _ in range(400)], axis=0) / scaled(1.0, 1.0)
+    np.testing.assert_allclose(
+        mirror(JP_NAMES) @ means["offset"], means["offset"], atol=0.7
+    )  # 2 mm / sqrt(400), 7-fold
+    assert np.abs(means["wide"]).max() < 1.5 and np.abs(means["offset"]).max() > 7.0
+
+
+def test_errors_and_gains() -> None:
+    """A fit that halves the error of every parameter, with bars of twice the error that remains."""
+    script("check_priors")
+    from priors.people import Fit
+    from priors.report import Outcome, gain, report
+
+    unit = prior_deviations(JP_NAMES)
+    influence = nominal_influence()
+    outcomes = [
+        Outcome(
+            truth=np.zeros(len(JP_NAMES)),
+            nominal=unit,
+            fits={
+                "default prior": Fit(fitted=0.5 * unit, influence=influence),
+                "cohort": Fit(fitted=0.25 * unit, influence=influence),
+            },
+            information=np.diag(np.repeat([0.0, 1.0, 10.0], 18)),
+        )
+    ]
+    assert gain(outcomes, "cohort", Kind.POSITION) == pytest.approx(0.5)
+    said = list(report(outcomes))
+    assert said[0] == "legs, positions, mm: nominal 20.00, default prior 10.00, cohort 5.00 (-50 %)"
+    assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
+    assert any(line.startswith("directions half seen (18 of 54)") for line in said)
+
+
+def test_a_linear_fit_is_that_of_the_normal_distribution() -> None:
+    """With no information the prior stays; with much of it the truth is found, whatever the prior."""
+    script("check_priors")
+    from priors.linear import LinearPerson, Shown, linear_fit, told_of
+
+    from gaitcal.population.person_evidence import PARTS
+
+    rng, deviation = np.random.default_rng(3), 0.01 * np.ones(len(JP_NAMES))
+    index = [JP_NAMES.index(name) for name in PARTS["legs"]]
+    for size, wanted in ((0.0, 0.0), (1e12, 0.01)):
+        information = {part: size * np.eye(len(names)) for part, names in PARTS.items()}
+        one = LinearPerson(person=ANYBODY, deviation=deviation, shown=Shown(gait=information, isolated=information))
+        fit = linear_fit(told_of(one, "gait", "", rng), None)
+        np.testing.assert_allclose(fit.fitted[index], wanted, atol=1e-6)
+        if not size:
+            np.testing.assert_allclose(fit.errors, prior_deviations(JP_NAMES))
