@@ -115,6 +115,8 @@ FILES: Final[dict[str, tuple[ResultFile, ...]]] = {
         _file("columns.csv", "name, unit and meaning of each column of `people.csv`", "column_meanings"),
         _file("failures.csv", "who failed, why, and what to do", "failures"),
         _file("times.csv", "seconds and memory of each session", "times"),
+        _file("priors.json", "with `--learn-priors`: what joint parameters to expect, for `--priors`"),
+        _file("priors.csv", "the same as a table", "priors"),
         _file("people/*", "each session's result folder, as `gaitcal calibrate` writes it"),
         _file("state/*", "what is done already; the next run reads it"),
         _MANIFEST,

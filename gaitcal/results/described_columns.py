@@ -191,6 +191,14 @@ TABLES: Final[dict[str, tuple[Described, ...]]] = {
     "times": _columns(
         *_WHO, ("seconds", "s", "of the calibration"), ("worker_mebibytes", "MiB", "most memory of the process so far")
     ),
+    "priors": _columns(
+        ("name", "", "joint parameter, as in `parameters.csv`"),
+        ("unit", "", "mm or deg"),
+        ("mean", "unit", "expected difference from the nominal value"),
+        ("sd", "unit", "standard deviation of people about it"),
+        ("default_sd", "unit", "standard deviation without a cohort"),
+        ("learnt", "", "what of them was learnt, and what was not"),
+    ),
     "differences": _columns(
         ("kind", "", "angle, moment, power, step, joint position, ..."),
         ("side", "r or l", ""),

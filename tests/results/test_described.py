@@ -14,6 +14,7 @@ from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.person.calibrate import calibrate
+from gaitcal.population.cohort_priors import COLUMNS as PRIORS_COLUMNS
 from gaitcal.reproduction.folder import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.calibration import write_results
 from gaitcal.results.described import FILES, SUMMARY, file_of
@@ -89,6 +90,7 @@ def test_a_written_result_has_no_file_or_column_without_a_word(tmp_path: Path) -
         ("curve_differences", CURVE_COLUMNS),
         ("failures", FAILURE_COLUMNS),
         ("times", TIME_COLUMNS),
+        ("priors", PRIORS_COLUMNS),
         ("reproduced_tables", TABLE_COLUMNS),
         ("claims", CLAIM_COLUMNS),
     ],
