@@ -23,6 +23,7 @@ from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
+from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, SEGMENTS, joint_segments
@@ -159,17 +160,18 @@ def _trunk_and_arms(
 ) -> _Part | None:
     """Gait by itself above the pelvis, about `parameters`; None where nothing is free."""
     walks = [t for t in trials if t.joint is None]
-    problems = [
-        # the same markers of the pelvis once more: what they do here has a name of its own among the sources of error
-        replace(_segments(t.fitted, UPPER_BODY, nominal), name=f"{t.name}, trunk and arms")
-        for t in walks
-    ]
+    parts = [_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
+    # the pelvis' markers once more: what they do here has a name of its own among the sources of error
+    problems = [replace(part, name=f"{part.name}, trunk and arms") for part in parts]
     free = free_of(problems, UPPER_PARAMETERS)
     if not free:
         return None
     trunk, errors = estimate_joints(problems, parameters, free, learnt=learnt)
+    if turned := turned_arms(problems, trunk.nodes, parameters):
+        free = without_arms(free, turned)
+        trunk, errors = estimate_joints(problems, parameters, free, learnt=learnt)
     phase = _phase("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk, trunk)
-    return _Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase)
+    return _Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase, findings=told(turned))
 
 
 def _quiet_joints(
@@ -196,7 +198,7 @@ def _quiet_joints(
 
 def _shows(problem: TrialProblem, joint: str) -> bool:
     """Whether both segments at the ends of a joint show three markers with weight."""
-    pulling = np.flatnonzero((problem.data.weight > 0).any(axis=1))
+    pulling = (problem.data.weight > 0).any(axis=1)
     shown = [problem.chain.segments[s] for s in problem.data.segment[pulling]]
     ends = joint_segments(joint)
     return all(shown.count(segment) >= FEWEST_MARKERS for segment in (ends[0], ends[-1]))
