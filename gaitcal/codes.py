@@ -172,3 +172,4 @@ class Code(Enum):
     WORKER = "GC-239"
     INTERNAL = "GC-240"
     DOWNLOAD = "GC-241"
+    PRIORS = "GC-242"

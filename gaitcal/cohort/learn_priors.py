@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from gaitcal.codes import Code
 from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.errors import InputError
@@ -41,7 +42,9 @@ def learn_priors(cohort: Cohort, out: Path, told: Callable[[str], None] = lambda
     people, rules, others = one_each(found)
     left_out += others
     if rules is None:
-        raise InputError(f"nobody's joint parameters can be learnt of: {'; '.join(left_out)}", source=out)
+        raise InputError(
+            f"nobody's joint parameters can be learnt of: {'; '.join(left_out)}", source=out, code=Code.PRIORS
+        )
     name = cohort.source.resolve().name or "cohort"
     priors = learn_cohort(name, people, rules, [line.split(": ", 1)[1] for line in left_out], told)
     with amended(out) as stage:

@@ -56,7 +56,7 @@ def turns(turn: float | None) -> bool:
 
 
 def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
-    """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression.
+    """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression; NaN where an angle is not known.
 
     Parameters
     ----------
@@ -64,9 +64,13 @@ def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
     line : rad, direction of progression, to the left of the room's x axis.
     inside : (nf,) frames of the stride; the line is turned about where the pelvis faces backwards in them.
     """
-    within = facing(angles)[inside]
+    known = np.isfinite(angles).all(axis=1)
+    out = np.full(angles.shape, np.nan)
+    if not known.any():
+        return out
+    within = facing(angles[known])[inside[known]]
     if len(within) and np.cos(float(np.mean(within)) - line) < 0.0:
         line += np.pi
-    turned = Rotation.from_euler("y", -line) * Rotation.from_euler(AXES, angles)
-    out: Array = np.unwrap(turned.as_euler(AXES), axis=0)
+    turned = Rotation.from_euler("y", -line) * Rotation.from_euler(AXES, angles[known])
+    out[known] = np.unwrap(turned.as_euler(AXES), axis=0)
     return out

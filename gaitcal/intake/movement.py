@@ -26,6 +26,8 @@ from gaitcal.recording.recording import Recording
 
 OPPOSITE = -0.4
 """Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks."""
+TURNING_DEG = 0.5
+"""RMS from which a joint is named among those that turn."""
 SWING_M = 0.05
 """Standard deviation of a foot's place, forward of the pelvis: 0.15 to 0.25 m in walks, 0.09 m in children's."""
 EVEN = 0.35
@@ -159,7 +161,8 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     """One joint alone, or something else."""
     ranked = sorted(turns, key=lambda joint: -turns[joint])
     degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
-    words = ", ".join(f"{joint} {degrees[joint]:.0f}" for joint in ranked[:3])
+    turning = [joint for joint in ranked[:3] if degrees[joint] >= TURNING_DEG] or ranked[:1]
+    words = ", ".join(f"{joint} {degrees[joint]:.0f}" for joint in turning)
     said = f"joints turn by {words} deg RMS" if words else "no joint can be followed (markers, or no static trial)"
     other = Movement(shows=Shows.OTHER, evidence=said, turns=turns)
     if not ranked:

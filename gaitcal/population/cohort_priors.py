@@ -10,6 +10,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import package_version
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
@@ -65,7 +66,8 @@ def learn_cohort(
     if len(people) < FEWEST:
         raise InputError(
             f"{len(people)} people can be learnt of; allowed: {FEWEST} or more"
-            + (f" (left out: {'; '.join(left_out)})" if left_out else "")
+            + (f" (left out: {'; '.join(left_out)})" if left_out else ""),
+            code=Code.PRIORS,
         )
     people = sorted(people, key=lambda p: p.name)
     folds = folds_of([p.name for p in people])

@@ -19,6 +19,7 @@ from pydantic import Field
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import sha256_of
@@ -93,30 +94,45 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     """
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long", source=path)
+            raise InputError(
+                f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long", source=path, code=Code.PRIORS
+            )
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     except (ValueError, RecursionError):
-        raise InputError("is no JSON; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path) from None
+        raise InputError(
+            "is no JSON; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path, code=Code.PRIORS
+        ) from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise InputError("holds no priors; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path)
+        raise InputError(
+            "holds no priors; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path, code=Code.PRIORS
+        )
     if content.get("format") != FORMAT:
-        raise InputError(f"found format {shown(content.get('format'))}; allowed: {FORMAT}", source=path)
+        raise InputError(
+            f"found format {shown(content.get('format'))}; allowed: {FORMAT}", source=path, code=Code.PRIORS
+        )
     priors = validated(CohortPriors, content, path)
     low, high = priors.heights_m
     for part in priors.parts:
         if unknown := [name for name in part.parameters if name not in JP_INDEX]:
-            raise InputError(f"found {shown(unknown[0])}, which is no joint parameter", source=path, field=part.part)
+            raise InputError(
+                f"found {shown(unknown[0])}, which is no joint parameter",
+                source=path,
+                field=part.part,
+                code=Code.PRIORS,
+            )
         if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):
-            raise InputError("found a fold of people without its priors", source=path, field=part.part)
+            raise InputError(
+                "found a fold of people without its priors", source=path, field=part.part, code=Code.PRIORS
+            )
         person = Person(height=0.5 * (low + high), sex="female")
         try:
             for number in range(len(part.populations)):
                 expected(part, number, person, (low, high))
         except (ValueError, np.linalg.LinAlgError):
             message = "found matrices that are no covariances of its parameters"
-            raise InputError(message, source=path, field=part.part) from None
+            raise InputError(message, source=path, field=part.part, code=Code.PRIORS) from None
     return priors
 
 
@@ -163,12 +179,14 @@ def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int 
 
 def _require_same_rules(priors: CohortPriors, settings: CalibrationSettings, marker_set: str, path: Path) -> None:
     if settings.decided_by is not Protocol.EVIDENCE or not settings.jp:
-        raise InputError("priors of a cohort need joint parameters fitted with protocol = 'evidence'", source=path)
+        raise InputError(
+            "priors of a cohort need joint parameters fitted with protocol = 'evidence'", source=path, code=Code.PRIORS
+        )
     used = {"marker_set": marker_set, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
     for rule, value in used.items():
         if (told := getattr(priors, rule)) != value:
             message = f"learnt with '{told}', and the study uses '{value}', whose nominal joints are others"
-            raise InputError(message, source=path, field=rule)
+            raise InputError(message, source=path, field=rule, code=Code.PRIORS)
 
 
 def _fold(priors: CohortPriors, name: str, inputs: Iterable[str]) -> int | None:

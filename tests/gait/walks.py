@@ -26,8 +26,9 @@ def walk(begin: float = 2.0, end: float = 6.0, step: float = 0.53) -> list[FootE
 
 
 def moved(events: Sequence[FootEvent], offset: float, jitter: float = 0.0, seed: int = 0) -> list[FootEvent]:
-    """The same, later by `offset` and by as much at random as `jitter` (s)."""
+    """The same, later by `offset` and by as much at random as `jitter` (s), by three times that at most."""
     noise = np.random.default_rng(seed).normal(0.0, jitter, len(events)) if jitter else np.zeros(len(events))
+    noise = np.clip(noise, -3.0 * jitter, 3.0 * jitter)
     return [replace(e, time=e.time + offset + float(n)) for e, n in zip(events, noise, strict=True)]
 
 

@@ -45,7 +45,7 @@ file = "static.csv"  # 100 frames at 200 Hz
 
 [[trial]]
 name = "knee_r"  # after the file
-role = "joint"  # sure: joints turn by knee_r 28, ankle_r 0, ankle_l 0 deg RMS
+role = "joint"  # sure: joints turn by knee_r 28 deg RMS
 joint = "knee_r"  # the one that turns most, see role
 file = "knee_r.csv"  # 1200 frames at 200 Hz
 
