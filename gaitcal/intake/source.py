@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.files.toml import read_toml
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_text import STUDY
-from gaitcal.intake.folder import FileKind, Folder
+from gaitcal.intake.folder import FileKind, Folder, declares_study
 
 
 def own_study(folder: Folder) -> Path | None:
@@ -22,6 +24,22 @@ def own_study(folder: Folder) -> Path | None:
             code=Code.FOLDER,
         )
     return own[0] if own else None
+
+
+def study_files(folder: Path) -> tuple[Path, ...]:
+    """The study files in a folder, found without reading its recordings."""
+    if not os.path.isdir(folder):  # noqa: PTH112 - False where pathlib raises: over-long names
+        return ()
+    return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
+
+
+def _is_study(path: Path) -> bool:
+    if path.name[0] in ".~":
+        return False
+    try:
+        return path.name == STUDY or declares_study(read_toml(path))
+    except InputError:
+        return False
 
 
 def files_of(draft: Draft) -> tuple[Path, ...]:
