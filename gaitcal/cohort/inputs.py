@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from gaitcal.cohort.people import is_folder
 from gaitcal.errors import InputError
 from gaitcal.files.toml import MAX_BYTES
 from gaitcal.files.validation import read_validated
@@ -44,7 +45,7 @@ def _files(folder: Path) -> Iterator[Path]:
     for path in _read_in(folder.parent):
         if path.suffix.lower() == ".toml" and path.stat().st_size <= MAX_BYTES and b"landmarks" in path.read_bytes():
             yield path  # a marker set for everyone
-    for study in study_files(folder):
+    for study in study_files(folder) if is_folder(folder) else ():
         yield study
         yield from _named_in(study)
 
@@ -63,8 +64,8 @@ def _named_in(study: Path) -> Iterator[Path]:
                 yield study.parent / named
                 yield from _drawn_on(study.parent / named)
     if file.truth is not None:
-        named = {key: study.parent / path for key, path in vars(file.truth).items() if isinstance(path, Path)}
-        yield from truth_files(file.truth.model_copy(update=named), [trial.name for trial in file.trials])
+        at = {key: study.parent / path for key, path in vars(file.truth).items() if isinstance(path, Path)}
+        yield from truth_files(file.truth.model_copy(update=at), [trial.name for trial in file.trials])
 
 
 def _drawn_on(file: Path) -> Iterator[Path]:
@@ -79,4 +80,4 @@ def _read_in(folder: Path) -> list[Path]:
 
 
 def _entries(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if os.path.isdir(folder) else []  # noqa: PTH112 - False for names too long
+    return sorted(folder.iterdir()) if is_folder(folder) else []

@@ -8,6 +8,7 @@ own sub-folders all hold a complete set (a study file, or at least two recording
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ PEOPLE = "people"
 COMPLETE = 2
 """Recordings of a session at least: standing and moving."""
 MOST_PLACE = 80
-"""Characters of a folder's name made of a person's or session's."""
+"""Bytes, in UTF-8, of a folder's name made of a person's or session's; file systems count these."""
 _UNSAFE = re.compile(r"[^\w.()+=@ -]")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
@@ -74,7 +75,7 @@ class Cohort:
 
 def safe_name(text: str) -> str:
     """A name as a folder may be called: itself, or, where a file system would refuse it, one made of it."""
-    plain = _UNSAFE.sub("_", text).strip(". ")[:MOST_PLACE]
+    plain = _UNSAFE.sub("_", text).strip(". ").encode()[:MOST_PLACE].decode(errors="ignore")
     if plain == text and not _DEVICE.fullmatch(text):
         return text
     return f"{plain or '_'}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
@@ -224,8 +225,13 @@ def joined(first: Options, second: Options) -> Options:
     return replace(first, **said)
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a folder is there; no is the answer where pathlib raises: over-long names."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
 def no_folder(person: CohortPerson) -> str:
     """That a person has no folder, and which one may be meant."""
-    above = next(folder for folder in person.folder.parents if folder.is_dir())
+    above = next(folder for folder in person.folder.parents if is_folder(folder))
     names = [p.name for p in above.iterdir() if p.is_dir()]
     return f"no folder '{person.folder.name}'{nearest(person.folder.name, names)}"

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Cell, Outcome, kept, state_file
+from gaitcal.cohort.outcome import Cell, Outcome, Outcomes, state_file
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
@@ -46,22 +46,21 @@ class Written:
     """`trustworthy`, `doubtful`, `refused`, `failed` -> people."""
 
 
-def write_tables(people: Sequence[CohortPerson], source: Path, out: Path, common: CommonSettings) -> Written:
+def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Written:
     """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
     verdicts: dict[str, int] = {}
+    out = ended.out
     with amended(out) as stage:
         with ExitStack() as stack:
             writers = _Writers(stage, stack)
             for person in people:
-                outcome = kept(out, person)
-                if outcome is None:
-                    continue  # the run was interrupted before
+                outcome = ended.of(person)
                 verdicts[outcome.verdict] = verdicts.get(outcome.verdict, 0) + 1
                 writers.add(person, outcome, _seen_from(source, person.folder), out)
             writers.flush()
         _write_meanings(stage / MEANINGS)
         written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
-        write_page(stage / PAGE, written, people, out, common)
+        write_page(stage / PAGE, written, people, ended, common)
         (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
     return Written(verdicts)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from gaitcal.codes import Code
@@ -28,8 +27,6 @@ def own_study(folder: Folder) -> Path | None:
 
 def study_files(folder: Path) -> tuple[Path, ...]:
     """The study files in a folder, found without reading its recordings."""
-    if not os.path.isdir(folder):  # noqa: PTH112 - False where pathlib raises: over-long names
-        return ()
     return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
 
 
