@@ -16,7 +16,7 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.ownership import MANIFEST, PEOPLE, read_object
 from gaitcal.intake.draft_text import STUDY
 from gaitcal.intake.folder import MARKER_ENDINGS
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
@@ -24,8 +24,6 @@ from gaitcal.recording.csv import is_force_header, read_header
 
 SHEET = "people.csv"
 """What a lab says of the people, beside their folders."""
-PEOPLE = "people"
-"""Folder of the results of all people within that of the cohort."""
 COMPLETE = 2
 """Recordings of a session at least: standing and moving."""
 MOST_PLACE = 80

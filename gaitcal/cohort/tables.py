@@ -26,7 +26,7 @@ from gaitcal.cohort.task import COMPRESSION, STRIDES
 from gaitcal.files.amend import amended
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import sha256_of
+from gaitcal.files.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"
@@ -74,7 +74,7 @@ def mark(out: Path) -> None:
 
 def _text(content: Mapping[str, object]) -> str:
     made = {"gaitcal": package_version("gaitcal"), **content}
-    return json.dumps(made, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps({**made, SELF: self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
 
 
 def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
@@ -90,7 +90,8 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
             "people": len({person.name for person in people}),
             "sessions": len(people),
             "settings": settings,
-            "sha256": {name: sha256_of(stage / name) for name in names},
+            FILES: sorted([*names, TIMES]),
+            HASHES: {name: sha256_of(stage / name) for name in names},
         }
     )
 

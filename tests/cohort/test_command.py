@@ -12,9 +12,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.cli import app
+from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
 from gaitcal.commands.cohort import duration
 from gaitcal.errors import InputError, UsageError
+from gaitcal.files.snapshot import listed
+from tests.cohort.kept import Kept, write_cohort
 from tests.intake.folders import recordings, write
 
 
@@ -44,6 +47,39 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
     (tmp_path / "notes" / "list.csv").write_text("a;b\n1;2\n")
     cohort = people_in(tmp_path, tmp_path / "out")
     assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("view", "COHORT", "--html", "page.html"),
+        ("compare", "COHORT", "COHORT"),
+        ("compare", "COHORT", "--osim", "model.osim"),
+        ("dynamics", "COHORT", "walk.c3d"),
+        ("export", "COHORT"),
+        ("export", "COHORT", "--format", "cycles"),
+        ("figures", "COHORT"),
+        ("figures", "COHORT", "--for", "paper"),
+        ("montecarlo", "COHORT"),
+    ],
+)
+def test_a_cohort_is_no_result_of_one_person(tmp_path: Path, words: tuple[str, ...]) -> None:
+    write_cohort(tmp_path, [Kept(name="Ann")])
+    one = tmp_path / "people" / "Ann"
+    one.mkdir(parents=True)
+    (one / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match=f"is a cohort; name the result of one person, .* such as {one}") as caught:
+        run(*(tmp_path if word == "COHORT" else word for word in words))
+    assert caught.value.code is Code.NO_RESULT
+
+
+def test_the_manifest_of_a_cohort_is_signed(tmp_path: Path) -> None:
+    write_cohort(tmp_path, [Kept(name="Ann")])
+    assert {"people.csv", "cohort.html"} < set(listed(tmp_path))
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"people": 1', '"people": 2'))
+    with pytest.raises(InputError, match="is damaged, or was edited"):
+        listed(tmp_path)
 
 
 @pytest.mark.slow
