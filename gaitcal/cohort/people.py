@@ -17,6 +17,7 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.ownership import MANIFEST, PEOPLE, read_object
+from gaitcal.files.validation import shown
 from gaitcal.intake.draft_text import STUDY
 from gaitcal.intake.folder import MARKER_ENDINGS
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
@@ -69,6 +70,8 @@ class Cohort:
     people: tuple[CohortPerson, ...]
     ignored: tuple[str, ...] = ()
     """Sub-folders without recordings."""
+    notes: tuple[str, ...] = ()
+    """What of the list of people is not used."""
 
 
 def safe_name(text: str) -> str:
@@ -203,6 +206,7 @@ def with_told(cohort: Cohort, rows: Sequence[Told], source: Path) -> Cohort:
         if not mine:
             mine = [p for p in people.values() if p.name == row.person and not p.session]
         if not mine:
+            _require_names(row, source)
             folder = cohort.source.resolve() / row.person / row.session
             mine = [CohortPerson(folder=folder, name=row.person, session=row.session)]
         for person in mine:
@@ -215,6 +219,14 @@ def with_told(cohort: Cohort, rows: Sequence[Told], source: Path) -> Cohort:
             )
             people[new.key] = new
     return replace(cohort, people=in_order(people.values(), source))
+
+
+def _require_names(row: Told, source: Path) -> None:
+    """InputError where a folder of the table would lie elsewhere than in the cohort."""
+    for field, name in (("person", row.person), ("session", row.session)):
+        if name and (name == ".." or Path(name).parts != (name,)):
+            message = f"found {shown(name)}; allowed: the name of a folder, without a path"
+            raise InputError(message, source=source, field=field, code=Code.COHORT)
 
 
 def joined(first: Options, second: Options) -> Options:
