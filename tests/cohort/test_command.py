@@ -6,6 +6,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,9 @@ from typer.testing import CliRunner, Result
 from gaitcal.cli import app
 from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
-from gaitcal.commands.cohort import duration
+from gaitcal.cohort.run import Ended
+from gaitcal.commands.cohort import _teller, duration
+from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError, UsageError
 from gaitcal.files.snapshot import listed
 from tests.cohort.kept import Kept, write_cohort
@@ -47,6 +50,14 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
     (tmp_path / "notes" / "list.csv").write_text("a;b\n1;2\n")
     cohort = people_in(tmp_path, tmp_path / "out")
     assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
+
+
+def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tell = _teller(Talk(quiet=False, verbose=True), lambda text: None, 2)
+    for session in ("", "pre"):
+        one = replace(Kept(name="P1", session=session).outcome, computed=False)
+        tell(Ended(outcome=one, done=1, todo=2, remaining_s=None))
+    assert capsys.readouterr().out == "P1: trustworthy, unchanged (1 of 2)\nP1 pre: trustworthy, unchanged (1 of 2)\n"
 
 
 @pytest.mark.parametrize(
@@ -107,7 +118,7 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
         bob, cid = csv.DictReader(stream)
     assert bob["cause"] == "no file says subject.mass_kg, subject.height_m, subject.sex"
     assert bob["what_to_do"] == "give mass_kg, height_m, sex in people.csv or cohort.toml"
-    assert cid["person"] == "Cid"
+    assert (cid["person"], bob["code"], cid["code"]) == ("Cid", "GC-211", "GC-223")
     written = (result / "manifest.json").stat().st_mtime_ns
     again = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     assert again.returncode == 1

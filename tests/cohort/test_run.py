@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from gaitcal.cohort.task import Task
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble
 from tests.cohort.stubs import MASS, Here, rows, run, strides
+from tests.intake.folders import recordings, write
 
 SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
 
@@ -131,3 +133,28 @@ def test_another_folder_is_left_alone(lab: Path, tmp_path: Path, ran: list[str])
     with pytest.raises(InputError, match="holds 'thesis.txt', and is no cohort"):
         run(lab, tmp_path / "mine")
     assert ran == []
+
+
+def test_every_failure_has_a_code(tmp_path: Path) -> None:
+    lab, out = tmp_path / "lab", tmp_path / "out"
+    for name in ("broken", "nobody's"):
+        (lab / name).mkdir(parents=True)
+        (lab / name / "walk.c3d").write_bytes(b"no recording")
+    write(lab / "unknown", recordings(), forces="grf")
+    run(lab, out)
+    found = {row["cause"]: (row["code"], bool(row["what_to_do"])) for row in rows(out / FAILURES)}
+    assert found == {
+        "holds 1 files, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
+        "no file says subject.mass_kg, subject.height_m, subject.sex": ("GC-211", True),
+    }
+
+
+def test_a_failure_without_a_code_is_tried_again(lab: Path, tmp_path: Path, ran: list[str]) -> None:
+    """As an earlier version kept it."""
+    out = tmp_path / "out"
+    run(lab, out)
+    state = state_file(out, "people/Zed", ".json")
+    state.write_text(json.dumps({**json.loads(state.read_text()), "code": ""}))
+    ran.clear()
+    run(lab, out)
+    assert ran == ["Zed"]
