@@ -20,7 +20,7 @@ import numpy as np
 from gaitcal.cohort.columns import COLUMNS
 from gaitcal.cohort.mean_curves import GAP
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
+from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.tables import write_tables
 
@@ -83,7 +83,7 @@ def copy_people(source: Path, people: int, out: Path) -> None:
 def write_many(out: Path, people: int) -> None:
     """Write tables and page of people who are kept, and print what it took."""
     began = time.monotonic()
-    write_tables([person_of(number) for number in range(people)], out, out, CommonSettings())
+    write_tables([person_of(number) for number in range(people)], out, Outcomes(out), CommonSettings())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps({"seconds": round(time.monotonic() - began, 2), "mebibytes": round(peak, 1)}))
 

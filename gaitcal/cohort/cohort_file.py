@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 
 from gaitcal.codes import Code
 from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, alike
 from gaitcal.files.toml import toml_table
 from gaitcal.files.validation import Table, read_validated, shown, validated
 from gaitcal.intake.person_facts import Options
@@ -23,6 +23,14 @@ COHORT = "cohort.toml"
 MOST_BYTES = 20_000_000
 """Of it, and of people.csv: some 50 000 people."""
 _NUMBERS: Final = ("mass_kg", "height_m", "age_years")
+_COLUMNS: Final = ("person", "session", "group", "sex", *_NUMBERS)
+_FIELDS: Final = {"mass": "mass_kg", "height": "height_m", "age": "age_years"}
+_OTHER_WORDS: Final = {
+    **_FIELDS,
+    **dict.fromkeys(("weight", "weight_kg", "weight (kg)", "weight [kg]", "body mass", "body_mass"), "mass_kg"),
+    "gender": "sex",
+}
+"""What people call a column -> the column."""
 _SEXES: Final = {"f": "female", "w": "female", "m": "male"}
 
 
@@ -88,7 +96,8 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
     cohort = people_in(path, out)
     sheet = path / SHEET
     if sheet.is_file():
-        cohort = with_told(cohort, read_sheet(sheet), sheet)
+        told = read_sheet(sheet)
+        cohort = replace(with_told(cohort, told.rows, sheet), notes=told.notes)
     return cohort, CalibrationSettings()
 
 
@@ -111,31 +120,90 @@ def settings_text(settings: CalibrationSettings) -> str:
     return toml_table("[calibration]", said) if said else ""
 
 
-def read_sheet(path: Path) -> tuple[Told, ...]:
-    """The rows of `people.csv`: person, session, group, sex, mass_kg, height_m, age_years; other columns are ignored.
+@dataclass(frozen=True)
+class Sheet:
+    """What `people.csv` says."""
+
+    rows: tuple[Told, ...]
+    notes: tuple[str, ...] = ()
+    """Columns that are not used."""
+
+
+def read_sheet(path: Path) -> Sheet:
+    """Read `people.csv`: person, session, group, sex, mass_kg, height_m, age_years; other columns are told.
 
     Commas, semicolons (with decimal commas) or tabs between columns.
 
     Raises
     ------
     InputError
-        No column `person`, or a value that cannot be, with its row.
+        No column `person`, a column twice or with a name like one of these, two rows that contradict each other, or a
+        value that cannot be, with its row.
     """
     text = _text(path)
     head = text.split("\n", 1)[0]
     delimiter = max(",;\t", key=head.count)
-    rows = csv.DictReader(io.StringIO(text, newline=""), delimiter=delimiter)
-    names = [str(name).strip().lower() for name in rows.fieldnames or ()]
-    if "person" not in names:
-        message = f"found the columns {', '.join(names) or 'none'}; allowed: person, and any of session, group, sex, "
-        raise InputError(f"{message}mass_kg, height_m, age_years", source=path, code=Code.COHORT)
-    rows.fieldnames = names
+    lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=delimiter)
+    names = [str(name).strip().lower() for name in lines.fieldnames or ()]
+    notes = tuple(_not_used(names, path))
+    lines.fieldnames = names
+    said: dict[tuple[str, str], dict[str, tuple[object, int]]] = {}
+    rows = []
     try:
-        return tuple(
-            _row(row, f"{path}: row {number}") for number, row in enumerate(rows, start=2) if any(row.values())
-        )
+        for number, line in enumerate(lines, start=2):
+            if any(line.values()):
+                source = f"{path}: row {number}"
+                rows.append(_row(line, source))
+                _require_agreement(rows[-1], number, said, source)
     except csv.Error as error:
         raise InputError(f"cannot be read as a table: {error}", source=path, code=Code.COHORT) from None
+    return Sheet(tuple(rows), notes)
+
+
+def _not_used(names: Sequence[str], path: Path) -> Iterator[str]:
+    """A note on every column that is not known; InputError where it may be one that is, or one is there twice."""
+    if "person" not in names:
+        message = f"found the columns {', '.join(filter(None, names)) or 'none'}; allowed: person, and any of "
+        raise InputError(message + ", ".join(_COLUMNS[1:]), source=path, code=Code.COHORT)
+    for name in dict.fromkeys(filter(None, names)):
+        if names.count(name) > 1:
+            raise InputError(
+                f"found {names.count(name)} columns {shown(name)}; allowed: one", source=path, code=Code.COHORT
+            )
+        if name in _COLUMNS:
+            continue
+        meant = _OTHER_WORDS.get(name) or next(iter(alike(name, _COLUMNS)), None)
+        if meant is not None and meant not in names:
+            raise InputError(
+                f"found the column {shown(name)}, which is not known; did you mean '{meant}'? A column of something "
+                "else needs a name that is less like it",
+                source=path,
+                code=Code.COHORT,
+            )
+        yield f"{path.name}: column {shown(name)} is not used"
+
+
+def _require_agreement(
+    row: Told, number: int, said: dict[tuple[str, str], dict[str, tuple[object, int]]], source: str
+) -> None:
+    """InputError where an earlier row says something else of the same session; `said`: what earlier rows say."""
+    before = said.setdefault((row.person, row.session), {})
+    for name, value in {"group": row.group or None, **vars(row.options)}.items():
+        if value is None:
+            continue
+        other, at = before.setdefault(name, (value, number))
+        if other != value:
+            raise InputError(
+                f"found {_written(value)}, but row {at} says {_written(other)} of the same person and session; "
+                "allowed: one of them",
+                source=source,
+                field=_FIELDS.get(name, name),
+                code=Code.COHORT,
+            )
+
+
+def _written(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else shown(value)
 
 
 def _text(path: Path) -> str:
@@ -155,7 +223,11 @@ def _text(path: Path) -> str:
 
 def _row(row: Mapping[str | Any, object], source: str) -> Told:
     said: dict[str, object] = {}
-    for name in ("session", "group", "sex", *_NUMBERS):
+    beyond = row.get(None)  # where a DictReader puts them
+    if isinstance(beyond, list) and any(beyond):
+        message = "found more cells than columns; a decimal comma needs semicolons between columns"
+        raise InputError(message, source=source, code=Code.COHORT)
+    for name in _COLUMNS[1:]:
         text = str(row.get(name) or "").strip()
         if not text:
             continue

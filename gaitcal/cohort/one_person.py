@@ -11,7 +11,7 @@ from pathlib import Path
 from gaitcal.checks import check_study
 from gaitcal.codes import Code
 from gaitcal.cohort.cohort_file import settings_text
-from gaitcal.cohort.people import CohortPerson, no_folder
+from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -71,7 +71,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     InputError
         No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
     """
-    if not person.folder.is_dir():
+    if not is_folder(person.folder):
         raise PersonError(
             no_folder(person), "put the recordings there, or take the person out of the list", code=Code.FOLDER
         )

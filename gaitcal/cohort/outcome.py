@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.ownership import read_object
 
 STATE = "state"
+AGAIN = "run the same command again: it tries this person once more"
 Cell: TypeAlias = str | int | float | None
 """Of the table of people."""
 
@@ -54,6 +57,11 @@ class Outcome:
     """Whether this run did it; False where nothing had changed."""
 
     @property
+    def key(self) -> tuple[str, str]:
+        """Name and session, by which tables are sorted."""
+        return self.name, self.session
+
+    @property
     def failed(self) -> bool:
         """Whether there is no result."""
         return bool(self.cause)
@@ -76,10 +84,43 @@ def state_file(out: Path, place: str, ending: str) -> Path:
 
 def keep(out: Path, outcome: Outcome) -> None:
     """Write an outcome, whole or not at all."""
-    path = state_file(out, outcome.place, ".json")
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = asdict(replace(outcome, row={**outcome.row}))
-    atomic_text(path, json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n")
+    atomic_text(
+        state_file(out, outcome.place, ".json"), json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
+    )
+
+
+def forget(out: Path, place: str) -> None:
+    """Remove the outcome of an earlier run, as far as the disk lets us: it no longer holds."""
+    with suppress(OSError):
+        state_file(out, place, ".json").unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """What became of everyone when a run has ended."""
+
+    out: Path
+    """Folder of the cohort."""
+    failed: Mapping[tuple[str, str], Outcome] = field(default_factory=dict)
+    """Those without a result as the run returned them, by name and session: the disk may not have taken them."""
+
+    def of(self, person: CohortPerson) -> Outcome:
+        """As the run returned it, else as it is kept on disk; a failure where it is neither."""
+        return self.failed.get(person.key) or kept(self.out, person) or _not_kept(person)
+
+
+def _not_kept(person: CohortPerson) -> Outcome:
+    return Outcome(
+        name=person.name,
+        session=person.session,
+        place=person.place,
+        fingerprint="",
+        code=Code.WORKER.value,
+        cause="what became of it was not found on disk when the tables were written",
+        action=AGAIN,
+        passing=True,
+    )
 
 
 def kept(out: Path, person: CohortPerson) -> Outcome | None:

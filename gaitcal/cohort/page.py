@@ -19,7 +19,7 @@ from gaitcal.cohort.columns import COLUMNS, Column
 from gaitcal.cohort.mean_curves import EVERY, STEPS, VARIABLES, no_curves
 from gaitcal.cohort.measures import measures
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, kept
+from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import read_normal_bands
@@ -35,11 +35,11 @@ _DIGITS: Final = 4
 
 
 def write_page(
-    path: Path, tables: Mapping[str, Path], people: Sequence[CohortPerson], out: Path, common: CommonSettings
+    path: Path, tables: Mapping[str, Path], people: Sequence[CohortPerson], ended: Outcomes, common: CommonSettings
 ) -> None:
-    """Write the page. `tables`: `people` (Parquet) and `failures`, as they are written; `out`: the cohort's folder."""
+    """Write the page. `tables`: `people` (Parquet) and `failures`, as they are written."""
     causes = _Causes()
-    data = {"CURVES": _curves(people, out, causes), "COHORT": _content(tables, people, common, causes)}
+    data = {"CURVES": _curves(people, ended, causes), "COHORT": _content(tables, people, common, causes)}
     write_cohort_page(path, data)
 
 
@@ -62,11 +62,11 @@ class _Causes:
         return {"causes": [dict(zip(names, key, strict=True)) for key in self._known], "of": self._of}
 
 
-def _curves(people: Sequence[CohortPerson], out: Path, causes: _Causes) -> Iterator[str]:
+def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:
     """Packed curves of everyone with a result, in the order of the table, whose causes are noted meanwhile."""
     for person in people:
-        outcome = kept(out, person)
-        if outcome is None or outcome.failed:
+        outcome = ended.of(person)
+        if outcome.failed:
             continue
         causes.add(outcome)
         yield outcome.curves or no_curves()

@@ -8,6 +8,7 @@ own sub-folders all hold a complete set (a study file, or at least two recording
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,8 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.files.ownership import MANIFEST, PEOPLE, read_object
+from gaitcal.files.validation import shown
 from gaitcal.intake.draft_text import STUDY
 from gaitcal.intake.folder import MARKER_ENDINGS
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
@@ -23,12 +25,10 @@ from gaitcal.recording.csv import is_force_header, read_header
 
 SHEET = "people.csv"
 """What a lab says of the people, beside their folders."""
-PEOPLE = "people"
-"""Folder of the results of all people within that of the cohort."""
 COMPLETE = 2
 """Recordings of a session at least: standing and moving."""
 MOST_PLACE = 80
-"""Characters of a folder's name made of a person's or session's."""
+"""Bytes, in UTF-8, of a folder's name made of a person's or session's; file systems count these."""
 _UNSAFE = re.compile(r"[^\w.()+=@ -]")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
@@ -70,11 +70,13 @@ class Cohort:
     people: tuple[CohortPerson, ...]
     ignored: tuple[str, ...] = ()
     """Sub-folders without recordings."""
+    notes: tuple[str, ...] = ()
+    """What of the list of people is not used."""
 
 
 def safe_name(text: str) -> str:
     """A name as a folder may be called: itself, or, where a file system would refuse it, one made of it."""
-    plain = _UNSAFE.sub("_", text).strip(". ")[:MOST_PLACE]
+    plain = _UNSAFE.sub("_", text).strip(". ").encode()[:MOST_PLACE].decode(errors="ignore")
     if plain == text and not _DEVICE.fullmatch(text):
         return text
     return f"{plain or '_'}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
@@ -204,6 +206,7 @@ def with_told(cohort: Cohort, rows: Sequence[Told], source: Path) -> Cohort:
         if not mine:
             mine = [p for p in people.values() if p.name == row.person and not p.session]
         if not mine:
+            _require_names(row, source)
             folder = cohort.source.resolve() / row.person / row.session
             mine = [CohortPerson(folder=folder, name=row.person, session=row.session)]
         for person in mine:
@@ -218,14 +221,27 @@ def with_told(cohort: Cohort, rows: Sequence[Told], source: Path) -> Cohort:
     return replace(cohort, people=in_order(people.values(), source))
 
 
+def _require_names(row: Told, source: Path) -> None:
+    """InputError where a folder of the table would lie elsewhere than in the cohort."""
+    for field, name in (("person", row.person), ("session", row.session)):
+        if name and (name == ".." or Path(name).parts != (name,)):
+            message = f"found {shown(name)}; allowed: the name of a folder, without a path"
+            raise InputError(message, source=source, field=field, code=Code.COHORT)
+
+
 def joined(first: Options, second: Options) -> Options:
     """Options, the second before the first."""
     said = {name: value for name, value in vars(second).items() if value is not None}
     return replace(first, **said)
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a folder is there; no is the answer where pathlib raises: over-long names."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
 def no_folder(person: CohortPerson) -> str:
     """That a person has no folder, and which one may be meant."""
-    above = next(folder for folder in person.folder.parents if folder.is_dir())
+    above = next(folder for folder in person.folder.parents if is_folder(folder))
     names = [p.name for p in above.iterdir() if p.is_dir()]
     return f"no folder '{person.folder.name}'{nearest(person.folder.name, names)}"

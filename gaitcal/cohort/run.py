@@ -11,7 +11,7 @@ from typing import Protocol
 
 from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome
+from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import Cohort
 from gaitcal.cohort.processes import ReplacedProcesses
 from gaitcal.cohort.tables import Written, mark, write_tables
@@ -79,13 +79,16 @@ def run_cohort(
         version = package_version("gaitcal")
         tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
         began, done, computed = time.monotonic(), 0, 0
+        failed: dict[tuple[str, str], Outcome] = {}
         with closing(_generator(engine.run(end_person, tasks, lost_person))) as outcomes:
             for outcome in outcomes:
                 done, computed = done + 1, computed + outcome.computed
+                if outcome.failed:
+                    failed[outcome.key] = outcome
                 left = len(cohort.people) - done
                 remaining = left * (time.monotonic() - began) / computed if computed else None
                 told(Ended(outcome=outcome, done=done, todo=len(cohort.people), remaining_s=remaining))
-        return write_tables(cohort.people, cohort.source, out, common)
+        return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
 
 
 def processes(jobs: int = -1) -> ReplacedProcesses:

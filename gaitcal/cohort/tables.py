@@ -19,14 +19,14 @@ import pyarrow.parquet as pq
 
 from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Cell, Outcome, kept, state_file
+from gaitcal.cohort.outcome import Cell, Outcome, Outcomes, state_file
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
 from gaitcal.files.amend import amended
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import sha256_of
+from gaitcal.files.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"
@@ -46,22 +46,21 @@ class Written:
     """`trustworthy`, `doubtful`, `refused`, `failed` -> people."""
 
 
-def write_tables(people: Sequence[CohortPerson], source: Path, out: Path, common: CommonSettings) -> Written:
+def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Written:
     """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
     verdicts: dict[str, int] = {}
+    out = ended.out
     with amended(out) as stage:
         with ExitStack() as stack:
             writers = _Writers(stage, stack)
             for person in people:
-                outcome = kept(out, person)
-                if outcome is None:
-                    continue  # the run was interrupted before
+                outcome = ended.of(person)
                 verdicts[outcome.verdict] = verdicts.get(outcome.verdict, 0) + 1
                 writers.add(person, outcome, _seen_from(source, person.folder), out)
             writers.flush()
         _write_meanings(stage / MEANINGS)
         written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
-        write_page(stage / PAGE, written, people, out, common)
+        write_page(stage / PAGE, written, people, ended, common)
         (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
     return Written(verdicts)
 
@@ -75,7 +74,7 @@ def mark(out: Path) -> None:
 
 def _text(content: Mapping[str, object]) -> str:
     made = {"gaitcal": package_version("gaitcal"), **content}
-    return json.dumps(made, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps({**made, SELF: self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
 
 
 def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
@@ -91,7 +90,8 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
             "people": len({person.name for person in people}),
             "sessions": len(people),
             "settings": settings,
-            "sha256": {name: sha256_of(stage / name) for name in names},
+            FILES: sorted([*names, TIMES]),
+            HASHES: {name: sha256_of(stage / name) for name in names},
         }
     )
 

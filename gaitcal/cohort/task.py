@@ -14,7 +14,7 @@ from gaitcal.codes import Code
 from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.mean_curves import mean_curves
 from gaitcal.cohort.one_person import CommonSettings, calibrate_person
-from gaitcal.cohort.outcome import Outcome, keep, kept, state_file
+from gaitcal.cohort.outcome import AGAIN, Outcome, forget, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.row import reasons_of, row_of
 from gaitcal.errors import GaitcalError
@@ -36,7 +36,6 @@ STRIDE_TYPES = {
 """Column of `cycles.parquet` -> type."""
 STRIDES = pa.schema([(name, STRIDE_TYPES[name]) for name in CYCLE_COLUMNS])
 COMPRESSION = "zstd"
-AGAIN = "run the same command again: it tries this person once more"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +55,8 @@ class Task:
 def end_person(task: Task) -> Outcome:
     """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves it.
 
-    What is returned has neither row nor curves: they stay on disk.
+    What is returned has neither row nor curves: they stay on disk. Where nothing can be written there, it is a failure
+    that says so.
     """
     began = time.monotonic()
     try:
@@ -65,10 +65,7 @@ def end_person(task: Task) -> Outcome:
         outcome = _failure(task, error)
     if outcome.computed:
         outcome = replace(outcome, seconds=round(time.monotonic() - began, 3), mebibytes=_peak())
-        try:
-            keep(task.out, outcome)
-        except Exception as error:  # noqa: BLE001 - a full disk
-            outcome = _failure(task, error)
+        outcome = _kept(task, outcome)
     row = {name: outcome.row[name] for name in ("verdict", "first_cause") if name in outcome.row}
     return replace(outcome, row=row, reasons=(), curves="")
 
@@ -85,8 +82,18 @@ def lost_person(task: Task, words: str) -> Outcome:
         action=f"too little memory for so many --jobs does this; {AGAIN}",
         passing=True,
     )
-    keep(task.out, lost)
-    return lost
+    return _kept(task, lost)
+
+
+def _kept(task: Task, outcome: Outcome) -> Outcome:
+    """The outcome, kept on disk; a failure where the disk does not take it."""
+    try:
+        keep(task.out, outcome)
+    except Exception as error:  # noqa: BLE001 - a full disk
+        forget(task.out, outcome.place)
+        if not outcome.failed:
+            outcome = replace(_failure(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes)
+    return outcome
 
 
 def _ended(task: Task) -> Outcome:
@@ -118,7 +125,7 @@ def _ended(task: Task) -> Outcome:
 def _stands(before: Outcome, task: Task) -> bool:
     """Whether an earlier outcome of the same inputs still holds."""
     if before.failed:
-        return not (before.passing or task.retry)
+        return bool(before.code) and not (before.passing or task.retry)
     strides = state_file(task.out, before.place, ".parquet")
     return strides.is_file() and _own_hash(task.out / before.place) == before.result
 
@@ -132,9 +139,7 @@ def _keep_strides(task: Task) -> None:
     strides = read_cycles(task.out / person.place)
     strides = strides.assign(person=person.name, session=person.session)
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
-    path = state_file(task.out, person.place, ".parquet")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as target:
+    with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
 
 

@@ -65,6 +65,8 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
     cohort = _with_options(cohort, options.told)
     for name in cohort.ignored:
         talk.line(f"not used: {name}: holds no recordings")
+    for note in cohort.notes:
+        talk.line(note)
     priors = None if options.priors is None else options.priors.resolve()
     common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
@@ -98,12 +100,12 @@ def _teller(talk: Talk, step: Callable[[str], None], people: int) -> Callable[[E
         outcome = ended.outcome
         left = "" if ended.remaining_s is None or ended.done == ended.todo else f", {duration(ended.remaining_s)} left"
         far = f"{ended.done} of {ended.todo}{left}"
+        who = " ".join(filter(None, outcome.key))
         if outcome.computed:
             cause = f": {outcome.first_cause}" if outcome.first_cause else ""
-            who = " ".join(filter(None, (outcome.name, outcome.session)))
             talk.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
         elif talk.verbose:
-            talk.line(f"{outcome.name} {outcome.session}: {outcome.verdict}, unchanged ({far})")
+            talk.line(f"{who}: {outcome.verdict}, unchanged ({far})")
         step(far)
 
     return tell

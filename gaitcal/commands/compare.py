@@ -15,6 +15,8 @@ from gaitcal.compare.difference_words import subject
 from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
+from gaitcal.files.atomic import require_room
+from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.findings import note_of
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results
@@ -45,6 +47,8 @@ def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
         return
     if other is None:
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
+    if options.out is not None:
+        require_room(options.out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
     shared = None
     if options.shared_model:
         with talk.working() as step:

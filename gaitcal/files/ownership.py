@@ -17,6 +17,8 @@ from gaitcal.errors import InputError
 
 MANIFEST = "manifest.json"
 """The file that marks a folder as a result of gaitcal."""
+PEOPLE = "people"
+"""Folder of the results of all people within that of a cohort."""
 OLD, UNFINISHED, LOCK = ".gaitcal-old-", ".gaitcal-tmp-", ".gaitcal-lock-"
 """Beginnings of hidden names beside a target: what waits for an interrupted exchange, what a killed run left, and who
 writes now."""
@@ -109,6 +111,20 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
         if not (name in listed if isinstance(listed, list) else _known(name, kind)) and name != MANIFEST:
             raise InputError(_foreign(name), source=target, code=Code.FOLDER_TAKEN)
     return kept
+
+
+def refuse_cohort(folder: Path) -> None:
+    """InputError, naming the result of one of its people, where a cohort is taken for the result of one person."""
+    if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
+        return
+    results = (path.parent for level in ("*", "*/*") for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}")))
+    one = next(results, None)
+    such = "" if one is None else f", such as {one.as_posix()}"
+    raise InputError(
+        f"is a cohort; name the result of one person, a folder in its {PEOPLE}/{such}",
+        source=folder,
+        code=Code.NO_RESULT,
+    )
 
 
 def _foreign(name: str) -> str:

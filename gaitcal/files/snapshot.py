@@ -17,10 +17,10 @@ from typing import TypeVar
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object, refuse_cohort
 
-HASHES, SELF = "sha256", "own_sha256"
-"""Entries of a manifest: file -> SHA-256, and SHA-256 of all other entries."""
+FILES, HASHES, SELF = "files", "sha256", "own_sha256"
+"""Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""
 _TRIES = 20
 _AGAIN_S = 0.1
 """A result that is being replaced while it is read is read again, for two seconds."""
@@ -55,7 +55,7 @@ def sign(content: Path, kind: ResultKind, kept: Iterable[str], carried: Mapping[
     files = [name for name in files_of(content) if name != MANIFEST]
     hashes = {name: carried.get(name) or sha256_of(content / name) for name in files}
     written = read_object(content / MANIFEST)
-    manifest: dict[str, object] = {"gaitcal": "", **written, "kind": kind.value, "files": files, HASHES: hashes}
+    manifest: dict[str, object] = {"gaitcal": "", **written, "kind": kind.value, FILES: files, HASHES: hashes}
     if names := list(kept):
         manifest["kept_from_earlier_result"] = names
     manifest[SELF] = self_hash(manifest)
@@ -118,8 +118,9 @@ def read_whole(
     Raises
     ------
     InputError
-        A file is damaged or missing, or the folder goes on changing; and what `read` raises.
+        It is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
     """
+    refuse_cohort(folder)
     wanted, may_differ = tuple(names), set(editable)
     for _ in range(_TRIES):
         before = _hashes(folder, wanted)

@@ -6,6 +6,7 @@ Only files directly in the folder: one person a folder. A file that cannot be re
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -191,11 +192,16 @@ def _csv(path: Path) -> FolderFile:
 
 def _toml(path: Path) -> FolderFile:
     content = read_toml(path)
-    if "trial" in content or "subject" in content:
+    if declares_study(content):
         return FolderFile(path=path, name=path.name, kind=FileKind.STUDY)
     if "landmarks" in content:
         return FolderFile(path=path, name=path.name, kind=FileKind.MARKER_SET, marker_set=load_marker_set(path))
     return _other(path, "neither a study nor a marker set")
+
+
+def declares_study(content: Mapping[str, object]) -> bool:
+    """Whether a TOML table is a study."""
+    return "trial" in content or "subject" in content
 
 
 def _xml(path: Path) -> FolderFile:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.files.toml import read_toml
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_text import STUDY
-from gaitcal.intake.folder import FileKind, Folder
+from gaitcal.intake.folder import FileKind, Folder, declares_study
 
 
 def own_study(folder: Folder) -> Path | None:
@@ -22,6 +23,20 @@ def own_study(folder: Folder) -> Path | None:
             code=Code.FOLDER,
         )
     return own[0] if own else None
+
+
+def study_files(folder: Path) -> tuple[Path, ...]:
+    """The study files in a folder, found without reading its recordings."""
+    return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
+
+
+def _is_study(path: Path) -> bool:
+    if path.name[0] in ".~":
+        return False
+    try:
+        return path.name == STUDY or declares_study(read_toml(path))
+    except InputError:
+        return False
 
 
 def files_of(draft: Draft) -> tuple[Path, ...]:

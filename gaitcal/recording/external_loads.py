@@ -109,6 +109,14 @@ def loads_tables(path: Path) -> tuple[Path, ...]:
     return tuple(_table(path, name) for name in dict.fromkeys(force.table for force in forces))
 
 
+def tables_there(path: Path) -> tuple[Path, ...]:
+    """The same of a file that may be none at all: the tables that are there."""
+    try:
+        return loads_tables(path)
+    except InputError:
+        return ()
+
+
 def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
     """Forces that are switched on, and the names of those that are not."""
     readable_size(path)

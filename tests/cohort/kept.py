@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from gaitcal.cohort.mean_curves import GAP, SHAPE
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, keep, state_file
+from gaitcal.cohort.outcome import Outcome, Outcomes, keep, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.tables import mark, write_tables
@@ -77,7 +77,7 @@ def write_cohort(out: Path, people: list[Kept], common: CommonSettings | None = 
                 state_file(out, outcome.place, ".parquet"),
             )
     everyone = sorted((one.person for one in people), key=lambda person: person.key)
-    write_tables(everyone, Path("/lab"), out, common or CommonSettings())
+    write_tables(everyone, Path("/lab"), Outcomes(out), common or CommonSettings())
     return out / PAGE
 
 

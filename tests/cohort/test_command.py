@@ -6,15 +6,21 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.cli import app
+from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
-from gaitcal.commands.cohort import duration
+from gaitcal.cohort.run import Ended
+from gaitcal.commands.cohort import _teller, duration
+from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError, UsageError
+from gaitcal.files.snapshot import listed
+from tests.cohort.kept import Kept, write_cohort
 from tests.intake.folders import recordings, write
 
 
@@ -46,6 +52,47 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
     assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
 
 
+def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tell = _teller(Talk(quiet=False, verbose=True), lambda text: None, 2)
+    for session in ("", "pre"):
+        one = replace(Kept(name="P1", session=session).outcome, computed=False)
+        tell(Ended(outcome=one, done=1, todo=2, remaining_s=None))
+    assert capsys.readouterr().out == "P1: trustworthy, unchanged (1 of 2)\nP1 pre: trustworthy, unchanged (1 of 2)\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("view", "COHORT", "--html", "page.html"),
+        ("compare", "COHORT", "COHORT"),
+        ("compare", "COHORT", "--osim", "model.osim"),
+        ("dynamics", "COHORT", "walk.c3d"),
+        ("export", "COHORT"),
+        ("export", "COHORT", "--format", "cycles"),
+        ("figures", "COHORT"),
+        ("figures", "COHORT", "--for", "paper"),
+        ("montecarlo", "COHORT"),
+    ],
+)
+def test_a_cohort_is_no_result_of_one_person(tmp_path: Path, words: tuple[str, ...]) -> None:
+    write_cohort(tmp_path, [Kept(name="Ann")])
+    one = tmp_path / "people" / "Ann"
+    one.mkdir(parents=True)
+    (one / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match=f"is a cohort; name the result of one person, .* such as {one}") as caught:
+        run(*(tmp_path if word == "COHORT" else word for word in words))
+    assert caught.value.code is Code.NO_RESULT
+
+
+def test_the_manifest_of_a_cohort_is_signed(tmp_path: Path) -> None:
+    write_cohort(tmp_path, [Kept(name="Ann")])
+    assert {"people.csv", "cohort.html"} < set(listed(tmp_path))
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"people": 1', '"people": 2'))
+    with pytest.raises(InputError, match="is damaged, or was edited"):
+        listed(tmp_path)
+
+
 @pytest.mark.slow
 def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
     """One is calibrated, one has nobody who tells the mass, one has a file that is none; a second run does nothing."""
@@ -71,7 +118,7 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
         bob, cid = csv.DictReader(stream)
     assert bob["cause"] == "no file says subject.mass_kg, subject.height_m, subject.sex"
     assert bob["what_to_do"] == "give mass_kg, height_m, sex in people.csv or cohort.toml"
-    assert cid["person"] == "Cid"
+    assert (cid["person"], bob["code"], cid["code"]) == ("Cid", "GC-211", "GC-223")
     written = (result / "manifest.json").stat().st_mtime_ns
     again = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     assert again.returncode == 1

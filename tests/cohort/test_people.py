@@ -85,12 +85,36 @@ def test_a_session_of_the_table_names_an_only_one(folder: Path) -> None:
         ("person,height_m\nAnn,1.7\nBob,175\n", "row 3: height_m: found 175"),
         ("person,sex\nAnn,x\n", "row 2: sex: found 'x'"),
         ("person,sex\n,m\n", "row 2: person: found nothing"),
+        ("person,sex,Person\nAnn,m,Bob\n", "found 2 columns 'person'; allowed: one"),
+        ("person,sex\nAnn,f\nAnn,m\n", "row 3: sex: found 'male', but row 2 says 'female' of the same person"),
+        ("person,session,mass_kg\nAnn,a,60\nAnn,b,61\nAnn,a,62\n", "row 4: mass_kg: found 62, but row 2 says 60"),
+        ("person,mass\nAnn,60\n", "found the column 'mass', which is not known; did you mean 'mass_kg'"),
+        ("person,height\nAnn,1.7\n", "did you mean 'height_m'"),
+        ("person,age\nAnn,17\n", "did you mean 'age_years'"),
+        ("person,Weight\nAnn,60\n", "did you mean 'mass_kg'"),
+        ("person,height_m\nAnn,1,75\n", "row 2: found more cells than columns; a decimal comma needs semicolons"),
     ],
 )
 def test_faults_of_the_table_are_one_line(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "people.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_sheet(tmp_path / "people.csv")
+
+
+def test_other_columns_are_told_and_rows_may_repeat(folder: Path) -> None:
+    text = "person,diagnosis,mass_kg,mass,sex,\nAnn,none,60,60,f,\nAnn,none,60,,w,\nBob,none,,,m,\n"
+    (folder / "people.csv").write_text(text, encoding="utf-8")
+    cohort = read_cohort(folder, folder / "out")[0]
+    assert (cohort.people[0].told.mass, cohort.people[0].told.sex) == (60.0, "female")
+    assert cohort.notes == ("people.csv: column 'diagnosis' is not used", "people.csv: column 'mass' is not used")
+
+
+@pytest.mark.parametrize("row", ["/etc,", "../x,", ".,", "..,", "notes/deep,", "Cid,../x", "Cid,/etc"])
+def test_a_table_leads_nowhere_else(folder: Path, row: str) -> None:
+    (folder / "people.csv").write_text(f"person,session\n{row}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="allowed: the name of a folder, without a path") as caught:
+        read_cohort(folder, folder / "out")
+    assert "\n" not in str(caught.value)
 
 
 def test_cohort_file_names_people_and_settings(folder: Path) -> None:
@@ -124,10 +148,10 @@ def test_faults_of_the_cohort_file_are_one_line(tmp_path: Path, text: str, said:
 def test_names_become_folders_that_may_be() -> None:
     assert safe_name("P 01 (a)") == "P 01 (a)"
     assert safe_name("Jürgen") == "Jürgen"
-    for name in ("../up", "a/b", "con", "x" * 200, ".hidden", "a:b"):
+    for name in ("../up", "a/b", "con", "x" * 200, ".hidden", "a:b", "\U00020000" * 70):
         safe = safe_name(name)
         assert safe != name
         assert not set('/\\:<>"|?*') & set(safe)
-        assert len(safe) < 100
+        assert len(safe.encode()) < 100
         assert not safe.startswith(".")
     assert safe_name("a/b") != safe_name("a:b")

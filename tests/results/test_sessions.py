@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from gaitcal.codes import Code
 from gaitcal.commands.compare import Options, run
 from gaitcal.commands.console import Talk
 from gaitcal.compare.session import Common
@@ -77,6 +78,17 @@ def test_a_result_against_itself_and_against_another(results: tuple[Path, Path],
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     run(*results, Options(), Talk(quiet=False, verbose=False))
     assert "after against before #1 [bold]x" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_folder_that_is_taken_is_told_first(tmp_path: Path, *, shared: bool) -> None:
+    out = tmp_path / "full"
+    out.mkdir()
+    (out / "thesis.txt").write_text("")
+    options = Options(out=out, shared_model=shared)
+    with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
+        run(tmp_path / "not", tmp_path / "read", options, Talk(quiet=True, verbose=False))
+    assert caught.value.code is Code.FOLDER_TAKEN
 
 
 @pytest.mark.parametrize("file", ["cycles.csv", "spatiotemporal.csv", "summary.json", "uncertainty.npz"])

@@ -1,0 +1,38 @@
+"""A laboratory of four people whose calibrations are stubs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gaitcal.codes import Code
+from gaitcal.cohort import task as tasks
+from gaitcal.cohort.one_person import CommonSettings, PersonError
+from gaitcal.cohort.people import CohortPerson
+from tests.cohort.stubs import write_result
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of those who were calibrated. Zed's recordings are at fault, Yan's calibration is."""
+    called: list[str] = []
+
+    def stub(person: CohortPerson, out: Path, common: CommonSettings) -> None:
+        called.append(person.name)
+        if person.name == "Zed":
+            raise PersonError("the static trial is restless", "record it again", code=Code.STILLNESS)
+        if person.name == "Yan":
+            raise ZeroDivisionError("by zero")
+        write_result(person, out, common)
+
+    monkeypatch.setattr(tasks, "calibrate_person", stub)
+    return called
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    for name in ("Ann", "Bob", "Yan", "Zed"):
+        (tmp_path / "lab" / name).mkdir(parents=True)
+        (tmp_path / "lab" / name / "walk.c3d").write_text(name)
+    return tmp_path / "lab"

@@ -1,0 +1,106 @@
+"""Calibrations that are stubs, and runs of a cohort on them in this process."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.outcome import Outcome
+from gaitcal.cohort.people import CohortPerson, people_in
+from gaitcal.cohort.run import Ended, run_cohort
+from gaitcal.cohort.task import Task
+from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.results.table_file import write_csv
+
+MASS = 50.0
+
+
+class Here:
+    """Runs everyone in this process."""
+
+    def __init__(self, *, backwards: bool = False) -> None:
+        self.backwards = backwards
+
+    def run(
+        self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
+    ) -> Iterator[Outcome]:
+        yield from map(function, list(tasks)[:: -1 if self.backwards else 1])
+
+
+def strides(person: str) -> pd.DataFrame:
+    """Two strides of the right foot: a moment with one peak, of which one frame is not valid, and an angle."""
+    percent = np.arange(101)
+    parts = []
+    for stride in (1, 2):
+        for variable, value in (
+            ("knee_angle", 30.0 + 20.0 * np.sin(2 * np.pi * percent / 100) + stride),
+            ("knee_angle_moment", 40.0 * np.sin(2 * np.pi * percent / 100)),
+            ("hip_flexion_moment", np.where(percent < 50, 1.0, np.nan)),
+        ):
+            valid = np.isfinite(value)
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "person": person,
+                        "session": "",
+                        "trial": "walk",
+                        "side": "r",
+                        "stride": stride,
+                        "percent": percent,
+                        "variable": variable,
+                        "value": np.where(valid, value, 0.0),
+                        "se": 2.0,
+                        "valid": valid.astype(int),
+                        "se_stride": 1.0,
+                        "turn": 0.0,
+                    }
+                )[list(CYCLE_COLUMNS)]
+            )
+    return pd.concat(parts, ignore_index=True)
+
+
+def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> None:
+    """A result folder as a calibration leaves it, of what tables read alone."""
+    out.mkdir(parents=True, exist_ok=True)
+    table = strides(person.name)
+    write_csv(table, out / "cycles.csv")
+    write_csv(ensemble(table), out / "ensemble.csv")
+    walk = {
+        "role": "gait",
+        "frames": 100,
+        "verdict_r": "trustworthy",
+        "verdict_l": "refused",
+        "valid_frames": 10,
+        "rms_mm": {"nominal": 5.0, "calibrated": 3.0},
+        "pelvis_residual": {"nominal": {"force_N": 30.0, "torque_Nm": 6.0}, "jp": {"force_N": 20.0, "torque_Nm": 4.0}},
+    }
+    other = {**walk, "frames": 300, "rms_mm": {"nominal": 5.0, "calibrated": 1.0}}
+    summary = {
+        "status": "converged",
+        "verdict": "doubtful",
+        "trials": {"walk": walk, "again": other},
+        "reasons": [{"cause": 'a "heel", moved', "action": "look"}],
+        "spatiotemporal": {"speed": {"unit": "m/s", "r": {"mean": 1.25, "strides": 2, "trials": 1}}},
+    }
+    (out / "summary.json").write_text(json.dumps(summary))
+    subject = {"name": person.name, "mass_kg": MASS, "height_m": 1.7, "sex": "female"}
+    manifest = {"gaitcal": "0.2.0", "subject": subject, "settings": {}, "own_sha256": "1"}
+    (out / "manifest.json").write_text(json.dumps(manifest))
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def run(lab: Path, out: Path, *, retry: bool = False, backwards: bool = False) -> list[Ended]:
+    ended: list[Ended] = []
+    run_cohort(people_in(lab, out), out, engine=Here(backwards=backwards), retry=retry, told=ended.append)
+    return ended
