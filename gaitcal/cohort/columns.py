@@ -20,8 +20,6 @@ POWERS: Final = ("hip_power", "knee_power", "ankle_power")
 UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
 """Variable of `cycles.csv` -> unit of its peaks."""
 PEAKS: Final = ("max", "min", "range")
-LEAST_VALID: Final = 0.9
-"""Part of the stride that must be valid: the peak of a curve that is not seen is not known."""
 MEASURED: Final = (
     *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
     *("double_support_percent", "single_support_percent"),

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_text
+from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bones import BoneMeshes, installed_bones, landmarked
 from gaitcal.page.playback import MOST_BYTES, left_out, scene_json
@@ -89,7 +90,8 @@ def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
 
     def result(shown: Shown) -> str:
         scene = scene_json(shown.scene, shapes, placed, MOST_BYTES // len(results))
-        sheet = sheet_text(shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results)))
+        curves = shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results))
+        sheet = sheet_text(curves and {**curves, "least_valid": LEAST_VALID})
         return f'{{"name":{_text(shown.name)},"scene":{scene},"sheet":{sheet}}}'
 
     viewer, licences = _meshcat()
