@@ -84,7 +84,7 @@ def _columns() -> tuple[Column, ...]:
     for variable, unit in UNITS.items():
         for peak in PEAKS:
             for side, word in _LEGS:
-                words = f"{peak} of the mean {variable} over a stride of the {word} foot"
+                words = f"{peak} of the mean curve of {variable} over strides of the {word} foot"
                 out.append(Column(f"{variable}_{peak}_{side}", float, unit, words))
                 out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {words}"))
     return (
