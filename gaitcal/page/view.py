@@ -90,9 +90,8 @@ def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
 
     def result(shown: Shown) -> str:
         scene = scene_json(shown.scene, shapes, placed, MOST_BYTES // len(results))
-        curves = shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results))
-        sheet = sheet_text(curves and {**curves, "least_valid": LEAST_VALID})
-        return f'{{"name":{_text(shown.name)},"scene":{scene},"sheet":{sheet}}}'
+        sheet = sheet_text(shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results)))
+        return f'{{"name":{_text(shown.name)},"leastValid":{LEAST_VALID},"scene":{scene},"sheet":{sheet}}}'
 
     viewer, licences = _meshcat()
     meshcat, plots = inline(viewer), inline(part(f"libraries/{PLOTS}.iife.min.js"))

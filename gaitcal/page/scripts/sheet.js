@@ -9,11 +9,11 @@ Gaitcal.PERCENTS = Float64Array.from({ length: 101 }, (_, i) => i);
 Gaitcal.ON_FRAME = 1e-3;
 
 Gaitcal.Sheet = class {
-  constructor(sheet) {
+  constructor({ sheet, leastValid }) {
+    this.leastValid = leastValid;
     this.person = sheet.person;
     this.joints = sheet.rows;
     this.bands = sheet.bands;
-    this.leastValid = sheet.least_valid;
     this.rows = new Map(sheet.rows.flatMap(({ joint, rows }) => rows.map((row) => [row.base, { joint, ...row }])));
     this.trials = sheet.trials.map((trial) => new Gaitcal.SheetTrial(trial));
   }
@@ -21,7 +21,7 @@ Gaitcal.Sheet = class {
   // One for each result of the page, however many ask; null for a bare scene.
   static of(result) {
     if (!result?.sheet) return null;
-    if (!Gaitcal.Sheet.made.has(result)) Gaitcal.Sheet.made.set(result, new Gaitcal.Sheet(result.sheet));
+    if (!Gaitcal.Sheet.made.has(result)) Gaitcal.Sheet.made.set(result, new Gaitcal.Sheet(result));
     return Gaitcal.Sheet.made.get(result);
   }
 
