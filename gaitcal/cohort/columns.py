@@ -20,8 +20,6 @@ POWERS: Final = ("hip_power", "knee_power", "ankle_power")
 UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
 """Variable of `cycles.csv` -> unit of its peaks."""
 PEAKS: Final = ("max", "min", "range")
-LEAST_VALID: Final = 0.9
-"""Part of the stride that must be valid: the peak of a curve that is not seen is not known."""
 MEASURED: Final = (
     *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
     *("double_support_percent", "single_support_percent"),
@@ -86,7 +84,7 @@ def _columns() -> tuple[Column, ...]:
     for variable, unit in UNITS.items():
         for peak in PEAKS:
             for side, word in _LEGS:
-                words = f"{peak} of the mean {variable} over a stride of the {word} foot"
+                words = f"{peak} of the mean curve of {variable} over strides of the {word} foot"
                 out.append(Column(f"{variable}_{peak}_{side}", float, unit, words))
                 out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {words}"))
     return (

@@ -28,6 +28,7 @@ class Measure:
 def _peak(name: str, title: str, unit: str, variable: str, peak: str) -> Measure:
     column, error = f"{variable}_{peak}_{{}}", f"{variable}_{peak}_se_{{}}"
     digits, sign = (1 if unit == "deg" else 2), (-1 if peak == "min" else 1)
+    title = f"{title}, peak of mean curve"
     return Measure(name=name, title=title, unit=unit, digits=digits, column=column, error=error, sign=sign)
 
 
@@ -46,11 +47,11 @@ MEASURES: Final = (
         column="step_length_{}",
         joined="asymmetry",
     ),
-    _peak("knee_flexion", "Knee flexion, peak", "deg", "knee_angle", "max"),
-    _peak("hip_extension", "Hip extension, peak", "deg", "hip_flexion", "min"),
-    _peak("plantarflexion_moment", "Ankle plantarflexor moment, peak", "N m/kg", "ankle_angle_moment", "min"),
-    _peak("ankle_power", "Ankle power, peak", "W/kg", "ankle_power", "max"),
-    _peak("adduction_moment", "Knee adduction moment (external), peak", "N m/kg", "knee_adduction_moment", "min"),
+    _peak("knee_flexion", "Knee flexion", "deg", "knee_angle", "max"),
+    _peak("hip_extension", "Hip extension", "deg", "hip_flexion", "min"),
+    _peak("plantarflexion_moment", "Ankle plantarflexor moment", "N m/kg", "ankle_angle_moment", "min"),
+    _peak("ankle_power", "Ankle power", "W/kg", "ankle_power", "max"),
+    _peak("adduction_moment", "Knee adduction moment (external)", "N m/kg", "knee_adduction_moment", "min"),
 )
 
 

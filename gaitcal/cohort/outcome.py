@@ -17,6 +17,7 @@ from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.files.atomic import atomic_text
 from gaitcal.files.ownership import read_object
+from gaitcal.model.linkage import SIDES
 
 STATE = "state"
 AGAIN = "run the same command again: it tries this person once more"
@@ -70,6 +71,11 @@ class Outcome:
     def verdict(self) -> str:
         """Of the result; `failed` where there is none."""
         return "failed" if self.failed else str(self.row.get("verdict") or "")
+
+    @property
+    def strideless(self) -> bool:
+        """There are walks, and no stride of either leg counts: nothing of their gait is known."""
+        return bool(self.row.get("walks")) and not any(self.row.get(f"strides_{side}") for side in SIDES)
 
     @property
     def first_cause(self) -> str:

@@ -31,6 +31,13 @@ from gaitcal.page.packing import floats
 from gaitcal.page.sheet.rows import joint_of, sheet_rows
 
 PAGE: Final = "cohort.html"
+NO_STRIDE: Final = (
+    "info",
+    "no stride of these walks counts",
+    "no numbers of gait are known: see in the person's page which strides turn or are cut off, and record walks along "
+    "a straight line in which each foot comes down twice",
+)
+"""Severity, cause and action where the verdict has nothing to say of strides, and there is none."""
 _DIGITS: Final = 4
 
 
@@ -44,7 +51,7 @@ def write_page(
 
 
 class _Causes:
-    """The reasons of everybody's verdict: each once, and who has which."""
+    """The reasons of everybody's verdict, and that no stride counts: each once, and who has which."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str, str], int] = {}
@@ -53,13 +60,16 @@ class _Causes:
     def add(self, outcome: Outcome) -> None:
         """Note those of one person."""
         keys = [(r["severity"], r["cause"], r["action"]) for r in outcome.reasons]
+        if outcome.strideless:
+            keys.append(NO_STRIDE)
         self._of.append(list(dict.fromkeys(self._known.setdefault(key, len(self._known)) for key in keys)))
 
     @property
     def content(self) -> dict[str, Any]:
         """As plain data."""
         names = ("severity", "cause", "action")
-        return {"causes": [dict(zip(names, key, strict=True)) for key in self._known], "of": self._of}
+        causes = [dict(zip(names, key, strict=True)) for key in self._known]
+        return {"causes": causes, "of": self._of, "strideless": self._known.get(NO_STRIDE)}
 
 
 def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:

@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.cohort.columns import ANGLES, LEAST_VALID, UNITS
+from gaitcal.cohort.columns import ANGLES, UNITS
+from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.table_file import read_csv
 

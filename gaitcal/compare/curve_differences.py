@@ -18,6 +18,7 @@ from gaitcal.compare.difference_error import MDC, Spread, shared_variance, sprea
 from gaitcal.compare.session import Common
 from gaitcal.compare.stride_sets import Key, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.gait.variables import Kind, kind_of, unit_of
 
 PHASES = {
@@ -27,8 +28,6 @@ PHASES = {
     Kind.FORCE: ("stance",),
 }
 """Where peaks are looked for: a leg in swing has moments of its own weight alone."""
-ENOUGH_SEEN = 0.9
-"""Part of a phase that must be valid for its peak to be known."""
 CURVE_COLUMNS = (
     *("kind", "side", "variable", "percent", "unit", "a", "b", "difference", "se", "mdc95", "exceeds"),
     *("strides_a", "strides_b"),
@@ -156,7 +155,7 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
         out["range"] = Figure(
             top - bottom, np.hypot(ends[0].shared, ends[1].shared), np.hypot(ends[0].frames, ends[1].frames)
         )
-        seen = np.isfinite(found.values).mean(axis=1) >= ENOUGH_SEEN
+        seen = np.isfinite(found.values).mean(axis=1) >= LEAST_VALID
         mean = np.where(seen, mean_over(found.values.T), np.nan)
         out["mean"] = Figure(mean, mean_over(found.shared.T), mean_over(found.frames.T))
     return out
@@ -165,7 +164,7 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
 def _extreme(values: Array, inside: BoolArray, *, largest: bool) -> tuple[Array, Array]:
     """(n,) the largest or smallest value of a phase, NaN where too little of it is known; and its percent."""
     known = np.isfinite(values) & inside
-    enough = (known.sum(axis=1) > 0) & (known.sum(axis=1) >= ENOUGH_SEEN * inside.sum(axis=1))
+    enough = (known.sum(axis=1) > 0) & (known.sum(axis=1) >= LEAST_VALID * inside.sum(axis=1))
     signed = np.where(known, values if largest else -values, -np.inf)
     place = signed.argmax(axis=1)
     found = values[np.arange(len(values)), place]

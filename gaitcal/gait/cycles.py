@@ -120,6 +120,11 @@ def normalise(time: Array, values: Array, cycle: GaitCycle, points: int = POINTS
     return resample(time, values, np.linspace(cycle.start, cycle.stop, points))
 
 
+def usable(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
+    """(101,) percents of the cycle at which a signal that is valid in some frames (nf,) is so."""
+    return np.isfinite(normalise(time, np.where(valid, 1.0, np.nan), cycle))
+
+
 def resample(time: Array, values: Array, at: Array) -> Array:
     """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside."""
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)

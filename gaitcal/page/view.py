@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitcal.errors import GaitcalError
 from gaitcal.files.atomic import atomic_text
+from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bones import BoneMeshes, installed_bones, landmarked
 from gaitcal.page.playback import MOST_BYTES, left_out, scene_json
@@ -90,7 +91,7 @@ def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
     def result(shown: Shown) -> str:
         scene = scene_json(shown.scene, shapes, placed, MOST_BYTES // len(results))
         sheet = sheet_text(shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results)))
-        return f'{{"name":{_text(shown.name)},"scene":{scene},"sheet":{sheet}}}'
+        return f'{{"name":{_text(shown.name)},"leastValid":{LEAST_VALID},"scene":{scene},"sheet":{sheet}}}'
 
     viewer, licences = _meshcat()
     meshcat, plots = inline(viewer), inline(part(f"libraries/{PLOTS}.iife.min.js"))

@@ -16,6 +16,7 @@ from gaitcal.cohort.columns import NAMES, UNITS
 from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
 from gaitcal.cohort.measures import MEASURES
 from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.page import NO_STRIDE
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.gait.variables import Kind
 from gaitcal.results.table_file import write_csv
@@ -99,6 +100,7 @@ def test_everyone_stands_in_the_page(tmp_path: Path) -> None:
     assert "cadence_r" not in columns  # nobody has it
     assert [tuple(cause.values()) for cause in found["reasons"]["causes"]] == [KNEE, FORCES]
     assert found["reasons"]["of"] == [[], [0], [1, 0], [], [], []]
+    assert found["reasons"]["strideless"] is None
     assert [line["cause"] for line in found["failures"]] == ["the static trial is restless"]
     packed = next(text for attributes, text in scripts(page.read_text()) if 'id="curves-packed"' in attributes)
     curves = integers(packed).reshape(6, *SHAPE)
@@ -150,3 +152,15 @@ def test_a_session_is_no_person(tmp_path: Path) -> None:
     people = [Kept(name="Dan", session=session) for session in ("post", "pre")]
     about = content(write_cohort(tmp_path / "out", people))["about"]
     assert (about["people"], about["sessions"]) == (1, 2)
+
+
+def test_who_has_no_stride_that_counts_is_told(tmp_path: Path) -> None:
+    """Trustworthy as they are, walks without a stride give no number of gait: nobody is to look for it in vain."""
+    counts = [(1, 0, 0), (2, 1, 0), (0, 0, 0)]
+    people = [
+        Kept(name=name, row={"walks": walks, "strides_r": right, "strides_l": left})
+        for name, (walks, right, left) in zip("abc", counts, strict=True)
+    ]
+    reasons = content(write_cohort(tmp_path / "out", people))["reasons"]
+    assert reasons["of"] == [[0], [], []] and reasons["strideless"] == 0
+    assert tuple(reasons["causes"][0].values()) == NO_STRIDE

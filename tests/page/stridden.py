@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.gait.cycles import GaitCycle, normalise
+from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.model.subject_model import Subject
 from gaitcal.page import Scene
-from gaitcal.page.packing import floats
+from gaitcal.page.packing import base64_of, floats
 from gaitcal.page.sheet import sheet_rows
 from gaitcal.page.sheet.sheet import FORMAT
-from gaitcal.page.sheet.trial_curves import Curve, packed_curves
+from gaitcal.page.sheet.trial_curves import Curve, masks_of, packed_curves
 from tests.page.people import walking_scene
 
 SUBJECT = Subject("Built-in subject", 69.4, 1.70, "male")
@@ -66,6 +66,8 @@ def stridden(
             for n, (a, b) in enumerate(itertools.pairwise(strikes))
         ]
         for stride in made:
+            cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
+            stride["valid"] = [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)]
             for curve in curves:
                 if curve.side in (stride["side"], ""):
                     rows.append(_rows(trial.name, stride, curve, time))

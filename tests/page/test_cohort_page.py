@@ -85,6 +85,32 @@ def test_triage_and_causes_filter(page: Page) -> None:
     assert FORCES[1] in page.run("document.querySelector('tr[data-person=\"2\"]').textContent").lower()
 
 
+def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_path: Path) -> None:
+    known = {"walks": 1, "strides_r": 1, "strides_l": 2, "adduction_moment_r": 0.4}
+    people = [
+        Kept(name="Ann", row=known),
+        *(Kept(name=n, row={"walks": 1, "strides_r": 0, "strides_l": 0}) for n in "BC"),
+    ]
+    page = visit(write_cohort(tmp_path / "out", people), 1280, 800)
+    page.run(SETTLED)
+    cards = page.run("[...document.querySelectorAll('.triage .card')].map(card => card.textContent)")
+    assert ["of these 2 without a usable stride" in card for card in cards] == [False, False, True, False]
+    row = page.run("document.querySelector('.causes tbody tr').innerText")
+    assert row.startswith("No stride of these walks counts") and "info" in row
+    press(page, ".causes tbody tr button")
+    assert page.run(NAMES) == ["B", "C"]
+
+
+def test_a_column_of_peaks_says_of_which_curve_they_are(page: Page) -> None:
+    heads = page.run("""[...document.querySelectorAll('.people-table thead button')]
+        .filter(button => button.textContent.startsWith('Knee flexion'))
+        .map(button => [button.textContent, button.title])""")
+    assert len(heads) == 2
+    for label, tooltip in heads:
+        assert label.startswith("Knee flexion, peak of mean curve")
+        assert "peak of the mean curve over the strides, not the mean of each stride's peak" in tooltip
+
+
 def test_numbers_words_and_groups_filter(page: Page) -> None:
     speed = "[aria-label='Filter Speed']"
     for text, names in {

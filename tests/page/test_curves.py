@@ -14,6 +14,8 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import SENSES, TRUNK_SENSES, Acting, Convention, MomentUnit, Signs
+from gaitcal.gait.stride_peaks import LEAST_VALID
+from gaitcal.page.packing import base64_of, lengths
 from gaitcal.page.sheet import sheet_rows
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
@@ -259,25 +261,86 @@ def test_what_is_off_takes_no_part(page: Page) -> None:
     assert page.run(f"{traces}.main('l').n") == 1
 
 
+PEAKS = "gaitcal.curves.peaks"
+
+
 def test_peaks_are_those_of_the_strides(page: Page, walked: Any) -> None:
-    """Mean and SD over straight strides of each one's highest and lowest valid value."""
+    """Mean and SD over straight strides that are valid enough, of each one's highest and lowest valid value."""
     _, _, table = walked
     page.run("gaitcal.state.set({ unit: 'Nm' })")
-    rows = table[(table.variable == "hip_flexion_moment") & (table.turn == 0.0) & (table.valid == 1)]
-    for side, most in itertools.product("rl", ("max", "min")):
-        peaks = rows[rows.side == side].groupby(["trial", "stride"])["value"].agg(most)
-        part = "high" if most == "max" else "low"
-        told = page.run(f"""gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }}, '{side}')
-            .map((peak) => peak.{part}.value)""")
-        assert np.mean(told) == pytest.approx(peaks.mean(), abs=PACKED * SIZE["moment"])
-        text = (
-            page.run(f"""gaitcal.curves.peaks.cell(gaitcal.curves.peaks.of({{ base: 'hip_flexion', kind: 'moment' }},
-            '{side}'), '{part}', 3)[0]""")
-            .replace("\u2212", "-")
-            .removesuffix(" *")
-        )
-        mean, sd = map(float, text.split(" \u00b1 "))
-        assert (mean, sd) == pytest.approx((peaks.mean(), peaks.std()), abs=PACKED * SIZE["moment"])
+    left_out = 0
+    for base, side in itertools.product(("hip_flexion", "knee_angle", "knee_adduction"), "rl"):
+        rows = table[(table.variable == f"{base}_moment") & (table.turn == 0.0) & (table.side == side)]
+        strides = rows.groupby(["trial", "stride"])
+        enough = strides["valid"].mean() >= LEAST_VALID
+        peaks = rows[rows.valid == 1].groupby(["trial", "stride"])["value"].agg(["max", "min"])[enough]
+        left_out += int((~enough).sum())
+        of = f"{PEAKS}.of({{ base: '{base}', kind: 'moment' }}, '{side}')"
+        assert page.run(f"[{of}.peaks.length, {of}.strides]") == [len(peaks), strides.ngroups]
+        for most, part in (("max", "high"), ("min", "low")):
+            text, where = page.run(f"{PEAKS}.cell({of}, '{part}', 3)")
+            if not len(peaks):
+                assert (text, where) == ("\u2013", f"none of {strides.ngroups} valid to 90 %")
+                continue
+            told = [float(number) for number in text.replace("\u2212", "-").removesuffix(" *").split(" \u00b1 ")]
+            assert told[0] == pytest.approx(peaks[most].mean(), abs=PACKED * SIZE["moment"])
+            if len(peaks) > 1:
+                assert told[1] == pytest.approx(peaks[most].std(), abs=PACKED * SIZE["moment"])
+            assert where.endswith(f"; {len(peaks)} of {strides.ngroups} strides") == (len(peaks) < strides.ngroups)
+    assert left_out
+
+
+def test_a_leg_without_a_stride_that_counts_has_a_reason_for_no_peak(visit: Visit, walked: Any, tmp_path: Path) -> None:
+    scene, sheet, _ = walked
+    blind = json.loads(json.dumps(sheet))
+    for trial in blind["trials"]:
+        for stride in trial["strides"]:
+            stride["valid"] = [base64_of(np.r_[np.ones(34), np.zeros(67)].astype("<u1"))] * len(stride["valid"])
+    page = shown(visit, tmp_path, Shown(scene, blind))
+    rows = "[...document.querySelectorAll('.curve-peaks tbody tr')].map(row => row.children[1].textContent)"
+    told = page.run(f"new Promise(done => setTimeout(() => done({rows}), 200))")
+    assert told and set(told) == {"\u2013 none of 2 valid to 90 %"}
+    assert page.console == []
+
+
+def test_places_of_peaks_are_told_as_one_only_where_they_are_near(page: Page) -> None:
+    for percents, told in (
+        ([7, 63, 64, 6, 63], [6, 64]),
+        ([63, 64, 62], [63]),
+        ([98, 2, 99], [0]),
+        ([95, 5], [0]),
+        ([95, 6], [6, 95]),
+        ([10, 20], [15]),
+        ([10, 21], [10, 21]),
+        ([100], [100]),
+        ([40, 40], [40]),
+    ):
+        assert page.run(f"Gaitcal.within({percents})") == told, percents
+
+
+def test_validity_is_that_of_the_table(page: Page, walked: Any) -> None:
+    """Percent by percent, also beside gaps, as `cycles.csv` has it."""
+    _, _, table = walked
+    for key, rows in table[table.variable.str.endswith("_moment")].groupby(["trial", "side", "stride", "variable"]):
+        trial, side, number, variable = key
+        own = side if variable != "lumbar_bending_moment" else ""
+        told = page.run(f"""(trial => [...trial.curve('{variable.removesuffix("_moment")}', '{own}', 'moment')
+            .over(trial.strides.find(stride => stride.side === '{side}' && stride.number === {number})).valid])
+            (gaitcal.curves.strides.sheet.trials.find(({{ name }}) => name === '{trial}'))""")
+        assert told == rows.sort_values("percent").valid.tolist(), key
+
+
+def test_pelvis_angles_of_a_turning_stride_do_not_count(visit: Visit, walked: Any, tmp_path: Path) -> None:
+    scene, sheet, _ = walked
+    lined = json.loads(json.dumps(sheet))
+    for stride in lined["trials"][0]["strides"]:
+        stride["pelvis"] = {"pelvis_tilt": {"value": lengths(np.linspace(0.0, 5.0, 101))}}
+    page = shown(visit, tmp_path, Shown(scene, lined))
+    for base, own, turning in (("pelvis_tilt", "", 0), ("hip_flexion", "r", 101)):
+        told = page.run(f"""(trial => trial.strides.filter(({{ side }}) => side === 'r').map((stride) =>
+            trial.curve('{base}', '{own}', 'angle').over(stride).valid.reduce((a, b) => a + b)))
+            (gaitcal.curves.strides.sheet.trials[0])""")
+        assert told == [101, turning]
 
 
 def test_what_is_not_valid_is_pale_and_said(page: Page, walked: Any) -> None:

@@ -9,7 +9,8 @@ Gaitcal.PERCENTS = Float64Array.from({ length: 101 }, (_, i) => i);
 Gaitcal.ON_FRAME = 1e-3;
 
 Gaitcal.Sheet = class {
-  constructor(sheet) {
+  constructor({ sheet, leastValid }) {
+    this.leastValid = leastValid;
     this.person = sheet.person;
     this.joints = sheet.rows;
     this.bands = sheet.bands;
@@ -20,7 +21,7 @@ Gaitcal.Sheet = class {
   // One for each result of the page, however many ask; null for a bare scene.
   static of(result) {
     if (!result?.sheet) return null;
-    if (!Gaitcal.Sheet.made.has(result)) Gaitcal.Sheet.made.set(result, new Gaitcal.Sheet(result.sheet));
+    if (!Gaitcal.Sheet.made.has(result)) Gaitcal.Sheet.made.set(result, new Gaitcal.Sheet(result));
     return Gaitcal.Sheet.made.get(result);
   }
 
@@ -52,6 +53,11 @@ Gaitcal.SheetTrial = class {
   mask(i) {
     this.masks[i] ??= new Uint8Array(Gaitcal.bytes(this.packed.masks[i]));
     return this.masks[i];
+  }
+
+  // Valid percents of a stride as `cycles.csv` has them; null where the page was not told.
+  told({ valid }, i) {
+    return valid ? new Uint8Array(Gaitcal.bytes(valid[i])) : null;
   }
 
   // The curve of a coordinate, of a leg ("r", "l") or of none (""); null where the trial has none.
@@ -149,10 +155,20 @@ Gaitcal.Curve = class {
     if (!this.laid.has(stride)) {
       const places = this.trial.places(stride);
       const lay = (values) => values && Float64Array.from(places, (place) => Gaitcal.mixed(values, place));
-      const valid = Uint8Array.from(places, ({ low, high, share }) => Number(share >= 0 && this.valid[low] && this.valid[high]));
+      const valid = this.trial.told(stride, this.packed.valid) ?? Uint8Array.from(places, (place) => this.between(place));
+      if (stride.turns && this.inRoom(stride)) valid.fill(0);
       this.laid.set(stride, { ...this.record(Gaitcal.PERCENTS, lay, valid), ...this.along(stride) });
     }
     return this.laid.get(stride);
+  }
+
+  between({ low, high, share }) {
+    return Number(share >= 0 && this.valid[low] && this.valid[high]);
+  }
+
+  // Whether it is an angle of the pelvis, which means nothing in a stride without a line.
+  inRoom({ pelvis }) {
+    return this.packed.kind === "angle" && Boolean(pelvis?.[this.packed.base]);
   }
 
   // Angles of the pelvis are against the line of each stride, as in `cycles.csv`; over time, against that of the trial.

@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from gaitcal.gait.words import SIDE_WORDS, coordinate_title, counted, explained
+import numpy as np
+
+from gaitcal.gait.cycles import POINTS, normalise, usable
+from gaitcal.gait.moments import moment_of
+from gaitcal.gait.progression import turns
+from gaitcal.gait.stride_peaks import LEAST_VALID, StridePeaks, stride_peaks
+from gaitcal.gait.strides import strides_of
+from gaitcal.gait.words import SIDE_WORDS, counted, explained
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.answers import FAIR_RATIO, GOOD_RATIO
 from gaitcal.page.sections.blocks import named, number, visible
 from gaitcal.page.sections.clinician import complete_strides
-from gaitcal.page.sections.error_bars import FIRST, PeakError, peak_error
+from gaitcal.page.sections.error_bars import FIRST
 from gaitcal.page.sections.gait_numbers import GaitNumbers
 from gaitcal.person.marker_fit import leg_fit
 from gaitcal.person.result import Calibration, TrialResult
@@ -99,7 +106,7 @@ def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
 
 
 def counting_line(mass: float, walks: Sequence[GaitNumbers]) -> Line:
-    """Strides with valid moments, and the largest knee adduction moment of each leg with its error. `mass`: kg."""
+    """Strides with valid moments, and the peak knee adduction moment of each leg. `mass`: kg."""
     if not walks:
         return Line("plain", "No walk: joint parameters alone.")
     loaded = [walk for walk in walks if walk.numbers]
@@ -112,21 +119,45 @@ def counting_line(mass: float, walks: Sequence[GaitNumbers]) -> Line:
     total = {side: sum(n for _, n in found) for side, found in strides.items()}
     told = [f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES]
     words = f"Moments count throughout {told[0]} and {told[1]} strides."
-    peaks = [peak for side in SIDES if (peak := _largest(loaded, side, mass)) is not None]
-    if peaks:
-        both = ", ".join(_peak(peak) for peak in peaks)
-        words += f" Peak external knee adduction moment: {both} N·m/kg (± standard error)."
-    else:
+    peaks = {side: adduction_peaks([walk.trial for walk in walks], side) for side in SIDES}
+    both = ", ".join(_peak(peak, side, mass) for side, peak in peaks.items() if peak.strides)
+    if both:
+        words += (
+            " Peak external knee adduction moment, N·m/kg, mean ± SD of the peaks of all straight strides that are "
+            f"valid to {number(100.0 * LEAST_VALID, 0)} %: {both}."
+        )
+    known = any(walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded)
+    if not known:
         words += " No standard errors are known."
-    return Line("plain" if all(valid.values()) and peaks else "look", words)
+    return Line("plain" if all(valid.values()) and known else "look", words)
 
 
-def _largest(walks: Sequence[GaitNumbers], side: str, mass: float) -> PeakError | None:
-    """The largest external adduction moment of a knee over all walks."""
-    found = [peak for walk in walks if (peak := peak_error(walk, f"{FIRST}_{side}", mass)) is not None]
-    return min(found, key=lambda peak: peak.value, default=None)
+def adduction_peaks(walks: Sequence[TrialResult], side: str) -> StridePeaks:
+    """Largest external adduction moment (N·m) of a knee in each straight stride, as in the page's table of peaks."""
+    name = f"{FIRST}_{side}"
+    values, errors = [], []
+    for walk in walks:
+        time, straight = walk.body.time, {s.number: not turns(s.turn) for s in walk.strides if s.side == side}
+        for k, cycle in enumerate(strides_of(walk.events)[side], start=1):
+            if walk.loads is None or not straight.get(k, True):
+                continue
+            counts = usable(time, walk.loads.reactions.valid_for(name), cycle)
+            laid = normalise(time, -moment_of(walk.loads.final, name), cycle)
+            values.append(np.where(counts, laid, np.nan))
+            known = walk.loads.errors
+            errors.append(np.full(POINTS, np.nan) if known is None else normalise(time, moment_of(known, name), cycle))
+    shape = (len(values), POINTS)
+    return stride_peaks(np.reshape(values, shape), np.reshape(errors, shape))
 
 
-def _peak(peak: PeakError) -> str:
-    side = coordinate_title(peak.name).split()[0].lower()
-    return f"{side} {number(-peak.value, 2)} ± {number(peak.error, 2)}"
+def _peak(peak: StridePeaks, side: str, mass: float) -> str:
+    """`right 0.42 ± 0.03 (4 of 5)`."""
+    share = f"{peak.count} of {counted(peak.strides, 'stride')}"
+    if not peak.count:
+        return f"{SIDE_WORDS[side]} – ({share})"
+    value = number(peak.mean / mass, 2)
+    if np.isfinite(peak.error):
+        value += f" ± {number(peak.error / mass, 2)}"
+        if peak.count == 1:
+            share += ", ± its standard error"
+    return f"{SIDE_WORDS[side]} {value} ({share})"

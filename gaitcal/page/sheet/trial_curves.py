@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
@@ -80,12 +79,8 @@ def curves_of(
 def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
     """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the number of one."""
     kept = slice(None, None, every)
-    masks: dict[bytes, str] = {}
-
-    def mask(valid: BoolArray) -> int:
-        bits = valid[kept].astype("<u1")
-        masks.setdefault(bits.tobytes(), base64_of(bits))
-        return list(masks).index(bits.tobytes())
+    masks = masks_of(curves)
+    numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
 
     def packed(values: Array | None) -> dict[str, Any] | None:
         return None if values is None or not np.isfinite(values).any() else lengths(values[kept])
@@ -97,7 +92,7 @@ def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
             "joint": joint_of(c.base),
             "kind": c.kind,
             "unit": c.unit,
-            "valid": mask(c.valid),
+            "valid": numbers[c.valid.tobytes()],
             "value": lengths(c.value[kept]),
             "se": packed(c.error),
             "own": packed(c.own),
@@ -106,7 +101,12 @@ def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
         }
         for c in curves
     ]
-    return {"curves": told, "masks": list(masks.values())}
+    return {"curves": told, "masks": [base64_of(mask[kept].astype("<u1")) for mask in masks]}
+
+
+def masks_of(curves: tuple[Curve, ...]) -> list[BoolArray]:
+    """The different `valid` of the curves, in the order of `masks` of `packed_curves`."""
+    return list({c.valid.tobytes(): c.valid for c in curves}.values())
 
 
 def _angles(
@@ -137,7 +137,7 @@ def _angles(
             side=side,
             kind="angle",
             unit="deg",
-            valid=angle_counts(trial, name, unseen) if leg_of(name) else np.full(len(body.time), not trial.is_refused),
+            valid=angle_counts(trial, name, unseen),
             error=error,
             own=own,
             **values,

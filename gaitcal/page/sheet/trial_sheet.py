@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gaitcal.arrays import Array
-from gaitcal.gait.cycles import GaitCycle, normalise
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.gait_event import source_words
 from gaitcal.gait.progression import PELVIS_ANGLES, turns
 from gaitcal.gait.spatiotemporal import Stride
@@ -14,10 +14,10 @@ from gaitcal.gait.strides import strides_of
 from gaitcal.gait.words import role_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.packing import floats, lengths
+from gaitcal.page.packing import base64_of, floats, lengths
 from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.page.sections import trial_sections
-from gaitcal.page.sheet.trial_curves import curves_of, line_of, packed_curves, pelvis_parts
+from gaitcal.page.sheet.trial_curves import curves_of, line_of, masks_of, packed_curves, pelvis_parts
 from gaitcal.person.result import TrialResult
 from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.truth_errors import TrialTruth
@@ -41,6 +41,7 @@ def trial_sheet(
     """
     time = trial.body.time
     every = max(1, -(-len(time) // MOST_FRAMES))
+    curves = curves_of(model, trial, relative_to, truth)
     return {
         "name": trial.name,
         "role": role_words(trial.role, trial.joint),
@@ -52,7 +53,7 @@ def trial_sheet(
         "frames": len(time),
         "every": every,
         "time": floats((time - time[0])[::every]),
-        **packed_curves(curves_of(model, trial, relative_to, truth), every),
+        **packed_curves(curves, every),
         "events": [
             {
                 "side": e.side,
@@ -62,7 +63,7 @@ def trial_sheet(
             }
             for e in trial.events.events
         ],
-        "strides": _strides(trial, pelvis_parts(trial, truth)),
+        "strides": _strides(trial, pelvis_parts(trial, truth), masks_of(curves)),
         "measures": [_measured(stride) for stride in trial.strides],
         "line": line_of(trial),
         "relative": relative_to is not None,
@@ -74,8 +75,10 @@ def _verdict(verdict: TrialVerdict) -> dict[str, str]:
     return {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}}
 
 
-def _strides(trial: TrialResult, rooms: Mapping[str, Array]) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number` and pelvis as in `cycles.csv`."""
+def _strides(trial: TrialResult, rooms: Mapping[str, Array], masks: Sequence[BoolArray]) -> list[dict[str, Any]]:
+    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis and, of each mask of the curves,
+    valid percents as in `cycles.csv`.
+    """
     if trial.joint is not None:
         return []
     start = float(trial.body.time[0])
@@ -89,6 +92,7 @@ def _strides(trial: TrialResult, rooms: Mapping[str, Array]) -> list[dict[str, A
             "off": None if cycle.toe_off is None else cycle.toe_off - start,
             "turns": (own := measured.get((side, number))) is not None and turns(own.turn),
             "pelvis": _pelvis(trial, cycle, own, rooms),
+            "valid": [base64_of(usable(trial.body.time, mask, cycle).astype("<u1")) for mask in masks],
         }
         for side in SIDES
         for number, cycle in enumerate(strides_of(trial.events)[side], start=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import itertools
 import json
 from dataclasses import replace
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gaitcal import cycles
 from gaitcal.gait.words import parameter_words
 from gaitcal.page.sections import result_sections, trial_sections
 from gaitcal.page.sections.blocks import LONGEST_NAME, number
@@ -231,13 +234,48 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
     rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
     assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within the common limits" in agrees["text"]
-    walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
-    assert walk is not None
-    peak = peak_error(walk, "knee_adduction_r", mass)
-    assert peak is not None
-    assert f"right {-peak.value:.2f} ± {peak.error:.2f}, left" in counts["text"]
     assert "Moments count throughout 1 of 2 right and 0 of 1 left strides" in counts["text"]
     sound = replace(whole, verdict=judge((), ["walk"]))
     assert calibration_sheet(sound)["lines"][0]["tone"] == "good"
     without = calibration_sheet(fake_calibration(plates=False))["lines"][2]
     assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
+
+
+def test_the_line_on_top_has_the_peaks_of_the_strides_that_are_valid(whole: Calibration, sheet: dict[str, Any]) -> None:
+    """Mean and deviation over straight strides of which 90 % is valid, in `cycles.csv`; others are counted, no more."""
+    table = cycles(whole)
+    mass = whole.model.subject.mass
+    text = sheet["lines"][2]["text"]
+    assert "mean ± SD of the peaks of all straight strides that are valid to 90 %: " in text
+    for side, word in (("r", "right"), ("l", "left")):
+        rows = table[(table["variable"] == "knee_adduction_moment") & (table["side"] == side)]
+        rows = rows[~(rows["turn"].abs() > 15.0)]
+        peaks, n = [], 0
+        for _, stride in rows.groupby(["trial", "stride"]):
+            n += 1
+            if stride["valid"].mean() >= 0.9:
+                counts = stride[stride["valid"] == 1]
+                peaks.append(counts.loc[counts["value"].idxmin()])
+        words = (
+            f"{word} – (0 of {n} stride" if not peaks else f"{word} {-np.mean([p['value'] for p in peaks]) / mass:.2f}"
+        )
+        if len(peaks) == 1:
+            words += f" ± {peaks[0]['se'] / mass:.2f} (1 of {n} strides, ± its standard error)"
+        assert words in text
+
+
+def test_percents_of_strides_are_valid_as_in_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
+    """Whether a percent beside a gap counts is told to the page, not found by it again from rounded times."""
+    table = cycles(whole)
+    strides = table.groupby(["trial", "side", "stride", "variable"])
+    checked, gaps = 0, 0
+    for trial in sheet["trials"]:
+        for stride, curve in itertools.product(trial["strides"], trial["curves"]):
+            variable = f"{curve['base']}{'_moment' * (curve['kind'] == 'moment')}"
+            key = (trial["name"], stride["side"], stride["number"], variable)
+            if key not in strides.groups or curve["side"] not in ("", stride["side"]) or stride["turns"]:
+                continue
+            valid = strides.get_group(key).sort_values("percent")["valid"].tolist()
+            assert list(base64.b64decode(stride["valid"][curve["valid"]])) == valid, key
+            checked, gaps = checked + 1, gaps + (0 in valid)
+    assert checked and gaps

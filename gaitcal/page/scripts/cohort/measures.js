@@ -87,11 +87,12 @@ Gaitcal.measureAt = (measure, people, side) => {
 
 Gaitcal.meanOf = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : (a + b) / 2);
 
-Gaitcal.measureWords = ({ column, joined, sign }, side) => {
+Gaitcal.measureWords = ({ column, joined, sign, error }, side) => {
   if (joined === "asymmetry") return "200 % (right − left) / (right + left): positive where the right is longer";
   if (joined === "mean") return `mean of both legs' ${column.replace("_{}", "")}`;
   const source = column.replace("{}", side ?? "");
-  return sign < 0 ? `${source} with the other sign` : source;
+  const words = sign < 0 ? `${source} with the other sign` : source;
+  return error ? `${words}: peak of the mean curve over the strides, not the mean of each stride's peak` : words;
 };
 
 // As many digits as tell people apart: about three that count.
@@ -120,9 +121,4 @@ Gaitcal.distributed = (people, legs) => {
   for (const column of people.columns.values())
     if (people.raw.has(column.name) && !column.text) out.set(column.name, column);
   return out;
-};
-
-Gaitcal.cellText = (column, i) => {
-  const value = column.at(i);
-  return column.text ? Gaitcal.visible(value) : Gaitcal.numeral(value, column.digits);
 };

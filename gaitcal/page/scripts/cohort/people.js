@@ -37,6 +37,11 @@ Gaitcal.People = class {
     return page && `./${page.split("/").map(encodeURIComponent).join("/")}`;
   }
 
+  // Whether there are walks of which no stride counts.
+  strideless(i) {
+    return this.reasons.of[i].includes(this.reasons.strideless);
+  }
+
   // Of the leg; of the person where the leg has none.
   legVerdict(i, side) {
     return this.word(`verdict_${side}`, i) || this.word("verdict", i);

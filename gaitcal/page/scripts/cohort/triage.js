@@ -26,7 +26,9 @@ Gaitcal.Triage = class {
   card(word) {
     const { people } = this;
     const failed = word === "failed";
-    const count = failed ? people.failures.length : people.all.filter((i) => people.word("verdict", i) === word).length;
+    const own = people.all.filter((i) => people.word("verdict", i) === word);
+    const count = failed ? people.failures.length : own.length;
+    const strideless = own.filter((i) => people.strideless(i)).length;
     const tone = { refused: "poor", doubtful: "look", trustworthy: "good", failed: "" }[word];
     const button = Gaitcal.make(
       "button",
@@ -34,6 +36,9 @@ Gaitcal.Triage = class {
       Gaitcal.judgement(word),
       Gaitcal.make("span", { class: "value" }, String(count)),
       Gaitcal.make("span", { class: "soft" }, Gaitcal.VERDICT_WORDS[word]),
+      strideless
+        ? Gaitcal.make("span", { class: "soft strideless" }, `of these ${strideless} without a usable stride`)
+        : null,
     );
     if (failed) button.addEventListener("click", () => Gaitcal.go("failures"));
     else this.toggle(button, "verdict", word);
