@@ -20,7 +20,6 @@ EXPECTED = 0.95
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
 def test_walk_against_walk(data_dir: Path, tmp_path: Path) -> None:
     studies, results = [], []
     for name in WALKS:
