@@ -136,6 +136,7 @@ def test_without_recordings_the_synthetic_person_is_attacked(
     assert all(title.startswith("synthetic") for title in titles)
 
 
+@pytest.mark.slow
 def test_nothing_of_the_quick_part_goes_unnoticed(
     data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 from tests.scripts import script
 
 
+@pytest.mark.slow
 def test_the_table_of_one_person(capsys: pytest.CaptureFixture[str]) -> None:
     check = script("check_one_body")
     assert check.main(["--people", "1", "--draws", "1", "--only", "exchanged"]) == 0

@@ -36,6 +36,7 @@ def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
     assert any(line.startswith("subtalar_angle_l") for line in report)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", [HipCentre.BELL, HipCentre.HARRINGTON])
 def test_the_truth_is_told_in_the_frames_of_the_calibration(rule: HipCentre, tmp_path: Path) -> None:
     """A thigh begins at the hip of the rule that a calibration uses."""

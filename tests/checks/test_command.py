@@ -54,6 +54,7 @@ def test_table_of_errors(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     assert run(monkeypatch, "check", study, "-q") == 1
 
 
+@pytest.mark.slow
 def test_force_goes_on_and_says_so(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

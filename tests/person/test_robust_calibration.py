@@ -22,12 +22,14 @@ def study(robustness: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> S
     return made
 
 
+@pytest.mark.slow
 def test_spoilt_markers_move_little(robustness: ModuleType, study: Study) -> None:
     moved = [c for c in robustness.changes(study, 2, ("cauchy",), robustness.SPOILS) if c.against == "cauchy"]
     assert len(moved) == len(robustness.SPOILS)
     assert [change for change in moved if not change.small] == []
 
 
+@pytest.mark.slow
 def test_least_squares_would_not_do(robustness: ModuleType, study: Study) -> None:
     swap = {"pair swapped": robustness.SPOILS["pair swapped, one segment"]}
     (moved,) = robustness.changes(study, 2, ("none",), swap)

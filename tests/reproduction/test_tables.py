@@ -139,6 +139,7 @@ def test_csv_schema(files: Path) -> None:
     assert all(name in readme for name in names - {"README.txt"})
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(
     reproduction: Reproduction, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

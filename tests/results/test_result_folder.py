@@ -85,6 +85,7 @@ def test_inputs_are_safe_from_programs_too(folder: Path) -> None:
     assert content(folder / "study") == before
 
 
+@pytest.mark.slow
 def test_another_calibration_keeps_draws_and_further_trials_and_says_so(folder: Path) -> None:
     study, result = folder / "study/study.toml", folder / "result"
     more = folder / "study/walk.csv", "--forces", folder / "study/walk_forces.csv"

@@ -72,6 +72,7 @@ def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
         assert trial.recording.markers[:, feet, 1].min() == pytest.approx(CLEARANCE, abs=within), trial.name
 
 
+@pytest.mark.slow
 def test_same_seed_same_files(tmp_path: Path) -> None:
     folders = [synthesize(tmp_path / name, seed=3, noise=True, perturb=True).parent for name in ("a", "b")]
     for file in sorted(p.relative_to(folders[0]) for p in folders[0].rglob("*") if p.is_file()):
