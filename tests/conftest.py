@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 
@@ -11,6 +12,12 @@ from hypothesis import HealthCheck, settings
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
+
+
+@pytest.fixture(autouse=True)
+def _nobody_is_quiet() -> None:
+    """A command that was asked to be quiet in this process, in an earlier test or a fixture, quiets no test."""
+    logging.getLogger("gaitcal").setLevel(logging.NOTSET)
 
 
 @pytest.fixture(scope="session")
