@@ -24,6 +24,7 @@ from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
+from gaitcal.cores import all_of
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, SEGMENTS, joint_segments
@@ -83,7 +84,6 @@ class _Part:
 
     free: tuple[str, ...]
     parameters: Parameters
-    """Of the whole body: those of the parts before it, too."""
     errors: Influence
     """Of `free`."""
     phase: Phase
@@ -106,9 +106,11 @@ def calibrate_by_evidence(
 
     `standing`: the whole body in the static trial, where every marker is in its place.
     """
-    legs = _legs(trials, nominal, standing, sides, settings.learnt)
-    upper = _trunk_and_arms(trials, nominal, legs.parameters if legs else nominal, settings.learnt)
-    return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
+    parts = all_of(
+        lambda: _legs(trials, nominal, standing, sides, settings.learnt),
+        lambda: _trunk_and_arms(trials, nominal, settings.learnt),
+    )
+    return _calibration([part for part in parts if part is not None], nominal, settings)
 
 
 def _legs(
@@ -155,10 +157,8 @@ def _legs(
     )
 
 
-def _trunk_and_arms(
-    trials: Sequence[EvidenceTrial], nominal: Parameters, parameters: Parameters, learnt: JointPrior | None
-) -> _Part | None:
-    """Gait by itself above the pelvis, about `parameters`; None where nothing is free."""
+def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> _Part | None:
+    """Gait by itself above the pelvis; None where nothing is free."""
     walks = [t for t in trials if t.joint is None]
     parts = [_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
     # the pelvis' markers once more: what they do here has a name of its own among the sources of error
@@ -166,10 +166,10 @@ def _trunk_and_arms(
     free = free_of(problems, UPPER_PARAMETERS)
     if not free:
         return None
-    trunk, errors = estimate_joints(problems, parameters, free, learnt=learnt)
-    if turned := turned_arms(problems, trunk.nodes, parameters):
+    trunk, errors = estimate_joints(problems, nominal, free, learnt=learnt)
+    if turned := turned_arms(problems, trunk.nodes, nominal):
         free = without_arms(free, turned)
-        trunk, errors = estimate_joints(problems, parameters, free, learnt=learnt)
+        trunk, errors = estimate_joints(problems, nominal, free, learnt=learnt)
     phase = _phase("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk, trunk)
     return _Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase, findings=told(turned))
 
@@ -258,12 +258,14 @@ def _joined(known: Influence, errors: Influence) -> Influence:
 
 
 def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
-    """All parts together, those that came last with all parameters."""
+    """All parts together."""
     influence = nominal_influence()
     for part in parts:
         influence = _joined(influence, part.errors)
     free = tuple(name for part in parts for name in part.free)
-    parameters = parts[-1].parameters if parts else nominal
+    parameters = nominal
+    for part in parts:
+        parameters = parameters.with_joint(part.free, part.parameters.joint[[JP_INDEX[n] for n in part.free]])
     expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])

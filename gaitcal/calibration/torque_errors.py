@@ -16,6 +16,7 @@ joint parameters moves them together.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, trial_scores
+from gaitcal.cores import each
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
@@ -68,9 +70,9 @@ def torque_standard_errors(
     free = joint.free if joint else ()
     moves = moves or marker_moves(problem, nodes, parameters, joint)
     dynamics, rates = Dynamics(parameters, HELD), wrench_rates(basis.time, wrenches)
-    variance: dict[Source, list[Array]] = {}
-    for start in range(0, len(q), BLOCK):
-        part = slice(start, min(start + BLOCK, len(q)))
+
+    def variance(part: slice) -> dict[Source, Array]:
+        """Source -> (frames, 35) of some frames."""
         state = q[part], v[part], a[part]
         slopes = force_derivatives(parameters, free, *state, wrenches[part], HELD)
         told = kinetic_slopes(parameters, q[part], v[part], dynamics.forces(*state, wrenches[part]), free)
@@ -96,9 +98,10 @@ def torque_standard_errors(
             turns = _segment_turns(axes, q[part])
             turned = told.moved(axes.torque_moves(*state, wrenches[part]), moving, turns)
             found[Source.FRAMES] = _squares(turned)
-        for source, values in found.items():
-            variance.setdefault(source, []).append(values)
-    by_source = {source: np.concatenate(parts) for source, parts in variance.items()}
+        return found
+
+    parts = each(variance, _blocks(len(q)))
+    by_source = {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
     kinetics = kinetic_errors(np.sum(list(by_source.values()), axis=0), by_source.get(Source.MOTION))
     torques = {source: values[:, : len(FORCES)] for source, values in by_source.items()}
     return TorqueErrors.of(torques, kinetics)
@@ -145,7 +148,13 @@ def inertial_square_root(fit: InertialFit) -> Array:
 
 
 BLOCK = 125
-"""Frames at a time, whose changes by the marker coordinates of all trials are held at once."""
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
+
+
+def _blocks(frames: int) -> list[slice]:
+    """Blocks of nearly the same size, the fewest."""
+    edges = np.linspace(0, frames, -(-frames // BLOCK) + 1).round().astype(int).tolist()
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
 
 @dataclass(frozen=True)
@@ -248,8 +257,7 @@ def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Sour
     """Source -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
     basis, nq = problem.basis, len(problem.chain.coordinates)
     out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
-    for start in range(0, len(basis.time), BLOCK):
-        part = slice(start, min(start + BLOCK, len(basis.time)))
+    for part in _blocks(len(basis.time)):
         for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
             out[source][part] = variance
     return out

@@ -38,6 +38,7 @@ from gaitcal.checks import (
 )
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.codes import Code
+from gaitcal.cores import each
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.hip_centre import HipCentre
@@ -154,8 +155,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     trials = evidence_of(study, model)
     findings: list[Finding] = []
     measured: list[TrialEvidence] = []
-    for trial in trials:
-        found = _check_trial(trial)
+    for trial, found in zip(trials, each(_check_trial, trials), strict=True):
         findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
         if not any(finding.topic in NO_BODY and finding.severity is Severity.ERROR for finding in found):
             measured.append(trial)

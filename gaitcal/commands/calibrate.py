@@ -9,6 +9,7 @@ from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
 from gaitcal.commands.init import study_or_draft, tell_faulty
+from gaitcal.cores import several_cores
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -30,6 +31,7 @@ from gaitcal.study.study_file import load_study_file
 from gaitcal.verdict.verdict import Judgement
 
 
+@several_cores()
 def run(
     path: Path,
     out: Path,

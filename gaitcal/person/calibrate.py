@@ -18,10 +18,11 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
 from gaitcal.calibration.influence import Influence, nominal_influence
-from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.checks import check_study
+from gaitcal.cores import each
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.findings import Finding, Severity, note_of
@@ -29,9 +30,10 @@ from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.motion.motion import Motion, motion_of, tracked_motion
+from gaitcal.motion.motion import Motion, motion_of, tracked_motions
 from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
+from gaitcal.person.phases import phases_of
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
@@ -81,10 +83,10 @@ def calibrate(
     if joint is not None:
         parameters, _ = counted(nominal, parameters, static)
     progress("tracking with the nominal model")
-    before = {t.name: tracked_motion(t.fitted if t.joint else t.body, nominal.parameters) for t in trials}
+    before = tracked_motions({t.name: t.fitted if t.joint else t.body for t in trials}, nominal.parameters)
     stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
     progress("tracking with the calibrated joint parameters")
-    motions = {t.name: tracked_motion(t.body, parameters) for t in trials}
+    motions = tracked_motions({t.name: t.body for t in trials}, parameters)
     if joint is not None:
         stages[Stage.JP] = parameters, motions
     reactions = {
@@ -118,8 +120,8 @@ def calibrate(
     uncertainty = Uncertainty(
         influence, _inertial_spread(inertial, parameters, settings, spread_of_people(nominal.subject))
     )
-    results = tuple(
-        trial_result(
+    results = each(
+        lambda t: trial_result(
             t,
             {stage: (p, of_trial[t.name]) for stage, (p, of_trial) in stages.items()},
             motions[t.name],
@@ -130,13 +132,14 @@ def calibrate(
             axes=axis_deviations(settings),
             model=nominal,
             held_out=fitted.held_out.get(t.name),
-        )
-        for t in trials
+        ),
+        trials,
+        longest=lambda t: len(t.recording.time) * (t.name in reactions),
     )
     kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
     if settings.ip != "none":
         kept += (*left_out_of_masses(trials, diagnosis.faulty, spoilt),)
-    phases = _phases(joint, inertial, combined, tuple(shown or believed))
+    phases = phases_of(joint, inertial, combined, tuple(shown or believed))
     later = (
         *diagnosis.findings,
         *fitted.findings,
@@ -160,7 +163,7 @@ def calibrate(
         nominal=nominal,
         model=replace(nominal, parameters=parameters, notes=notes),
         static_angles=static_angles(nominal, parameters, static),
-        trials=results,
+        trials=tuple(results),
         phases=phases,
         joint=joint,
         inertial=inertial,
@@ -264,37 +267,3 @@ def _inertial_spread(
     if not inertial.statistical:
         return None
     return np.hstack([inertial_square_root(inertial), spread_of_the_rest(parameters.inertial, _inertial_set(settings))])
-
-
-def _phases(
-    joint: JointCalibration | None, inertial: InertialFit | None, combined: CombinedFit | None, trials: tuple[str, ...]
-) -> tuple[Phase, ...]:
-    """The fits that were made, those of the joint parameters first; `trials` told of inertial parameters."""
-    phases = list(joint.phases) if joint else []
-    if inertial is not None:
-        phases.append(
-            Phase(
-                name="inertial",
-                trials=trials,
-                parameters=len(inertial.names),
-                iterations=inertial.iterations,
-                seconds=inertial.seconds,
-                converged=inertial.converged,
-                message=inertial.message,
-            )
-        )
-    if combined is not None and joint is not None and inertial is not None:
-        text = "" if combined.converged else f"{combined.ending.value}; "
-        text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
-        phases.append(
-            Phase(
-                name="joint and inertial",
-                trials=trials,
-                parameters=len(joint.free) + len(inertial.names),
-                iterations=combined.steps,
-                seconds=combined.seconds,
-                converged=combined.converged,
-                message=text,
-            )
-        )
-    return tuple(phases)

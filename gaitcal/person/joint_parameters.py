@@ -13,6 +13,7 @@ from gaitcal.calibration.joint_phases import (
     calibrate_sequentially,
     calibrate_simultaneously,
 )
+from gaitcal.cores import each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
@@ -51,7 +52,9 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     settings = study.settings
     loss = None if settings.robust == "none" else Loss(settings.robust)
     study, findings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
-    trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
+    trials = each(
+        lambda trial: prepare_trial(trial, nominal, settings), study.moving, longest=lambda t: t.joint is None
+    )
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
     standing = standing_problem(nominal, completed_static(study).static) if by_evidence else None
     fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing, learnt=study.joint_prior)

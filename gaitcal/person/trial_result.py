@@ -17,6 +17,7 @@ from gaitcal.calibration.torque_errors import (
     marker_moves,
     torque_standard_errors,
 )
+from gaitcal.cores import all_of
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
@@ -32,8 +33,8 @@ from gaitcal.gait.symmetry import stride_findings
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.joint_floor import joint_floor
-from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
+from gaitcal.motion.joint_floor import JointFloor, joint_floor
+from gaitcal.motion.motion import MarkerErrors, Motion, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.hold_out import HeldOut
@@ -73,13 +74,21 @@ def trial_result(
     """
     subject = model.subject
     final, _ = stages[max(stages, key=list(Stage).index)]
-    calibrated = last = body
     reached = final if trial.joint is None else fitted_with
-    if trial.joint is not None:
-        calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
-    moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
-    variances = {} if moves is None else coordinate_variances(trial.body, moves)
     turned = AxisErrors(final, axes)
+
+    def fitted() -> tuple[Motion, Motion, MarkerErrors, JointFloor | None]:
+        """Motions of what was fitted, as calibrated and at the end, and the floors below them."""
+        calibrated = last = body
+        if trial.joint is not None:
+            calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
+        return calibrated, last, rigid_floor(trial.fitted), joint_floor(trial.fitted, reached, calibrated.q)
+
+    def moved() -> MarkerMoves | None:
+        return None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
+
+    moves, (calibrated, last, floor, floor_of_joints) = all_of(moved, fitted)
+    variances = {} if moves is None else coordinate_variances(trial.body, moves)
     events = _events(trial, model.with_parameters(final), body, reactions)
     feet = _feet(model.with_parameters(final), body)
     faced = None if trial.joint else facing(pelvis_angles(body))
@@ -89,6 +98,15 @@ def trial_result(
         moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
         errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
         loads = LoadedTrial(reactions, moments, errors, kinetics_of(final, body, reactions.wrench))
+    doubts = trial_findings(
+        trial.body,
+        final,
+        body,
+        stages[Stage.NOMINAL][1],
+        subject.weight,
+        None if loads is None else loads.final,
+        None if loads is None else loads.reactions,
+    )
     return TrialResult(
         name=trial.name,
         role=trial.role,
@@ -97,8 +115,8 @@ def trial_result(
         nominal=stages[Stage.NOMINAL][1],
         calibrated=calibrated,
         final=last,
-        floor=rigid_floor(trial.fitted),
-        joint_floor=joint_floor(trial.fitted, reached, calibrated.q),
+        floor=floor,
+        joint_floor=floor_of_joints,
         body=body,
         loads=loads,
         coordinate_errors=None
@@ -109,18 +127,7 @@ def trial_result(
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
-        doubts=(
-            *trial_findings(
-                trial.body,
-                final,
-                body,
-                stages[Stage.NOMINAL][1],
-                subject.weight,
-                None if loads is None else loads.final,
-                None if loads is None else loads.reactions,
-            ),
-            *stride_findings(trial.name, strides),
-        ),
+        doubts=(*doubts, *stride_findings(trial.name, strides)),
     )
 
 

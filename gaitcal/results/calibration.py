@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from gaitcal.cores import all_of
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
@@ -79,15 +81,17 @@ def write_results(
         write_csv(parameter_table(calibration), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        _models(calibration.model, out)
-        for trial in calibration.trials:
-            write_trial(trial, calibration.model, out, calibration.relative_to)
-        write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
-        write_truth(calibration.truth, out)
-        save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
-        _save_splines(calibration.trials, out / "splines.npz")
-        write_page(out, scene_of(calibration), calibration_sheet(calibration, normal, content))
         write_former_pages(out)
+        trials, of = calibration.trials, (calibration.model, out, calibration.relative_to)
+        all_of(
+            lambda: write_page(out, scene_of(calibration), calibration_sheet(calibration, normal, content)),
+            *(partial(write_trial, trial, *of) for trial in trials),
+            lambda: write_stride_files(out, calibration.model, trials, calibration.relative_to),
+            lambda: write_truth(calibration.truth, out),
+            lambda: _models(calibration.model, out),
+            lambda: save_uncertainty(calibration.uncertainty, out / UNCERTAINTY),
+            lambda: _save_splines(trials, out / "splines.npz"),
+        )
     return folder
 
 

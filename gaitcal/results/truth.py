@@ -33,7 +33,7 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
     if truth is None:
         return
     folder = out / FOLDER
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     rows = [
         {
             "name": p.name,
