@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gaitcal.codes import Code
+from gaitcal.cores import each
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.toml import read_toml
@@ -111,7 +112,7 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
             source=path,
             code=Code.FOLDER,
         )
-    read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
+    read = tuple(each(lambda file: _read(file, file.relative_to(path).as_posix()), files))
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
 
