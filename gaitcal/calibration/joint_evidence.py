@@ -19,7 +19,7 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
@@ -267,6 +267,8 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
     expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
+    unseen_legs = [n for n in unseen if n.startswith(LEG_JOINTS)]
+    leaning = leans_on_cohort(unseen_legs, settings.learnt)
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
@@ -280,9 +282,9 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         findings=(
             *(finding for part in parts for finding in part.findings),
             *in_words(
-                [n for n in unseen if n.startswith(LEG_JOINTS)],
+                unseen_legs,
                 (),
-                "held near nominal values" if settings.learnt is None else "held near what the cohort has",
+                f"held near {'what the cohort has' if leaning else 'nominal values'}",
                 parts[0].turned if parts else {},
             ),
             *beyond_bounds(beyond),
