@@ -152,18 +152,22 @@ def _table(rows: Sequence[Row], truth: Mapping[str, float], percent: bool, sided
 
 def _row(row: Row, truth: Mapping[str, float], percent: bool, known: bool) -> list[Cell]:
     digits = row.digits
-    first = [cell(row.words, unit=row.unit), number(row.nominal, digits)]
+    nominal, fitted = number(row.nominal, digits), number(row.fitted, digits)
     true = [number(truth.get(row.name), digits)] if known else []
-    fitted = number(row.fitted, digits)
-    unseen = row.status == "unidentifiable"
-    if unseen and fitted == number(row.nominal, digits):
-        return [*first, cell("kept, not determined", tone="look"), number(None), *true]
+    unseen, at_bound = row.status == "unidentifiable", row.status == "at bound"
+    if unseen and fitted == nominal:
+        return [cell(row.words, unit=row.unit), nominal, cell("kept, not determined", tone="look"), number(None), *true]
     change = number(row.change, digits, True)
     if row.error is not None:
         change += f" ± {number(row.error, digits)}"
     share = f"({number(100.0 * row.change / abs(row.nominal), 0, True)} %)" if percent and row.nominal else ""
-    doubt = ", not determined" if unseen else ", at its bound" if row.status == "at bound" else ""
-    return [*first, cell(fitted + doubt, tone="look" if doubt else ""), cell(change, unit=share), *true]
+    return [
+        cell(f"{row.words}, not determined" if unseen else row.words, unit=row.unit),
+        nominal,
+        cell(f"{fitted}, at its bound" if at_bound else fitted, tone="look" if at_bound or unseen else ""),
+        cell(change, unit=share),
+        *true,
+    ]
 
 
 def _inertias(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.gait.words import parameter_words
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.page.sections.answers import Answer, answers
@@ -139,11 +140,13 @@ def test_what_becomes_of_an_unseen_parameter(
 
 def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) -> None:
     name = whole.unidentifiable[0]
-    assert ", not determined" not in json.dumps(joint_blocks(whole)).replace("kept, not determined", "")
+    words = parameter_words(name) + ", not determined"
+    assert words not in json.dumps(joint_blocks(whole))
     moved = whole.model.parameters.with_joint((name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1)
     person = replace(whole, model=whole.model.with_parameters(moved))
     (row,) = [row for g in joint_groups(person) for row in (*g.right, *g.left) if row.name == name]
-    assert f"{row.fitted:.1f}, not determined" in json.dumps(joint_blocks(person))
+    shown = json.dumps(joint_blocks(person))
+    assert words in shown and f'"{row.fitted:.1f}"' in shown
 
 
 @pytest.mark.parametrize(("share", "advice"), [(0.01, "are needed. Add an isolated trial"), (1.0, "do not move it in")])
