@@ -21,7 +21,7 @@ from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, f
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
-from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
+from gaitcal.calibration.skin_evidence import hidden_segments, skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.findings import Finding
@@ -72,6 +72,8 @@ class SkinFound:
     keys: tuple[str, ...]
     values: Array
     """(nz,) m/rad."""
+    hidden: frozenset[str] = frozenset()
+    """Segments whose markers are too few to show it: there it was assumed."""
 
 
 NO_SKIN_FOUND = SkinFound({}, (), np.zeros(0))
@@ -137,7 +139,7 @@ def _legs(
     if sizes:
         own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
         estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain, learnt=learnt)
-        skin = SkinFound(sizes, estimate.keys, estimate.skin)
+        skin = SkinFound(sizes, estimate.keys, estimate.skin, hidden_segments(columns[:whole]))
         for t in trials:
             moving = only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes)
             if moving is not None:
@@ -273,6 +275,7 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
     sizes = {pair: size for part in parts for pair, size in part.skin.sizes.items()}
+    hidden = frozenset(segment for part in parts for segment in part.skin.hidden)
     return JointCalibration(
         parameters=parameters,
         phases=tuple(part.phase for part in parts),
@@ -289,7 +292,7 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
             ),
             *beyond_bounds(beyond),
         ),
-        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes)),
+        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes, hidden)),
         at_bound=beyond,
         skin=sizes,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
