@@ -19,9 +19,9 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
-from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
+from gaitcal.calibration.skin_evidence import hidden_segments, skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.cores import all_of
@@ -73,6 +73,8 @@ class SkinFound:
     keys: tuple[str, ...]
     values: Array
     """(nz,) m/rad."""
+    hidden: frozenset[str] = frozenset()
+    """Segments whose markers are too few to show it: there it was assumed."""
 
 
 NO_SKIN_FOUND = SkinFound({}, (), np.zeros(0))
@@ -139,7 +141,7 @@ def _legs(
     if sizes:
         own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
         estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain, learnt=learnt)
-        skin = SkinFound(sizes, estimate.keys, estimate.skin)
+        skin = SkinFound(sizes, estimate.keys, estimate.skin, hidden_segments(columns[:whole]))
         for t in trials:
             moving = only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes)
             if moving is not None:
@@ -269,10 +271,13 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
     expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
+    unseen_legs = [n for n in unseen if n.startswith(LEG_JOINTS)]
+    leaning = leans_on_cohort(unseen_legs, settings.learnt)
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
     sizes = {pair: size for part in parts for pair, size in part.skin.sizes.items()}
+    hidden = frozenset(segment for part in parts for segment in part.skin.hidden)
     return JointCalibration(
         parameters=parameters,
         phases=tuple(part.phase for part in parts),
@@ -282,14 +287,14 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         findings=(
             *(finding for part in parts for finding in part.findings),
             *in_words(
-                [n for n in unseen if n.startswith(LEG_JOINTS)],
+                unseen_legs,
                 (),
-                "held near nominal values" if settings.learnt is None else "held near what the cohort has",
+                f"held near {'what the cohort has' if leaning else 'nominal values'}",
                 parts[0].turned if parts else {},
             ),
             *beyond_bounds(beyond),
         ),
-        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes)),
+        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes, hidden)),
         at_bound=beyond,
         skin=sizes,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},

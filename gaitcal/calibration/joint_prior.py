@@ -20,6 +20,8 @@ POSITION = 0.020
 """m, standard deviation of a coordinate of a joint's place about its nominal value."""
 ORIENTATION = np.deg2rad(10.0)
 """rad, of a turn of a joint's axis."""
+ROUNDED = 1e-6
+"""Of a variance: what the digits of a file of priors leave open."""
 
 
 def prior_deviations(names: Sequence[str]) -> Array:
@@ -39,3 +41,11 @@ def prior_of(names: Sequence[str], learnt: JointPrior | None) -> tuple[Array, Ar
         mean[own] = learnt.mean[there]
         covariance[np.ix_(own, own)] = learnt.covariance[np.ix_(there, there)]
     return mean, covariance
+
+
+def leans_on_cohort(names: Sequence[str], learnt: JointPrior | None) -> bool:
+    """Whether a cohort expects something else of some of these joint parameters than the default prior does."""
+    mean, covariance = prior_of(names, learnt)
+    default = prior_deviations(names)
+    unlike = covariance / np.outer(default, default) - np.eye(len(names))
+    return bool(mean.any() or (np.abs(unlike) > ROUNDED).any())

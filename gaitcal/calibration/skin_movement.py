@@ -12,7 +12,8 @@ so that the columns of `motion/soft_tissue.py` of one segment and one angle have
 
     size^2 ( B diag(shift^2, turn^2) B^T + own^2 I ),     B = [ 1, -(l - c) x ] marker by marker.
 
-`size` is found for every segment and angle by itself (`skin_evidence.py`), at most `LARGEST`.
+`size` is found for every segment and angle by itself (`skin_evidence.py`), at most `LARGEST`; on segments of fewer than
+three markers, which do not show how they deform, it is `LARGEST`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINTS, Source
-from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -89,8 +89,7 @@ def skin_columns(problem: TrialProblem, angles: Mapping[str, Array]) -> SoftTiss
     for s, markers in problem.data.placed.groups:
         segment = problem.chain.segments[s]
         names = tuple(name for name in beside(segment) if name in angles)
-        pulling = (problem.data.weight[markers] > 0).any(axis=1).sum()
-        if segment.split("_")[0] in SIZES and names and pulling >= FEWEST_MARKERS:
+        if segment.split("_")[0] in SIZES and names and (problem.data.weight[markers] > 0).any():
             groups.append(SegmentTissue(s, markers, names, np.array([angles[name] for name in names])))
     return SoftTissue(tuple(groups), problem.labels) if groups else None
 

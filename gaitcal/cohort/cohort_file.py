@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 from gaitcal.codes import Code
 from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
 from gaitcal.errors import InputError, alike
-from gaitcal.files.toml import toml_table
+from gaitcal.files.toml import require_file
 from gaitcal.files.validation import Table, read_validated, shown, validated
 from gaitcal.intake.person_facts import Options
 from gaitcal.study.settings import CalibrationSettings
@@ -111,13 +111,11 @@ def _listed(file: Path) -> tuple[Cohort, CalibrationSettings]:
             folder=folder, name=name, session=table.session, group=table.group, told=replace(table.options, name=name)
         )
         people.append(person)
-    return Cohort(file.parent, in_order(people, file)), content.calibration
-
-
-def settings_text(settings: CalibrationSettings) -> str:
-    """What is said for everyone, as the table of a study file; empty where nothing is."""
-    said = settings.model_dump(exclude_unset=True)
-    return toml_table("[calibration]", said) if said else ""
+    folder = file.parent.absolute()
+    settings = content.calibration.found(
+        lambda named: require_file(folder / named, source=file, field="calibration.priors"), file
+    )
+    return Cohort(file.parent, in_order(people, file)), settings
 
 
 @dataclass(frozen=True)

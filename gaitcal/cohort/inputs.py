@@ -56,8 +56,9 @@ def _named_in(study: Path) -> Iterator[Path]:
         file = read_validated(StudyFile, study)
     except InputError:
         return  # a fault of the file itself, which is told when it is run
-    if file.markers.set_path:
-        yield study.parent / file.markers.set_path
+    for named in (file.markers.set_path, file.calibration.priors):
+        if named is not None:
+            yield study.parent / named
     for trial in file.trials:
         for named in (trial.file, trial.forces):
             if named is not None:

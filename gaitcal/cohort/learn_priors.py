@@ -11,7 +11,7 @@ from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.errors import InputError
 from gaitcal.files.amend import amended
-from gaitcal.population.cohort_priors import COLUMNS, learn_cohort, priors_rows, priors_text, priors_words
+from gaitcal.population.cohort_priors import COLUMNS, counted, learn_cohort, priors_rows, priors_text, priors_words
 from gaitcal.population.result_evidence import Found, NotUsedError, evidence_of, one_each
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"
@@ -41,12 +41,13 @@ def learn_priors(cohort: Cohort, out: Path, told: Callable[[str], None] = lambda
             left_out.append(f"{person.words}: {str(fault).replace(f'{out}/', '')}")
     people, rules, others = one_each(found)
     left_out += others
+    reasons = [line.split(": ", 1)[1] for line in left_out]
     if rules is None:
         raise InputError(
-            f"nobody's joint parameters can be learnt of: {'; '.join(left_out)}", source=out, code=Code.PRIORS
+            f"nobody's joint parameters can be learnt of: {counted(reasons)}", source=out, code=Code.PRIORS
         )
     name = cohort.source.resolve().name or "cohort"
-    priors = learn_cohort(name, people, rules, [line.split(": ", 1)[1] for line in left_out], told)
+    priors = learn_cohort(name, people, rules, reasons, told)
     with amended(out) as stage:
         (stage / PRIORS).write_text(priors_text(priors), encoding="utf-8")
         with (stage / PRIORS_CSV).open("w", encoding="utf-8", newline="") as stream:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from gaitcal.checks import check_study
 from gaitcal.codes import Code
-from gaitcal.cohort.cohort_file import settings_text
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import require_room
@@ -20,7 +19,7 @@ from gaitcal.findings import STUDY, Finding
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
-from gaitcal.intake.draft_text import draft_text, missing_words, study_of
+from gaitcal.intake.draft_text import draft_text, missing_words, settings_text, study_of
 from gaitcal.intake.drafting import draft_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
 from gaitcal.intake.folder import read_folder
@@ -86,7 +85,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     del folder  # the recordings of all files, also of those that are not used
     require_room(out, ResultKind.CALIBRATION, inputs)
     loaded = replace(loaded, settings=_settings(loaded.settings, common))
-    if common.priors is not None:
+    if common.priors is not None and loaded.joint_prior is None:
         loaded = with_cohort_priors(loaded, common.priors)
     findings = check_study(loaded)
     if drafted is not None:
@@ -95,17 +94,13 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
         findings = (*findings, *rejected_forces(drafted))
     _stop_on_errors(findings, loaded)
     calibration = calibrate(loaded, checked=findings)
-    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, loaded)
+    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, loaded, common)
     calibration = replace(calibration, notes=(*notes, *calibration.notes))
-    files = {"normal": common.normal, "priors": common.priors}
-    made_with = {
-        key: value
-        for name, file in files.items()
-        if file is not None
-        for key, value in ((name, file.name), (f"{name}_sha256", sha256_of(file)))
-    }
-    bands = None if common.normal is None else read_normal_bands(common.normal)
-    text = None if drafted is None else draft_text(drafted, out) + settings_text(common.calibration)
+    normal = common.normal
+    made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+    bands = None if normal is None else read_normal_bands(normal)
+    settings = settings_text(common.calibration, common.priors, out)
+    text = None if drafted is None else draft_text(drafted, out) + settings
     write_results(calibration, out, made_with, drafted=text, normal=bands)
 
 
@@ -140,11 +135,15 @@ def _stop_on_errors(findings: Sequence[Finding], study: Study) -> None:
     )
 
 
-def _contradictions(person: CohortPerson, study: Study) -> tuple[str, ...]:
+def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) -> tuple[str, ...]:
     """What was said of a person whose own study file says otherwise, and is used."""
     said = (("mass_kg", person.told.mass, study.subject.mass), ("height_m", person.told.height, study.subject.height))
-    return tuple(
+    found = [
         f"{field} = {other:g} was said for the cohort; the study file's {value:g} is used"
         for field, other, value in said
         if other is not None and abs(other / value - 1) > ANYWAY
-    )
+    ]
+    own = study.joint_prior
+    if own is not None and common.priors is not None and own.sha256 != sha256_of(common.priors):
+        found.append(f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} is used")
+    return tuple(found)

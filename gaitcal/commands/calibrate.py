@@ -10,14 +10,14 @@ from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
 from gaitcal.commands.init import study_or_draft, tell_faulty
 from gaitcal.cores import several_cores
-from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
-from gaitcal.intake.draft_text import STUDY, draft_text, study_of
+from gaitcal.intake.draft_text import STUDY, draft_text, settings_text, study_of
 from gaitcal.intake.faulty_trials import without_faulty_trials
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.intake.rejected_forces import rejected_forces
@@ -26,9 +26,20 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
 from gaitcal.study.cohort_prior import with_cohort_priors
+from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
 from gaitcal.verdict.verdict import Judgement
+
+
+def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
+    """The files that a study reads; UsageError where it names priors, and `priors` are given, too."""
+    if isinstance(source, Draft):
+        return files_of(source)
+    file = load_study_file(source)
+    if priors is not None and file.calibration.priors is not None:
+        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
+    return input_files(file, source)
 
 
 @several_cores()
@@ -46,13 +57,14 @@ def run(
     """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
 
     `force` goes on past errors that the checks find, and keeps every trial of a drafted study. `normal`: file of normal
-    bands, or the name of those that gaitcal brings. `priors`: file of a cohort, on which joint parameters lean.
+    bands, or the name of those that gaitcal brings. `priors`: file of a cohort, on which joint parameters lean
+    where the study file names none.
     """
     normal = None if normal is None else bands_file(normal)
     bands = None if normal is None else read_normal_bands(normal)
     source = study_or_draft(path, options, talk)
     drafted = source if isinstance(source, Draft) else None
-    inputs = input_files(load_study_file(source), source) if isinstance(source, Path) else files_of(source)
+    inputs = _inputs(source, priors)
     kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
     with talk.working() as step:
         step("reading the recordings")
@@ -74,9 +86,7 @@ def run(
             calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
-        if priors is not None:
-            made_with |= {"priors": priors.name, "priors_sha256": sha256_of(priors)}
-        text = None if drafted is None else draft_text(drafted, out)
+        text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
     print_calibration(talk, calibration)
     for note in loaded.joint_prior.notes if loaded.joint_prior else ():

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gaitcal.cohort.cohort_file import read_cohort
+from gaitcal.cohort.cohort_file import COHORT, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, learn_priors
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import PAGE
@@ -20,7 +20,9 @@ from gaitcal.files.interruption import InterruptedWork, Stopped
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.montecarlo.workers import Cluster
+from gaitcal.population.learning import FEWEST
 from gaitcal.study.cohort_prior import read_cohort_priors
+from gaitcal.study.settings import CalibrationSettings
 
 ORDER = ("refused", "doubtful", "trustworthy")
 """Verdicts, those first that somebody should look at."""
@@ -58,16 +60,17 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
     if options.priors is not None:
-        if options.learn_priors:
-            raise UsageError("not with --priors: priors are learnt of people who lean on none", field="--learn-priors")
+        _require_none_to_learn(options, "--priors")
         read_cohort_priors(options.priors)
     cohort, calibration = read_cohort(path, out)
+    priors, calibration = _priors(options, calibration)
     cohort = _with_options(cohort, options.told)
     for name in cohort.ignored:
         talk.line(f"not used: {name}: holds no recordings")
     for note in cohort.notes:
         talk.line(note)
-    priors = None if options.priors is None else options.priors.resolve()
+    if options.learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
+        talk.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
     common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with talk.working() as step:
@@ -86,6 +89,31 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
         talk.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
     if written.verdicts.get("failed"):
         sys.exit(1)
+
+
+def _require_none_to_learn(options: CohortOptions, named: str) -> None:
+    if options.learn_priors:
+        raise UsageError(f"not with {named}: priors are learnt of people who lean on none", field="--learn-priors")
+
+
+def _priors(options: CohortOptions, settings: CalibrationSettings) -> tuple[Path | None, CalibrationSettings]:
+    """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the other settings.
+
+    Raises
+    ------
+    UsageError
+        Both name one, or some are to be learnt.
+    InputError
+        What the settings name is no such file.
+    """
+    if settings.priors is None:
+        return options.priors and options.priors.resolve(), settings
+    if options.priors is not None:
+        raise UsageError(f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors")
+    _require_none_to_learn(options, f"[calibration] priors of {COHORT}")
+    read_cohort_priors(settings.priors)
+    others = settings.model_dump(exclude_unset=True, exclude={"priors"})
+    return settings.priors.resolve(), CalibrationSettings.model_validate(others)
 
 
 def _with_options(cohort: Cohort, told: Options) -> Cohort:

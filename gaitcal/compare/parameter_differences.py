@@ -17,10 +17,10 @@ of an orientation what landmarks turn the segment by (`dynamics/axis_errors.py`)
 between its axes is nominally that between axes of shank and foot, and as wrong as both.
 
 Markers are independent in this; on skin that moves alike in two walks they are not, and bars are then rather too wide:
-walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are too narrow by what skin
-does that no marker shows, most of all on thighs with one or two markers: straight walks against turns of four children
-have 68 % inside bars of 68, 87 inside those of 95, and would have 92 with the skin of the literature on every segment
-(`scripts/check_sessions.py`).
+walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are a little too narrow by what
+skin does that no marker shows: straight walks against turns of four children, with two markers on each thigh, have 75 %
+inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were taken to be still,
+`scripts/check_sessions.py`).
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class Source(Enum):
     """Noise of the trial's own markers, through its motion; with it, through joints fitted to the same markers."""
     JOINT_MARKERS = ("joint_markers", "joint parameters: markers")
     """Noise of the markers that the joint parameters were found from."""
-    JOINT_NOMINAL = ("joint_nominal", "joint parameters: nominal values")
+    JOINT_NOMINAL = ("joint_nominal", "joint parameters: what is known before")
     """Nominal joint parameters, where markers do not tell."""
     SKIN = ("skin", "skin that moves with joints")
     BANDWIDTH = ("bandwidth", "bandwidth of the motion")

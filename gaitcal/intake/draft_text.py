@@ -15,12 +15,13 @@ from typing import TypeGuard
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
-from gaitcal.files.toml import toml_value
+from gaitcal.files.toml import toml_table, toml_value
 from gaitcal.intake.draft import NEEDED, Draft, DraftTrial
 from gaitcal.intake.folder import FileKind
 from gaitcal.intake.marker_sets import SetChoice
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile, load_study_file
 from gaitcal.study.study_trial import read_trial
@@ -47,6 +48,12 @@ def draft_text(draft: Draft, folder: Path | None) -> str:
     if left:
         lines += ["# Not used:", *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def settings_text(settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None) -> str:
+    """What is said of how to calibrate, as the table of a study file in `folder`; empty where nothing is."""
+    said = settings.model_dump(exclude_unset=True) | ({} if priors is None else {"priors": _path(priors, folder)})
+    return toml_table("[calibration]", said) if said else ""
 
 
 def _subject(draft: Draft) -> list[str]:

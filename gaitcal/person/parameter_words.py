@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.calibration.identifiability import NEEDED_TURN
+from gaitcal.calibration.joint_prior import leans_on_cohort
 from gaitcal.gait.words import (
     capitalised,
     counted,
@@ -22,6 +24,7 @@ from gaitcal.gait.words import (
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_table
+from gaitcal.study.settings import Protocol
 
 ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))
 GROUPS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")
@@ -132,8 +135,7 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
             continue
         moved = range_of_motion(calibration, joint)
         words = listed([parameter_words(n) for n in names])
-        kept = "they keep their nominal values" if len(names) > 1 else "it keeps its nominal value"
-        text = f"{joint_words(joint).capitalize()}: {words}; {kept}."
+        text = f"{joint_words(joint).capitalize()}: {words}; {_kept(calibration, names)}."
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
@@ -143,6 +145,16 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
             )
         out.append(text)
     return tuple(out)
+
+
+def _kept(calibration: Calibration, names: Sequence[str]) -> str:
+    """What becomes of joint parameters that the trials cannot see."""
+    several, study = len(names) > 1, calibration.study
+    if leans_on_cohort(names, study.joint_prior):
+        return f"{'they stay' if several else 'it stays'} near what the cohort has"
+    if study.settings.decided_by is Protocol.EVIDENCE:
+        return "they stay near their nominal values" if several else "it stays near its nominal value"
+    return "they keep their nominal values" if several else "it keeps its nominal value"
 
 
 def range_of_motion(calibration: Calibration, joint: str) -> float | None:
@@ -174,9 +186,14 @@ def counts_sentence(calibration: Calibration) -> str:
         alike = inertial < sum(r.status == "fitted" for r in _rows(calibration, joints=False))
         what = "masses, mass centres, moments of inertia" + (", alike for right and left" if alike else "")
         parts.append(f"{counted(inertial, 'inertial parameter')} ({what})")
-    if not parts:
+    kept = "All others keep their nominal values."
+    if calibration.unidentifiable and calibration.study.settings.decided_by is Protocol.EVIDENCE:
+        leaning = leans_on_cohort(calibration.unidentifiable, calibration.study.joint_prior)
+        near = "what the cohort has" if leaning else "nominal values"
+        kept = f"What these trials do not determine stays near {near}. {kept}"
+    elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
-    return f"Fitted: {listed(parts)}. All others keep their nominal values."
+    return f"Fitted: {listed(parts) or 'nothing'}. {kept}"
 
 
 def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:

@@ -237,7 +237,8 @@ class Calibration:
     uncertainty: Uncertainty
     """How the parameters would scatter; `standard_errors` gives it by name."""
     unidentifiable: tuple[str, ...]
-    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value."""
+    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value, or
+    stay where their prior holds them."""
     notes: tuple[str, ...]
     """What was assumed."""
     findings: tuple[Finding, ...]

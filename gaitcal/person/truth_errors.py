@@ -147,7 +147,7 @@ class TruthErrors:
         return self.trials.get(trial, TrialTruth(np.zeros(0)))
 
     def sought(self, kind: str) -> tuple[ParameterTruth, ...]:
-        """The same, and those that the trials do not determine, which stay near their nominal values."""
+        """The same, and those that the trials do not determine, which stay where their prior holds them."""
         return tuple(p for p in self.parameters if p.status != "fixed" and p.kind.startswith(kind))
 
     def fitted(self, kind: str) -> tuple[ParameterTruth, ...]:

@@ -30,7 +30,7 @@ class TruthSum:
     count: int
     """Parameters, or curves."""
     undetermined: int = 0
-    """Of these parameters: such as the trials do not show, which stay near nominal; they have no part in `bars`."""
+    """Of these parameters: such as the trials do not show, which their prior holds; they have no part in `bars`."""
     nominal: float
     fitted: float
     within: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -66,7 +67,7 @@ def learn_cohort(
     if len(people) < FEWEST:
         raise InputError(
             f"{len(people)} people can be learnt of; allowed: {FEWEST} or more"
-            + (f" (left out: {'; '.join(left_out)})" if left_out else ""),
+            + (f" (left out: {reasons})" if (reasons := counted(left_out)) else ""),
             code=Code.PRIORS,
         )
     people = sorted(people, key=lambda p: p.name)
@@ -88,6 +89,11 @@ def learn_cohort(
         ],
         parts=[_stored(part, prior) for part, prior in zip(PARTS, parts, strict=True)],
     )
+
+
+def counted(reasons: Sequence[str]) -> str:
+    """Reasons, each with how many people it holds for, the most frequent first."""
+    return "; ".join(f"{reason} ({count})" for reason, count in Counter(reasons).most_common())
 
 
 def _stored(part: str, prior: PartPrior) -> StoredPart:

@@ -97,14 +97,15 @@ def write_results(
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:
     """Versions, settings and input hashes of a result."""
-    subject = calibration.model.subject
+    subject, prior = calibration.model.subject, calibration.study.joint_prior
+    leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
         "gaitcal": package_version("gaitcal"),
         "versions": {name: package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
         "subject": {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height, "sex": subject.sex},
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
-        "settings": json.loads(calibration.study.settings.model_dump_json()) | dict(settings or {}),
+        "settings": json.loads(calibration.study.settings.model_dump_json()) | leaning | dict(settings or {}),
         "trials": {trial.name: {**calibration.study.input_names(trial)} for trial in calibration.study.trials},
         "inputs_sha256": dict(calibration.study.inputs),
         "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),

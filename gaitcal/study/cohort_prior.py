@@ -1,9 +1,9 @@
 """What a cohort says of a person's joint parameters before any of their recordings is looked at: `priors.json`.
 
-Written by `gaitcal cohort --learn-priors` (`gaitcal/population`), read by `gaitcal calibrate --priors`. The file holds
-what was learnt of everybody, and of everybody but each fold of people: whoever is among the people of the file leans on
-what was learnt without their fold. Persons are recognised by their recordings, or by their name; the file holds hashes
-of both, no name.
+Written by `gaitcal cohort --learn-priors` (`gaitcal/population`), read by `gaitcal calibrate --priors`, or where a
+study file names it (`[calibration] priors`). The file holds what was learnt of everybody, and of everybody but each
+fold of people: whoever is among the people of the file leans on what was learnt without their fold. Persons are
+recognised by their recordings, or by their name; the file holds hashes of both, no name.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -27,8 +28,10 @@ from gaitcal.files.validation import Table, shown, validated
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.people_design import Person, design, units
-from gaitcal.study.settings import CalibrationSettings, Protocol
-from gaitcal.study.study import Study
+from gaitcal.study.settings import CalibrationSettings
+
+if TYPE_CHECKING:
+    from gaitcal.study.study import Study
 
 FORMAT = 1
 KIND = "joint parameters of a cohort"
@@ -147,8 +150,10 @@ def with_cohort_priors(study: Study, path: Path, priors: CohortPriors | None = N
         The file is no such file, or was learnt with another marker set, other nominal joints, or for another protocol.
     """
     priors = priors or read_cohort_priors(path)
-    prior = joint_prior(priors, study, path)
-    return replace(study.with_input(path, sha256_of(path) or ""), joint_prior=prior)
+    sha256 = sha256_of(path) or ""
+    prior = replace(joint_prior(priors, study, path), sha256=sha256)
+    settings = study.settings.model_copy(update={"priors": Path(path.name)})
+    return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
 
 
 def joint_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
@@ -178,7 +183,7 @@ def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int 
 
 
 def _require_same_rules(priors: CohortPriors, settings: CalibrationSettings, marker_set: str, path: Path) -> None:
-    if settings.decided_by is not Protocol.EVIDENCE or not settings.jp:
+    if not settings.takes_priors:
         raise InputError(
             "priors of a cohort need joint parameters fitted with protocol = 'evidence'", source=path, code=Code.PRIORS
         )

@@ -22,3 +22,5 @@ class JointPrior:
     """People whose fold is left out because this person is among them; 0 where this person is not."""
     notes: tuple[str, ...]
     """Where it is from, in words."""
+    sha256: str = ""
+    """Of the file, hexadecimal."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
+from pathlib import Path
 from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
 from gaitcal.files.validation import Table, shown
 
 AUTOMATIC: Final = "auto"
@@ -79,6 +83,12 @@ class CalibrationSettings(Table):
         default="published",
         description="published protocol: what gait trials may move in each leg: the published 17 joint parameters, or "
         "all 27",
+    )
+    priors: Path | None = Field(
+        default=None,
+        strict=False,
+        description="priors.json of a cohort (`gaitcal cohort --learn-priors`): joint parameters lean on its people "
+        "instead of on the literature; only where evidence decides",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"
@@ -189,6 +199,24 @@ class CalibrationSettings(Table):
             return Protocol(self.protocol)
         plain = (self.mode, self.prior, self.gait_parameters) == ("sequential", "weak", "published")
         return Protocol.EVIDENCE if plain else Protocol.PUBLISHED
+
+    @property
+    def takes_priors(self) -> bool:
+        """Whether joint parameters are fitted in a way that can lean on a cohort."""
+        return self.jp and self.decided_by is Protocol.EVIDENCE
+
+    def found(self, at: Callable[[Path], Path], source: Path) -> CalibrationSettings:
+        """The same with the path of `priors`, if any, as `at` has it; InputError where no priors are taken."""
+        if self.priors is None:
+            return self
+        if not self.takes_priors:
+            raise InputError(
+                f"found {shown(str(self.priors))}; allowed only with protocol = 'evidence' and jp = true",
+                source=source,
+                field="calibration.priors",
+                code=Code.PRIORS,
+            )
+        return self.model_copy(update={"priors": at(self.priors)})
 
     @property
     def hip_rule(self) -> str:

@@ -17,6 +17,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
 from gaitcal.study.borrowed_trunk import model_with_trunk
+from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
@@ -38,7 +39,7 @@ class Study:
     trials: tuple[StudyTrial, ...]
     """The static trials and all others, in the order of the study file."""
     settings: CalibrationSettings
-    """The study file's table `[calibration]`, defaults filled in."""
+    """The study file's table `[calibration]`, defaults filled in; `priors` by its name alone."""
     weights: Mapping[str, float]
     """Marker label -> weight, where the study overrides the marker set."""
     inputs: Mapping[str, str]
@@ -102,7 +103,7 @@ class Study:
             raise InputError(
                 f"{other}; allowed: the same, or no [truth]", source=path, field="truth.landmarks", code=Code.TRUTH
             )
-        return study
+        return study if file.calibration.priors is None else with_cohort_priors(study, file.calibration.priors)
 
     def other_truth(self) -> str | None:
         """Why its truth is told in the frames of another static trial than its first; None: it is not, or none is."""
@@ -138,7 +139,9 @@ class Study:
         return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
 
     def with_input(self, path: Path, sha256: str) -> Study:
-        """The same with one more file among its inputs."""
+        """The same with one more file among its inputs, if it is not there already."""
+        if path in self.files:
+            return self
         files = (*self.files, path)
         names = [name for name, f in _file_words(files, Path(self.source).parent).items() if f == path]
         return replace(self, files=files, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
@@ -167,11 +170,12 @@ def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[Marker
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
-    """The study file at `path`, its recordings and forces, a marker set of one's own, and a known truth."""
+    """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a known truth."""
     forces = (f for trial in file.trials if trial.forces for f in (trial.forces, *loads_tables(trial.forces)))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
+    priors = [file.calibration.priors] if file.calibration.priors else []
     truth = truth_files(file.truth, [trial.name for trial in file.trials])
-    return (path, *(trial.file for trial in file.trials), *forces, *marker_set, *truth)
+    return (path, *(trial.file for trial in file.trials), *forces, *marker_set, *priors, *truth)
 
 
 def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:

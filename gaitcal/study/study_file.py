@@ -294,4 +294,7 @@ def load_study_file(path: Path | str) -> StudyFile:
             files["forces"] = found(trial.forces, f"trial[{number}].forces")
         trials.append(trial.model_copy(update=files))
     truth = study.truth and study.truth.found(lambda file: source.parent.absolute() / file, source)
-    return study.model_copy(update={"markers": markers, "trials": tuple(trials), "truth": truth})
+    settings = study.calibration.found(lambda file: found(file, "calibration.priors"), source)
+    return study.model_copy(
+        update={"markers": markers, "trials": tuple(trials), "calibration": settings, "truth": truth}
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_estimate import skin_prior
-from gaitcal.calibration.skin_evidence import skin_sizes
+from gaitcal.calibration.skin_evidence import hidden_segments, skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import LARGEST, beside, only, shifts_and_turns, skin_columns, unit_covariance
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
@@ -60,6 +60,25 @@ def test_noise_is_seldom_taken_for_skin() -> None:
         found += len(skin_sizes([moved(problem, "hip_flexion_r", 0.0, seed, 0.002)]))
         asked += sum(len(g.names) for g in problem.tissue.groups) if problem.tissue else 0
     assert found <= asked / 5
+
+
+def test_skin_that_two_markers_cannot_show_is_assumed() -> None:
+    """A third marker in another trial shows it."""
+    whole = hip_trial(0)
+    problem = moved(whole, "hip_flexion_r", 0.0, 0, 0.0005)
+    weight = problem.data.weight.copy()
+    group = next(g for g in problem.tissue.groups if problem.chain.segments[g.segment] == "thigh_r")  # type: ignore[union-attr]
+    weight[group.markers.start + 2 : group.markers.stop] = 0.0
+    two = replace(problem, data=replace(problem.data, weight=weight))
+    sizes = skin_sizes([two])
+    assert hidden_segments([two]) == {"thigh_r"} and not hidden_segments([two, problem])
+    assert {name: sizes["thigh_r", name] for name in beside("thigh_r") if ("thigh_r", name) in sizes} == dict.fromkeys(
+        group.names, LARGEST
+    )
+    assert sum(segment == "thigh_r" for segment, _ in skin_sizes([two, problem])) < len(group.names)
+    shown, assumed = skin_in_words({**sizes, ("pelvis", "hip_flexion_r"): 0.2}, hidden_segments([two]))
+    assert "pelvis by 20" in shown and "thigh_r" not in shown
+    assert assumed.startswith("markers of thigh_r are too few to show how skin moves") and "50 %" in assumed
 
 
 def test_markers_that_turn_and_shift_together_have_the_spread_of_clusters() -> None:

@@ -7,6 +7,8 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,18 +17,24 @@ from typer.testing import CliRunner, Result
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.cli import app
+from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, learn_priors
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, keep
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.cohort.tables import mark
 from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
+from gaitcal.files.snapshot import sha256_of
+from gaitcal.intake.draft_text import settings_text
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.population.result_evidence import NotUsedError, evidence_of
+from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
 from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, hip_trial
 from tests.derivatives import perturbed_parameters
 from tests.synthetic_studies import write_synthetic_study
@@ -37,6 +45,12 @@ def run(*words: object) -> Result:
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
+
+
+def with_priors(study: Path, named: str, *more: str) -> str:
+    """The text of a study file that names priors."""
+    head, _, settings = study.read_text().partition("[calibration]\n")
+    return "\n".join([head, "[calibration]", f'priors = "{named}"', *more, settings])
 
 
 def prior(mean: np.ndarray, covariance: np.ndarray) -> JointPrior:
@@ -116,6 +130,19 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
     assert manifest["settings"]["priors"] == PRIORS and manifest["inputs_sha256"][PRIORS]
     plain = json.loads((result / "summary.json").read_text())
     assert "joint_prior" not in plain and not any("lean on" in note for note in plain["notes"])
+    # the same file named by the study itself: the same result, and no option beside it
+    shutil.copy(out / PRIORS, study.parent / PRIORS)
+    own = study.with_name("own.toml")
+    own.write_text(with_priors(study, PRIORS))
+    assert "lean on 7 people" in " ".join(run("calibrate", own, "--out", tmp_path / "own").output.split())
+    again = json.loads((tmp_path / "own" / "manifest.json").read_text())
+    assert again["settings"] == manifest["settings"] and again["inputs_sha256"][PRIORS]
+    assert again["settings"]["priors_sha256"] == again["inputs_sha256"][PRIORS]
+    assert (tmp_path / "own" / "parameters.csv").read_text() == (tmp_path / "result" / "parameters.csv").read_text()
+    assert load_result(tmp_path / "own").settings.priors == Path(PRIORS)
+    with pytest.raises(UsageError, match=r"--priors: not beside the priors that .*own.toml names"):
+        run("calibrate", own, "--out", tmp_path / "neither", "--priors", out / PRIORS)
+    assert not (tmp_path / "neither").exists()
     with pytest.raises(NotUsedError, match="priors of a cohort itself"):
         evidence_of(tmp_path / "result", "P0")
     leaning, by_itself = (load_session(folder)[0] for folder in (tmp_path / "result", result))
@@ -126,8 +153,10 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
 @pytest.mark.slow
 def test_too_few_trustworthy_people_are_one_line(cohort: tuple[Cohort, Path]) -> None:
     everybody, out = cohort
+    few = replace(everybody, people=(*everybody.people[:4], everybody.people[9], everybody.people[9]))
     with pytest.raises(InputError, match=r"4 people can be learnt of; allowed: 8 or more") as raised:
-        learn_priors(replace(everybody, people=everybody.people[:4]), out)
+        learn_priors(few, out)
+    assert "(left out: its verdict is refused (2))" in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
@@ -162,3 +191,80 @@ def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch
     monkeypatch.setattr(command, "learn_priors", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
+    assert "no priors will be learnt: 1 people, of 8 or more they can be" in said
+
+
+def test_a_study_that_names_no_priors_is_one_line_with_its_field(tmp_path: Path) -> None:
+    study = write_synthetic_study(tmp_path)
+    plain = study.read_text()
+    study.write_text(with_priors(study, "prior.json"))
+    with pytest.raises(InputError, match=r"study.toml: calibration.priors: no such file: '.*prior.json'"):
+        Study.load(study)
+    (tmp_path / "prior.json").write_text("[]")
+    with pytest.raises(InputError, match=r"prior.json: holds no priors; allowed: priors.json of"):
+        Study.load(study)
+    for other in ("jp = false", 'protocol = "published"'):
+        study.write_text(plain)
+        study.write_text(with_priors(study, "prior.json", other))
+        with pytest.raises(InputError, match=r"calibration.priors: found 'prior.json'; allowed only with protocol"):
+            Study.load(study)
+
+
+def test_a_cohort_file_names_priors_for_everyone(tmp_path: Path) -> None:
+    (tmp_path / "lab" / "Ann").mkdir(parents=True)
+    (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
+    file = tmp_path / "lab" / "cohort.toml"
+    file.write_text('[[person]]\nfolder = "Ann"\n[calibration]\nip = "none"\npriors = "../p.json"\n')
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=r"cohort.toml: calibration.priors: no such file"):
+        run("cohort", file, "--out", out)
+    (tmp_path / "p.json").write_text("{}")
+    with pytest.raises(InputError, match="p.json: holds no priors"):
+        run("cohort", file, "--out", out)
+    with pytest.raises(UsageError, match=r"--learn-priors: not with \[calibration\] priors of cohort.toml"):
+        run("cohort", file, "--out", out, "--learn-priors")
+    _, settings = read_cohort(file, out)
+    assert settings.priors == file.parent / "../p.json"
+
+
+def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gaitcal.commands import cohort as command
+
+    monkeypatch.setattr(command, "read_cohort_priors", lambda path: None)
+    said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")
+    priors, settings = command._priors(command.CohortOptions(), said)
+    assert priors == (tmp_path / "p.json").resolve()
+    assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
+    with pytest.raises(UsageError, match="--priors: not beside the priors that cohort.toml names"):
+        command._priors(command.CohortOptions(priors=tmp_path / "q.json"), said)
+
+
+def test_other_priors_of_a_persons_own_study_are_another_fingerprint(tmp_path: Path) -> None:
+    folder = tmp_path / "lab" / "P0"
+    study = write_synthetic_study(folder)
+    study.write_text(with_priors(study, "../../p.json"))
+    person, marks = CohortPerson(folder=folder, name="P0"), set()
+    for content in (None, "one", "other"):
+        if content:
+            (tmp_path / "p.json").write_text(content)
+        marks.add(fingerprint(person, CommonSettings()))
+    assert len(marks) == 3
+
+
+def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path: Path) -> None:
+    (tmp_path / "p.json").write_text("one")
+    own = replace(prior(np.zeros(len(HIP)), np.eye(len(HIP))), file="own.json", sha256="ab")
+    study = SimpleNamespace(subject=SimpleNamespace(mass=70.0, height=1.7), joint_prior=own)
+    person = CohortPerson(folder=tmp_path, name="P0")
+    (note,) = _contradictions(person, cast(Study, study), CommonSettings(priors=tmp_path / "p.json"))
+    assert note == "priors = p.json was said for the cohort; the study file's own.json is used"
+    same = SimpleNamespace(**{**vars(study), "joint_prior": replace(own, sha256=sha256_of(tmp_path / "p.json") or "")})
+    assert not _contradictions(person, cast(Study, same), CommonSettings(priors=tmp_path / "p.json"))
+
+
+def test_the_drafted_study_of_a_result_names_the_priors(tmp_path: Path) -> None:
+    text = settings_text(CalibrationSettings(ip="none"), tmp_path / "lab" / "p.json", tmp_path / "out" / "P0")
+    assert text == '[calibration]\nip = "none"\npriors = "../../lab/p.json"\n'
+    assert settings_text(CalibrationSettings(), None, tmp_path) == ""

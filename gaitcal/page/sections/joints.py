@@ -38,6 +38,10 @@ MOVED = (
     "segment: forward, up, to the right."
 )
 TRUE = " A ring around a dot: calibration found the truth; around zero: the nominal value was true."
+LEANING = (
+    "What the trials leave open, these joints take from {people} people of a cohort ({file}), whose mean may lie "
+    "beside the nominal values; which parts of the body it teaches of: preset Provenance."
+)
 LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SIDES = {"r": "Right", "l": "Left", "": "Parameter"}
 SEEN = ("fitted", "at bound")
@@ -84,6 +88,8 @@ def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]
     legs = [group for group in groups if _part(group) in LEG_JOINTS]
     others = [group for group in groups if group not in legs]
     out = [heading("Joint parameters: where the joints lie"), text(MOVED + (TRUE if truth else ""), "soft")]
+    if (prior := calibration.study.joint_prior) is not None:
+        out.append(text(LEANING.format(people=prior.people, file=prior.file)))
     out += [*_pictures(legs, truth, bounds), *_joint_tables(legs, truth)]
     if others:
         rest = [*_pictures(others, truth, bounds), *_joint_tables(others, truth)]
@@ -146,19 +152,19 @@ def _table(rows: Sequence[Row], truth: Mapping[str, float], percent: bool, sided
 
 def _row(row: Row, truth: Mapping[str, float], percent: bool, known: bool) -> list[Cell]:
     digits = row.digits
-    first = [cell(row.words, unit=row.unit), number(row.nominal, digits)]
+    nominal, fitted = number(row.nominal, digits), number(row.fitted, digits)
     true = [number(truth.get(row.name), digits)] if known else []
-    if row.status == "unidentifiable":
-        return [*first, cell("kept, not determined", tone="look"), number(None), *true]
-    fitted = number(row.fitted, digits)
+    unseen, at_bound = row.status == "unidentifiable", row.status == "at bound"
+    if unseen and fitted == nominal:
+        return [cell(row.words, unit=row.unit), nominal, cell("kept, not determined", tone="look"), number(None), *true]
     change = number(row.change, digits, True)
     if row.error is not None:
         change += f" ± {number(row.error, digits)}"
     share = f"({number(100.0 * row.change / abs(row.nominal), 0, True)} %)" if percent and row.nominal else ""
-    at_bound = row.status == "at bound"
     return [
-        *first,
-        cell(f"{fitted}, at its bound" if at_bound else fitted, tone="look" if at_bound else ""),
+        cell(f"{row.words}, not determined" if unseen else row.words, unit=row.unit),
+        nominal,
+        cell(f"{fitted}, at its bound" if at_bound else fitted, tone="look" if at_bound or unseen else ""),
         cell(change, unit=share),
         *true,
     ]

@@ -35,7 +35,7 @@ OF_FILES: Final = ("kind", "files", "sha256", HASHES)
 NOISE: Final = (
     "Noise: the marker error that would say as little of the joint parameters, if every frame of every marker were "
     "independent of all others. Skin movement repeats itself, so it is larger than the residuals; what was known "
-    "before a phase, nominal values and earlier trials, is weighed against it. How long each phase took: summary.json."
+    "before a phase, of people and by earlier trials, is weighed against it. How long each phase took: summary.json."
 )
 FILES: Final = (
     "Beside this page: parameters.csv (every parameter with its error), summary.json, manifest.json (settings, "

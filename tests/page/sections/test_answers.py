@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.gait.words import parameter_words
+from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.page.sections.answers import Answer, answers
 from gaitcal.page.sections.blocks import number
+from gaitcal.page.sections.joints import joint_blocks
 from gaitcal.page.sections.sections import walks_of
 from gaitcal.page.sections.trial_rows import trial_fits
 from gaitcal.person.marker_fit import RmsErrors
-from gaitcal.person.parameter_words import blind_spots, joint_groups, range_of_motion
+from gaitcal.person.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
 from gaitcal.person.result import Calibration, Stage
+from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import fake_calibration
 
 
@@ -95,6 +102,51 @@ def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
     rows = {row.name: row for group in joint_groups(whole) for row in (*group.right, *group.left)}
     assert rows["hip_l.pelvis.ant"].change == pytest.approx(4.0)  # mm
     assert (rows["hip_l.pelvis.ant"].side, rows["hip_l.pelvis.ant"].part) == ("l", "hip")
+
+
+@pytest.mark.parametrize(
+    ("settings", "mean", "kept"),
+    [
+        (CalibrationSettings(protocol="published"), None, "keep their nominal values"),
+        (CalibrationSettings(), None, "stay near their nominal values"),
+        (CalibrationSettings(), 0.0, "stay near their nominal values"),
+        (CalibrationSettings(), 0.01, "stay near what the cohort has"),
+    ],
+)
+def test_what_becomes_of_an_unseen_parameter(
+    whole: Calibration, settings: CalibrationSettings, mean: float | None, kept: str
+) -> None:
+    """`mean`: of all parameters that a cohort expects; one that teaches nothing leaves them at their nominal values."""
+    prior = None
+    if mean is not None:
+        names = whole.unidentifiable
+        prior = JointPrior(
+            names=names,
+            mean=np.full(len(names), mean),
+            covariance=np.diag(prior_deviations(names) ** 2),
+            file="priors.json",
+            people=12,
+            left_out=0,
+            notes=(),
+        )
+    person = replace(whole, study=replace(whole.study, settings=settings, joint_prior=prior))
+    assert any(kept in sentence for sentence in blind_spots(person))
+    ending = counts_sentence(person)
+    assert ending.endswith("All others keep their nominal values.")
+    assert ("stays near what the cohort has" in ending) == (mean == 0.01)
+    shown = json.dumps(joint_blocks(person))
+    assert ("12 people of a cohort (priors.json)" in shown) == (prior is not None)
+
+
+def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) -> None:
+    name = whole.unidentifiable[0]
+    words = parameter_words(name) + ", not determined"
+    assert words not in json.dumps(joint_blocks(whole))
+    moved = whole.model.parameters.with_joint((name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1)
+    person = replace(whole, model=whole.model.with_parameters(moved))
+    (row,) = [row for g in joint_groups(person) for row in (*g.right, *g.left) if row.name == name]
+    shown = json.dumps(joint_blocks(person))
+    assert words in shown and f'"{row.fitted:.1f}"' in shown
 
 
 @pytest.mark.parametrize(("share", "advice"), [(0.01, "are needed. Add an isolated trial"), (1.0, "do not move it in")])
