@@ -7,7 +7,7 @@ import pickle
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gaitcal.files.lock import locked
 
@@ -35,6 +35,20 @@ def kept_folder(folder: Path, make: Callable[[Path], object]) -> Path:
             make(folder)
             done.touch()
     return folder
+
+
+def kept_person(kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
+    """The study file of `gaitcal.synthesize`, in a folder that nobody changes."""
+    from gaitcal.synthetic.subject import synthesize
+
+    options = [f"--seed{seed}"] * (seed > 0) + ["--noise"] * noise + ["--perturb"] * perturb
+    folder = kept / "".join(["person", *options])
+    return kept_folder(folder, lambda out: synthesize(out, seed=seed, noise=noise, perturb=perturb)) / "study.toml"
+
+
+def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
+    """In place of `gaitcal.synthesize`: the same files in `out`."""
+    return Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True)) / "study.toml"
 
 
 def kept_object(folder: Path, make: Callable[[], T]) -> T:
