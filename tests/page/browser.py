@@ -20,7 +20,6 @@ FLAGS = (
     "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox", "--disable-dev-shm-usage",
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-extensions",
     "--disable-background-networking", "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
-    "--webgl-antialiasing-mode=none",
 )  # fmt: skip
 TIMEOUT = 90.0
 """s: software rendering on a busy machine is slow, and a hung browser must not hang the tests."""
