@@ -28,6 +28,7 @@ check ruff check .
 check ruff format --check .
 check mypy
 check lint-imports
-# Whole files go to one process each, as their fixtures are made once a file.
+# Whole files go to one process each, as their fixtures are made once a file; those with slow tests begin
+# (tests/conftest.py), and what several files need is made once a run (tests/kept.py).
 check pytest -n auto --dist loadfile "$@"
 [ -z "$failed" ] || die "FAILED:$failed"

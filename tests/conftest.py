@@ -4,20 +4,51 @@ from __future__ import annotations
 
 import logging
 import os
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.kept import run_folder
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Processes of `-n` take files in the order below, not those of fewest tests last."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Among several processes, files with slow tests come first, so that none is left to one process at the end.
+
+    Of the others, those with many tests come first.
+    """
+    if not hasattr(config, "workerinput"):
+        return
+    slow, count = Counter[Path](), Counter[Path]()
+    for item in items:
+        slow[item.path] += item.get_closest_marker("slow") is not None
+        count[item.path] += 1
+    items.sort(key=lambda item: (-slow[item.path], -count[item.path], item.path))
+
+
 @pytest.fixture(autouse=True)
 def _nobody_is_quiet() -> None:
     """A command that was asked to be quiet in this process, in an earlier test or a fixture, quiets no test."""
     logging.getLogger("gaitcal").setLevel(logging.NOTSET)
+
+
+@pytest.fixture(scope="session")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for what test files share in this run (`tests/kept.py`)."""
+    return run_folder(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from gaitcal import Study, calibrate, parameter_table
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.subject import synthesize
+from tests.kept import copied_person, kept_person
 from tests.scripts import script
 
 SEEDS = (3, 4, 5)
@@ -21,9 +22,12 @@ SEEDS = (3, 4, 5)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("settings", ["exact", "gait-only"])
-def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
+def test_intervals_of_whole_calibrations_cover_the_truth(
+    settings: str, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`exact`, not `default`: there, the bars are for plates and palpated axes that are wrong, which these are not."""
     check = script("check_recovery")
+    monkeypatch.setattr("truth.synthetic.synthesize", partial(copied_person, kept))
     people = [check.synthetic_person(seed, check.Settings(settings)) for seed in SEEDS]
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"].dropna()
@@ -38,12 +42,12 @@ def test_intervals_of_whole_calibrations_cover_the_truth(settings: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rule", [HipCentre.BELL, HipCentre.HARRINGTON])
-def test_the_truth_is_told_in_the_frames_of_the_calibration(rule: HipCentre, tmp_path: Path) -> None:
+def test_the_truth_is_told_in_the_frames_of_the_calibration(rule: HipCentre, kept: Path) -> None:
     """A thigh begins at the hip of the rule that a calibration uses."""
     script("check_recovery")
     from truth.synthetic import true_parameters  # found once the script has told Python where
 
-    study = Study.load(synthesize(tmp_path / "person", seed=3, perturb=True))
+    study = Study.load(kept_person(kept, seed=3, perturb=True))
     study = replace(
         study,
         settings=study.settings.model_validate({"hip_centre": rule.value, "jp": False}),

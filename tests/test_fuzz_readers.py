@@ -14,7 +14,7 @@ import pytest
 from gaitcal.recording.c3d import parser
 from tests.scripts import script
 
-FEW, MANY = 15, 200
+FEW, MANY = 15, 100
 fuzzing = script("fuzz_readers")
 RECORDINGS = ("markers .c3d", "markers .trc", "markers .csv", "forces .mot", "forces .csv")
 REAL = ("real TYPE-1.C3D", "real TYPE-4.C3D", "real Eb015vi.c3d")

@@ -6,12 +6,16 @@ import importlib
 import json
 import re
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
+import gaitcal as gc
+from tests.kept import copied_person, kept_object
 from tests.scripts import script
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +53,20 @@ def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -
     assert "benchmark" in sys.modules
 
 
+@pytest.fixture
+def once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The person of the first two scripts is the same: he is made and calibrated by the one that comes first."""
+    monkeypatch.setattr(gc, "synthesize", partial(copied_person, kept))
+    calibrate = gc.calibrate
+
+    def calibrated(study: gc.Study, tell: Callable[[str], None] = lambda _: None) -> gc.Calibration:
+        return kept_object(kept / "calibration--seed1--noise--perturb", lambda: calibrate(study, tell))
+
+    monkeypatch.setattr(gc, "calibrate", calibrated)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("once")
 def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script("01_calibrate").main([str(tmp_path)])
     said = capsys.readouterr().out
@@ -70,6 +87,7 @@ def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("once")
 def test_uncertainty_script_sets_errors_beside_standard_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,8 +103,11 @@ def test_uncertainty_script_sets_errors_beside_standard_errors(
 
 
 @pytest.mark.slow
-def test_marker_set_script_compares_two_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_marker_set_script_compares_two_sets(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     own = script("04_own_marker_set")
+    monkeypatch.setattr(gc, "synthesize", partial(copied_person, kept))
     with pytest.raises(SystemExit) as stopped:
         own.main([str(tmp_path), "one.toml"])
     assert stopped.value.code == 2

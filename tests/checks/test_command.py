@@ -59,6 +59,8 @@ def test_force_goes_on_and_says_so(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spoil(study, "RL")  # what is wrong with one leg alone would leave the other
+    with study.open("a", encoding="utf-8") as stream:
+        stream.write("jp = false\n")  # under such data joints would be sought for a minute
     result = tmp_path / "result"
     assert run(monkeypatch, "calibrate", study, "--out", result) == 1
     assert not result.exists()

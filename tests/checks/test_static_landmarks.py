@@ -25,16 +25,21 @@ from gaitcal.checks.study import evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
-from gaitcal.recording import Recording
+from gaitcal.recording import Recording, write_c3d
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import StudyTrial
 from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import static_motion
-from gaitcal.synthetic.subject import synthesize
+from gaitcal.synthetic.motion import standing_pose, static_motion
+from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
 from tests.checks.spoilt import Array, Change, moved, sound_study, swapped, with_trial
 from tests.real_studies import REAL, study_text
 
 ERROR, WARNING = Severity.ERROR, Severity.WARNING
+STANDS = """
+subject = {{ name = "synthetic", mass_kg = {mass}, height_m = 1.70, sex = "male" }}
+markers = {{ set = "published" }}
+trial = [{{ name = "static", role = "static", file = "static.c3d" }}]
+"""
 
 
 def evidence(study: Study, trial: StudyTrial) -> TrialEvidence:
@@ -282,7 +287,11 @@ def test_arms_do_not_matter(sound: Study) -> None:
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
     """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of its segments."""
-    study = Study.load(synthesize(tmp_path, seed=seed, perturb=True))
+    model = synthetic_model(np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True)
+    standing = on_the_floor(model, static_motion(standing=standing_pose(model.parameters)))
+    write_c3d(tmp_path / "static.c3d", recording_of("static", standing, model, model.markers.labels))
+    (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
+    study = Study.load(tmp_path / "study.toml")
     model, _ = nominal_model_of(study)
     (static,) = (trial for trial in evidence_of(study, model) if trial.is_static)
     assert list(proportions(static)) == []

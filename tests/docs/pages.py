@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,12 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from documentation.blocks import Block, blocks_of, run  # noqa: E402
 
+from tests.kept import kept_folder  # noqa: E402
+
 DOCS = ROOT / "docs"
 PROGRAM = """#!/bin/sh
 [ "$1" = example ] && exec "{python}" -m tests.docs.local_example "$@"
+[ "$1" = synthesize ] && exec "{python}" -m tests.docs.kept_person "$@"
 exec "{python}" -m gaitcal.cli "$@"
 """
 SETUP = """gaitcal synthesize --out person --noise
@@ -26,14 +30,18 @@ gaitcal calibrate person/study.toml --out result
 """The block with which how-to pages begin that need a result: run once, and copied."""
 
 
-def environment(folder: Path) -> dict[str, str]:
-    """With `gaitcal` on the path, as an installation has it."""
+def environment(folder: Path, kept: Path) -> dict[str, str]:
+    """With `gaitcal` on the path, as an installation has it, and what pages share in `kept`."""
     program = folder / "bin" / "gaitcal"
     program.parent.mkdir(parents=True, exist_ok=True)
     program.write_text(PROGRAM.format(python=sys.executable), encoding="utf-8")
     program.chmod(0o755)
-    paths = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": paths}
+    paths = {
+        "PATH": os.pathsep.join([str(program.parent), os.environ["PATH"]]),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
+        "GAITCAL_TESTS_KEPT": str(kept),
+    }
+    return {**os.environ, **paths}
 
 
 def needs_recordings(page: Path) -> bool:
@@ -41,25 +49,23 @@ def needs_recordings(page: Path) -> bool:
     return any("gaitcal example " in block.text for block in blocks_of(page) if block.runs)
 
 
-def prepared(block: Block, folder: Path, made: Path) -> bool:
-    """Put the result there that another page made with the same block."""
-    if block.text != SETUP or not (made / "result").is_dir():
-        return False
-    shutil.copytree(made, folder, dirs_exist_ok=True)
-    return True
-
-
-def follow(page: Path, folder: Path, bin_folder: Path, made: Path) -> str:
+def follow(page: Path, folder: Path, bin_folder: Path, kept: Path) -> str:
     """Run every block of a page in `folder`, which becomes the current one; returns what commands printed."""
     names: dict[str, Any] = {}
     told = []
-    for block in blocks_of(page):
-        if prepared(block, folder, made):
-            continue
-        text = run(block, folder, names, environment(bin_folder))
+    setting = environment(bin_folder, kept)
+
+    def ran(block: Block, place: Path) -> None:
+        place.mkdir(exist_ok=True)
+        text = run(block, place, names, setting)
         if text.startswith("FAILED"):
             pytest.fail(text, pytrace=False)
         told.append(text)
+
+    for block in blocks_of(page):
         if block.text == SETUP:
-            shutil.copytree(folder, made, dirs_exist_ok=True)
+            made = kept_folder(kept / "setup", partial(ran, block))
+            shutil.copytree(made, folder, dirs_exist_ok=True)
+        else:
+            ran(block, folder)
     return "\n".join(told)

@@ -12,21 +12,15 @@ from tests.results.test_described import undescribed_below
 PAGES = sorted((DOCS / "how-to").glob("*.md"))
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the first page that needs a result makes, for the others."""
-    return tmp_path_factory.mktemp("made")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
 def test_a_how_to_page_runs(
-    page: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    page: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     if needs_recordings(page):
         request.getfixturevalue("data_dir")
     folder = tmp_path / "reader"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    follow(page, folder, tmp_path, made)
+    follow(page, folder, tmp_path, kept)
     assert undescribed_below(folder) == []

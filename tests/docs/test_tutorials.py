@@ -15,12 +15,12 @@ PAGES = sorted((DOCS / "tutorials").glob("*.md"))
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
 def test_a_tutorial_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    page: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     if needs_recordings(page):
         request.getfixturevalue("data_dir")
     folder = tmp_path / "reader"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    follow(page, folder, tmp_path, tmp_path / "made")
+    follow(page, folder, tmp_path, kept)
     assert undescribed_below(folder) == []

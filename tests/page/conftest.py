@@ -39,8 +39,11 @@ def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 @pytest.fixture
-def visit(_browser: Page) -> Callable[..., Page]:
-    """Open a page; every console message, exception and request since is kept in it."""
+def visit(_browser: Page) -> Iterator[Callable[..., Page]]:
+    """Open a page; every console message, exception and request since is kept in it.
+
+    It is left at the end: a walk that goes on playing would take a whole core from all later tests.
+    """
 
     def open_page(where: Path | str, width: int = 900, height: int = 620, phone: bool = False) -> Page:
         _browser.console.clear()
@@ -48,4 +51,5 @@ def visit(_browser: Page) -> Callable[..., Page]:
         _browser.open(where.as_uri() if isinstance(where, Path) else where, width, height, phone)
         return _browser
 
-    return open_page
+    yield open_page
+    _browser.open("about:blank")

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from gaitcal.study.study import Study
 from tests.scripts import script
+
+Sought = tuple[np.ndarray, tuple[str, ...]]
+"""Joint parameters, and the names of those fitted."""
 
 
 @pytest.fixture(scope="module")
@@ -16,10 +21,22 @@ def robustness() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def study(robustness: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Study:
-    """One isolated trial: the knee."""
+def study(robustness: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Study]:
+    """One isolated trial: the knee. What it gives unspoilt, by loss, is sought once for both tests."""
     made: Study = robustness.made_study(tmp_path_factory.mktemp("made") / "study", 2, 0.003, ("knee_r",))
-    return made
+    sought = robustness.joint_parameters
+    clean: dict[str, Sought] = {}
+
+    def joint_parameters(study: Study, loss: str) -> Sought:
+        if study is not made:
+            return sought(study, loss)
+        if loss not in clean:
+            clean[loss] = sought(study, loss)
+        return clean[loss]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robustness, "joint_parameters", joint_parameters)
+        yield made
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,8 +34,8 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
-from gaitcal.synthetic.subject import synthesize
 from tests.figures.told import charts, told
+from tests.kept import copied_person, kept_person
 from tests.page.page_words import page_words
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
@@ -44,16 +45,16 @@ SAME_TORQUE = 1.0
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
 
 
-def of_walk_alone(folder: Path, *, perturb: bool) -> Calibration:
+def of_walk_alone(kept: Path, **options: Any) -> Calibration:
     """Noiseless; the walk alone, which is quick."""
-    study = Study.load(synthesize(folder / "study", seed=4, perturb=perturb))
+    study = Study.load(kept_person(kept, **options))
     return calibrate(replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT)))
 
 
 @pytest.fixture(scope="module")
-def known(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+def known(kept: Path) -> Calibration:
     """Its nominal model is the truth, but for the digits in which the published subject is printed."""
-    return of_walk_alone(tmp_path_factory.mktemp("known"), perturb=False)
+    return of_walk_alone(kept)
 
 
 def errors(calibration: Calibration) -> TruthErrors:
@@ -77,9 +78,9 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
 
 
 @pytest.mark.slow
-def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(tmp_path: Path) -> None:
+def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -> None:
     """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
-    study = Study.load(synthesize(tmp_path / "study", seed=3, perturb=True))
+    study = Study.load(kept_person(kept, seed=3, perturb=True))
     exact = study.settings.model_copy(update={"nodes": WALK_NODES})  # the spline space of the truth
     truth = errors(calibrate(replace(study, settings=exact)))
     assert len(truth.features) == 12
@@ -190,10 +191,10 @@ def test_other_frames_are_not_compared(known: Calibration) -> None:
     assert "truth.hip_centre: found 'harrington', and the study uses 'bell'" in changed.notes[-1]
 
 
-def test_another_static_trial_is_not_compared(known: Calibration, tmp_path: Path) -> None:
+def test_another_static_trial_is_not_compared(known: Calibration, kept: Path, tmp_path: Path) -> None:
     """Refused where the study is read, noted where it was changed afterwards; the same in another format is not."""
     study = known.study
-    file = Path(synthesize(tmp_path / "study", seed=4))
+    file = copied_person(kept, tmp_path / "study")
     write_markers_csv(file.parent / "static.csv", study.static.recording)
     as_csv = file.read_text(encoding="utf-8").replace("static.c3d", "static.csv")
     file.write_text(as_csv, encoding="utf-8")

@@ -22,6 +22,7 @@ from gaitcal.synthetic.subject import synthesize, synthetic_model
 from gaitcal.synthetic.truth import in_static_frames, inertial_parameters_in, joint_parameters_in, segment_frames
 from gaitcal.synthetic.walk import CLEARANCE
 from tests.derivatives import perturbed_parameters
+from tests.kept import kept_person
 
 
 def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
@@ -63,8 +64,8 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
     assert all(p.subject.mass == pytest.approx(p.parameters.mass) for p in people)
 
 
-def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
-    study = Study.load(synthesize(tmp_path / "study", seed=6, perturb=True))
+def test_feet_just_touch_the_floor(kept: Path) -> None:
+    study = Study.load(kept_person(kept, seed=4, perturb=True))
     for trial in study.trials:
         feet = [k for k, label in enumerate(trial.recording.labels) if re.search("Heel|Toe|Midfoot", label)]
         # in gait, the nominal person's feet do, and others go where these go
@@ -73,23 +74,27 @@ def test_feet_just_touch_the_floor(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_same_seed_same_files(tmp_path: Path) -> None:
-    folders = [synthesize(tmp_path / name, seed=3, noise=True, perturb=True).parent for name in ("a", "b")]
-    for file in sorted(p.relative_to(folders[0]) for p in folders[0].rglob("*") if p.is_file()):
+def test_same_seed_same_files(kept: Path, tmp_path: Path) -> None:
+    first = kept_person(kept, seed=3, noise=True, perturb=True).parent
+    folders = [first, synthesize(tmp_path / "again", seed=3, noise=True, perturb=True).parent]
+    files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in folders]
+    assert files[0] == files[1]
+    for file in files[0]:
         assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes(), file
 
 
-def test_truth_is_told_in_the_frames_of_the_static_trial(tmp_path: Path) -> None:
+def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
     """Without perturbation the nominal model of the static trial is the truth, but for printed digits and the arms:
     with the published hips, which are not those that the files are told in.
     """
-    study = Study.load(synthesize(tmp_path / "plain"))
+    file = kept_person(kept)
+    study = Study.load(file)
     nominal = nominal_model(
         study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL
     ).parameters.joint
     model = synthetic_model(np.random.default_rng(0), perturb=False)
     truth = in_static_frames(model, HipCentre.BELL).joint / JP_TO_SI
-    told = pd.read_csv(tmp_path / "plain/truth.csv")["value"].to_numpy()[:98]
+    told = pd.read_csv(file.parent / "truth.csv")["value"].to_numpy()[:98]
     np.testing.assert_allclose(told, in_static_frames(model, HipCentre(study.settings.hip_rule)).joint / JP_TO_SI)
     legs = slice(0, 54)
     # the published hip centre is printed as 88.0 mm for 87.955, the knee and ankle angles follow
@@ -113,13 +118,14 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(tmp_path: Path) -> None
         ),
     ],
 )
-def test_noise_free_files_give_the_truth_back(tmp_path: Path, protocol: dict[str, str | int], within: float) -> None:
+def test_noise_free_files_give_the_truth_back(kept: Path, protocol: dict[str, str | int], within: float) -> None:
     """Wrong nominal values, no noise: C3D's 32-bit millimetres limit what can be found."""
-    study = Study.load(synthesize(tmp_path / "exact", seed=4, perturb=True))
+    file = kept_person(kept, seed=4, perturb=True)
+    study = Study.load(file)
     settings = study.settings.model_copy(update=protocol)
     calibration = calibrate(Study(**{**study.__dict__, "settings": settings}))
     found = parameter_table(calibration).set_index("name")
-    truth = pd.read_csv(tmp_path / "exact/truth.csv").set_index("name")["value"]
+    truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
     legs = found[found["segment"].str.match("pelvis|thigh|shank|talus|foot") & ~found.index.str.startswith("back")]
     legs = legs[(legs["status"] == "fitted") & legs["kind"].str.startswith("joint")]
     assert len(legs) == 54
@@ -127,17 +133,18 @@ def test_noise_free_files_give_the_truth_back(tmp_path: Path, protocol: dict[str
 
 
 @pytest.mark.slow
-def test_noisy_files_bring_hip_and_knee_nearer_the_truth(tmp_path: Path) -> None:
+def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
     """Table I's noise; total mass as weighed; the same bits again.
 
     Not of the published size throughout. Medians of eight people (`scripts/check_recovery.py`): hip 5.6 -> 2.3 mm,
     knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 -> 3.2 mm, but its axes 6.2 -> 6.6 deg (published, one draw: 3.4
     deg): a slow wave of up to 10 mm on three foot markers looks like rotation of the foot.
     """
-    study = Study.load(synthesize(tmp_path / "noisy", seed=5, noise=True, perturb=True))
+    file = kept_person(kept, seed=5, noise=True, perturb=True)
+    study = Study.load(file)
     tables = [parameter_table(calibrate(study)) for _ in range(2)]
     pd.testing.assert_frame_equal(tables[0], tables[1], check_exact=True)
-    truth = pd.read_csv(tmp_path / "noisy/truth.csv").set_index("name")["value"]
+    truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
     found = tables[0].set_index("name")
     for joint, kind in (
         ("hip", "joint position"),

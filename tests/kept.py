@@ -1,0 +1,62 @@
+"""What several test files need and nobody changes: made once a run, by whichever process asks first."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from gaitcal.files.lock import locked
+
+if TYPE_CHECKING:
+    import pytest
+
+T = TypeVar("T")
+LONGEST_S = 600.0
+"""A process that is waited for may have half a core."""
+
+
+def run_folder(factory: pytest.TempPathFactory) -> Path:
+    """The one temporary folder of all processes of this run."""
+    base = factory.getbasetemp()
+    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept"
+
+
+def kept_folder(folder: Path, make: Callable[[Path], object]) -> Path:
+    """`folder`, which `make` writes unless this run has it already. Tests that change anything change a copy."""
+    done = folder.with_name(f"{folder.name}.made")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with locked(folder, "kept", wait_s=LONGEST_S):
+        if not done.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            make(folder)
+            done.touch()
+    return folder
+
+
+def kept_person(kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
+    """The study file of `gaitcal.synthesize`, in a folder that nobody changes."""
+    from gaitcal.synthetic.subject import synthesize
+
+    options = [f"--seed{seed}"] * (seed > 0) + ["--noise"] * noise + ["--perturb"] * perturb
+    folder = kept / "".join(["person", *options])
+    return kept_folder(folder, lambda out: synthesize(out, seed=seed, noise=noise, perturb=perturb)) / "study.toml"
+
+
+def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
+    """In place of `gaitcal.synthesize`: the same files in `out`."""
+    return Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True)) / "study.toml"
+
+
+def kept_object(folder: Path, make: Callable[[], T]) -> T:
+    """What `make` returns, in a copy of one's own; `folder` holds it for this run."""
+
+    def write(place: Path) -> None:
+        place.mkdir()
+        (place / "object.pickle").write_bytes(pickle.dumps(make()))
+
+    found: T = pickle.loads((kept_folder(folder, write) / "object.pickle").read_bytes())
+    return found
