@@ -141,9 +141,10 @@ def _beyond(recording: Recording, segment_of: Mapping[str, str]) -> BoolArray:
             farthest = np.linalg.norm(np.maximum(high - least, most - low), axis=1)
             frames = np.flatnonzero(farthest > _SURELY * reach)
             if len(frames):
-                centre = _median(x[np.ix_(frames, _around(recording, segment_of, segment))])
-                away = np.linalg.norm(x[np.ix_(frames, columns)] - centre[:, None], axis=2)
-                out[np.ix_(frames, columns)] = away > reach
+                part = x[frames]
+                centre = _median(part[:, _around(recording, segment_of, segment)])
+                away = np.linalg.norm(part[:, columns] - centre[:, None], axis=2)
+                out[frames[:, None], columns] = away > reach
     return out
 
 
