@@ -73,6 +73,14 @@ def test_check_loads_no_tables_and_no_solvers(tmp_path: Path) -> None:
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
+@pytest.mark.parametrize("command", ["calibrate", "check", "dynamics"])
+def test_commands_load_no_data_frames_and_no_server(command: str, tmp_path: Path) -> None:
+    """They are for who asks for a data frame or a page in the browser, and would take a third of the imports' time."""
+    heavy = ["pandas", "pyarrow", "http.server", "scipy.signal", "scipy.stats", "matplotlib"]
+    code = f"import sys, gaitcal.commands.{command}; print([name for name in {heavy} if name in sys.modules])"
+    assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
+
+
 def test_public_names_are_loaded_when_first_used() -> None:
     assert len(gaitcal.__all__) == len(set(gaitcal.__all__))
     assert set(dir(gaitcal)) == set(gaitcal.__all__), "as in the stub that type checkers read"

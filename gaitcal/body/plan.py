@@ -16,11 +16,12 @@ either: they hold landmarks as laboratories palpate them, measured on thirteen r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.body.measure import Measure
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
@@ -84,16 +85,16 @@ def body_axes(p: Mapping[str, Array]) -> Array | None:
     """
     feet = np.array([p[f"toe_{s}"] - p[f"heel_{s}"] for s in SIDES if f"toe_{s}" in p and f"heel_{s}" in p])
     if len(feet) < len(SIDES) and "asis_r" in p and "asis_l" in p:
-        feet = np.cross([0.0, 1.0, 0.0], p["asis_r"] - p["asis_l"])[None]
+        feet = cross(np.array([0.0, 1.0, 0.0]), p["asis_r"] - p["asis_l"])[None]
     if not len(feet):
         return None
     feet[:, 1] = 0.0
     forward = feet.mean(axis=0)
-    length = float(np.linalg.norm(forward))
+    length = math.sqrt(forward @ forward)
     if length < 1e-6:
         return None
     x, y = forward / length, np.array([0.0, 1.0, 0.0])
-    return np.column_stack([x, y, np.cross(x, y)])
+    return np.column_stack([x, y, cross(x, y)])
 
 
 def measures(p: Mapping[str, Array], height: float, *, even: bool = True) -> list[Measure]:
@@ -139,7 +140,7 @@ def _lengths(q: Mapping[str, Array], height: float) -> Iterator[Measure]:
             lateral, medial = q.get(f"{joint}_lat_{side}"), q.get(f"{joint}_med_{side}")
             if lateral is not None and medial is not None:
                 across = lateral - medial
-                widths[side] = float(np.linalg.norm(across)) * (1.0 if sign(side) * across[2] >= 0 else -1.0)
+                widths[side] = math.sqrt(across @ across) * (1.0 if sign(side) * across[2] >= 0 else -1.0)
                 yield Measure(
                     name=f"{joint} width, {_WORDS[side]}",
                     value=widths[side],
@@ -162,12 +163,22 @@ def _of(landmark: str, side: str) -> str:
     return landmark if landmark == "sacrum" else f"{landmark}_{side}"
 
 
+_ALONG = {
+    "heel to toe": (0, 1.0),
+    "ASIS to sacrum": (0, -1.0),
+    "shank": (1, -1.0),
+    "medial shank": (1, -1.0),
+    "ASIS to knee": (1, -1.0),
+}
+"""Length -> the axis of the body along which it should lie, and to which end of it."""
+
+
 def _length(q: Mapping[str, Array], a: str, b: str, name: str) -> float:
     """mm, negative where the two lie the wrong way round along the body's axis that they should lie along."""
     d = q[b] - q[a]
-    length = float(np.linalg.norm(d))
-    along = {"heel to toe": d[0], "ASIS to sacrum": -d[0], "shank": -d[1], "medial shank": -d[1], "ASIS to knee": -d[1]}
-    return length if along.get(name, 1.0) >= 0 else -length
+    length = math.sqrt(d @ d)
+    axis, towards = _ALONG.get(name, (0, 0.0))
+    return length if towards * d[axis] >= 0 else -length
 
 
 def _sides(q: Mapping[str, Array], height: float) -> Iterator[Measure]:

@@ -16,6 +16,7 @@ from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
 from gaitcal.recording import marker_gaps
 from gaitcal.recording.intervals import duration, runs, spans
+from gaitcal.recording.recording import seen_mask
 
 SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""
@@ -211,12 +212,13 @@ def _one_trajectory(trial: TrialEvidence) -> Iterator[str]:
     """Pairs of markers that lie on each other in some twenty frames of the trial."""
     labels = [label for label in trial.marker_set.labels if label in trial.place and trial.weight(label) > 0]
     some = slice(None, None, max(1, len(trial.seen) // 20))
+    paths = trial.recording.markers[some][:, [trial.place[label] for label in labels]]
     for i, label in enumerate(labels):
-        for other in labels[:i]:
-            apart = np.abs(trial.path(label)[some] - trial.path(other)[some])
-            apart = apart[np.isfinite(apart).all(axis=1)]
-            if len(apart) >= 3 and float(apart.max()) < SAME_M:
-                yield f"'{other}' and '{label}'"
+        apart = np.abs(paths[:, i, None] - paths[:, :i])
+        both = seen_mask(apart)
+        farthest = np.where(both[:, :, None], apart, 0.0).max(axis=(0, 2), initial=0.0)
+        for k in np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M)):
+            yield f"'{labels[k]}' and '{label}'"
 
 
 def gaps(trial: TrialEvidence) -> Iterator[Finding]:

@@ -10,7 +10,8 @@ from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
 from gaitcal.files.amend import file_in_place
 from gaitcal.files.atomic import atomic_text
-from gaitcal.page import Shown, bones_of_folder, page_html, sentences, serve
+from gaitcal.page import Shown, bones_of_folder, page_html, sentences
+from gaitcal.page.server import serve
 from gaitcal.page.sheet import SHEET
 from gaitcal.results.page_files import result_page
 

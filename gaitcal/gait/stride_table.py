@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.gait.variables import unit_of
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 CYCLE_COLUMNS: Final = (
     *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
@@ -65,6 +67,8 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
 
 
 def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
+    import pandas as pd
+
     text = table[name]
     if pd.api.types.is_numeric_dtype(text):
         return text.astype(np.float64)

@@ -4,7 +4,7 @@
 
 of the means R and L of both legs (Robinson, Herzog & Nigg, J Manipulative Physiol Ther 1987): 0 where they are alike,
 positive where the right one is larger. There is none of the step width, which is one distance between both feet. Mean
-and standard deviations are those of `gait/ensemble.py`: each stride counts the same, also one of which the recording
+and standard deviations are those of `gait/spread.py`: each stride counts the same, also one of which the recording
 shows a part. Strides that turn are left out, and legs that are refused, with steps and supports beside them, to which
 both feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
 """
@@ -19,10 +19,10 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
-from gaitcal.gait.ensemble import spread
 from gaitcal.gait.events import SIDES
 from gaitcal.gait.progression import turns
 from gaitcal.gait.spatiotemporal import LEAST_STRIDE, MEASURES, Stride
+from gaitcal.gait.spread import spread
 from gaitcal.gait.words import SIDE_WORDS, listed
 
 OF_BOTH_LEGS: Final = ("step_width",)

@@ -23,6 +23,8 @@ FEWEST = 4
 """Markers of a median; segments with fewer around them are held against the whole body."""
 REACH_BODY_M = 1.7
 """m; from the median of the whole body wrists have been up to 0.94 m away."""
+_SURELY = 0.999
+"""Of the reach: within it rounding makes no stray."""
 MOST_SHARE = 0.3
 """Share of all markers that may stray in a frame."""
 
@@ -80,19 +82,25 @@ def stray_mask(recording: Recording, segment_of: Mapping[str, str]) -> BoolArray
     out = np.zeros_like(seen)
     if len(known) < FEWEST:
         return out
-    with np.errstate(invalid="ignore"):
-        out = _distances(recording, segment_of) > _reaches(recording, segment_of)
+    out = _beyond(recording, segment_of)
     crowded = out.sum(axis=1) > MOST_SHARE * np.maximum(seen[:, known].sum(axis=1), 1)
     out[crowded] = False
     return out
 
 
 def _around(recording: Recording, segment_of: Mapping[str, str], segment: str) -> list[int]:
-    """Columns of the markers of a segment and its neighbours."""
+    """Columns of the markers of a segment and its neighbours, or of all where these are few."""
+    near = _near(segment)
+    around = [k for k, label in enumerate(recording.labels) if segment_of.get(label) in near]
+    return around if len(around) >= FEWEST else [k for k, label in enumerate(recording.labels) if label in segment_of]
+
+
+def _near(segment: str) -> set[str]:
+    """A segment and its neighbours with markers."""
     near = _beside(segment)
     for between in [s for s in near if s.startswith("talus")]:  # a segment that never carries markers
         near = near | _beside(between)
-    return [k for k, label in enumerate(recording.labels) if segment_of.get(label) in near]
+    return near
 
 
 def _beside(segment: str) -> set[str]:
@@ -100,14 +108,43 @@ def _beside(segment: str) -> set[str]:
     return {segment, *(e for j in JOINTS if segment in (j.parent, j.child) for e in (j.parent, j.child))}
 
 
-def _reaches(recording: Recording, segment_of: Mapping[str, str]) -> Array:
-    """(nm,) m, how far each marker may be from the median around it."""
-    out = np.full(len(recording.labels), np.inf)
-    for segment in set(segment_of.values()):
-        reach = REACH_M if len(_around(recording, segment_of, segment)) >= FEWEST else REACH_BODY_M
-        for k, label in enumerate(recording.labels):
-            if segment_of.get(label) == segment:
-                out[k] = reach
+def _own(recording: Recording, segment_of: Mapping[str, str]) -> dict[str, list[int]]:
+    """Segment -> columns of its markers, of segments that have some."""
+    own: dict[str, list[int]] = {segment: [] for segment in segment_of.values()}
+    for k, label in enumerate(recording.labels):
+        if label in segment_of:
+            own[segment_of[label]].append(k)
+    return {segment: columns for segment, columns in own.items() if columns}
+
+
+def _beyond(recording: Recording, segment_of: Mapping[str, str]) -> BoolArray:
+    """(nf, nm) where a marker is out of reach of the median around it.
+
+    A median lies in the box of its markers; it is looked for only in frames in which the segment's own box has a corner
+    out of reach of a corner of that one.
+    """
+    x = recording.markers
+    out = np.zeros(x.shape[:2], dtype=np.bool_)
+    own = _own(recording, segment_of)
+    boxes = {
+        s: (np.fmin.reduce(x[:, columns], axis=1), np.fmax.reduce(x[:, columns], axis=1)) for s, columns in own.items()
+    }
+    for segment, columns in own.items():
+        near = [s for s in own if s in _near(segment)]
+        few = sum(len(own[s]) for s in near) < FEWEST
+        reach = REACH_BODY_M if few else REACH_M
+        least, most = (
+            f.reduce([boxes[s][k] for s in (own if few else near)]) for k, f in enumerate((np.fmin, np.fmax))
+        )
+        low, high = boxes[segment]
+        with np.errstate(invalid="ignore"):
+            farthest = np.linalg.norm(np.maximum(high - least, most - low), axis=1)
+            frames = np.flatnonzero(farthest > _SURELY * reach)
+            if len(frames):
+                part = x[frames]
+                centre = _median(part[:, _around(recording, segment_of, segment)])
+                away = np.linalg.norm(part[:, columns] - centre[:, None], axis=2)
+                out[frames[:, None], columns] = away > reach
     return out
 
 
@@ -115,13 +152,8 @@ def _distances(recording: Recording, segment_of: Mapping[str, str]) -> Array:
     """(nf, nm) m, from the median of the markers around; NaN where nothing tells."""
     x = recording.markers
     out = np.full(x.shape[:2], np.nan)
-    everything = [k for k, label in enumerate(recording.labels) if label in segment_of]
-    for segment in dict.fromkeys(segment_of.values()):
-        own = [k for k, label in enumerate(recording.labels) if segment_of.get(label) == segment]
-        if not own:
-            continue
-        around = _around(recording, segment_of, segment)
-        centre = _median(x[:, around if len(around) >= FEWEST else everything])
+    for segment, own in _own(recording, segment_of).items():
+        centre = _median(x[:, _around(recording, segment_of, segment)])
         out[:, own] = np.linalg.norm(x[:, own] - centre[:, None], axis=2)
     return out
 

@@ -5,7 +5,6 @@ from gaitcal.page.playback import left_out
 from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.server import ViewServer, serve
 from gaitcal.page.view import Shown, page_html, sentences, view_html, write_view
 
 __all__ = [
@@ -27,6 +26,4 @@ __all__ = [
     "BoneMeshes",
     "installed_bones",
     "bones_of_folder",
-    "serve",
-    "ViewServer",
 ]

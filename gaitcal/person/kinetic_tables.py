@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import GroundReactions
@@ -33,7 +34,7 @@ VECTOR_HEADER = (
 """Comment lines above the header of every file of moment vectors."""
 
 
-def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> pd.DataFrame:
+def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass` in kg."""
     errors = None if loads.errors is None else loads.errors.kinetics
     columns = _first(kinetics.time, loads.reactions)
@@ -42,10 +43,10 @@ def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> pd.
         columns[column] = value
         columns[f"{column}_se"] = np.full(len(value), np.nan) if errors is None else power_of(errors, name)
         columns[f"{column}_per_kg"] = value / mass
-    return pd.DataFrame(columns)
+    return columns
 
 
-def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> pd.DataFrame:
+def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
     errors = None if loads.errors is None else loads.errors.kinetics
     known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
@@ -57,7 +58,7 @@ def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> pd.DataFrame:
             columns[column] = value
             for ending, of in known.items():
                 columns[column + ending] = unknown if of is None else component_of(of, name, frame)
-    return pd.DataFrame(columns)
+    return columns
 
 
 def vector_column(name: str, frame: MomentFrame) -> str:
@@ -77,6 +78,6 @@ def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
             yield from joint.components
 
 
-def _first(time: Array, reactions: GroundReactions) -> dict[str, object]:
-    columns: dict[str, object] = {"time": time, "valid": reactions.valid.astype(int)}
+def _first(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
+    columns: dict[str, NDArray[Any]] = {"time": time, "valid": reactions.valid.astype(int)}
     return columns | {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}

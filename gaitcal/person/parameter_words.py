@@ -23,7 +23,7 @@ from gaitcal.gait.words import (
 )
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.person.result import Calibration
-from gaitcal.person.tables import parameter_table
+from gaitcal.person.tables import parameter_rows
 from gaitcal.study.settings import Protocol
 
 ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))
@@ -199,7 +199,7 @@ def counts_sentence(calibration: Calibration) -> str:
 def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
     bound = set(calibration.joint.at_bound if calibration.joint else ())
     rows = []
-    for entry in parameter_table(calibration).to_dict("records"):
+    for entry in parameter_rows(calibration):
         if str(entry["kind"]).startswith("joint ") is not joints:
             continue
         name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]

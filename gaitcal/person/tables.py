@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.gait.moments import moment_of
@@ -14,6 +15,9 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.motion.motion import Motion
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 COORDINATE_HEADER = (
     "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
@@ -56,11 +60,18 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
     axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`, `fitted`, `standard_error` (NaN where none),
     `status`: `fitted`, `fixed`, or `unidentifiable` (kept, as these trials do not show it).
     """
+    import pandas as pd
+
+    return pd.DataFrame(parameter_rows(calibration))
+
+
+def parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
+    """The rows of `parameter_table`, by the names of its columns; `standard_error` is None where there is none."""
     nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
     joint_free = set(calibration.joint.free) if calibration.joint else set()
     inertial_free = _free_inertial(calibration)
     errors, unseen = calibration.standard_errors, set(calibration.unidentifiable)
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, Any]] = []
     for i, p in enumerate(JOINT_PARAMETERS):
         place = {"name": p.name, "kind": f"joint {p.kind.value}", "segment": p.segment, "joint": p.joint}
         figures = _figures(nominal.joint[i], fitted.joint[i], errors.get(p.name), p.kind.to_si)
@@ -71,15 +82,15 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
         place = {"name": name, "kind": kind, "segment": segment, "joint": ""}
         figures = _figures(nominal.inertial[i], fitted.inertial[i], errors.get(name), IP_TO_SI[i])
         rows.append({**place, "unit": IP_UNITS[i], **figures, "status": _status(name, inertial_free, unseen)})
-    return pd.DataFrame(rows)
+    return rows
 
 
 def _figures(nominal: float, fitted: float, error: float | None, to_si: float) -> dict[str, object]:
     """The figures of one parameter in the unit of the table, from SI."""
     return {
-        "nominal": nominal / to_si,
-        "fitted": fitted / to_si,
-        "standard_error": None if error is None else error / to_si,
+        "nominal": float(nominal / to_si),
+        "fitted": float(fitted / to_si),
+        "standard_error": None if error is None else float(error / to_si),
     }
 
 
@@ -97,7 +108,7 @@ def _free_inertial(calibration: Calibration) -> set[str]:
 
 def coordinate_table(
     motion: Motion, errors: Array | None = None, relative_to: Mapping[str, float] | None = None
-) -> pd.DataFrame:
+) -> dict[str, Array]:
     """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error.
 
     `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
@@ -114,25 +125,25 @@ def coordinate_table(
     for suffix, values in parts.items():
         for k, name in enumerate(names):
             columns[name + suffix] = values[:, order[k]] * scale[k]
-    return pd.DataFrame(columns)
+    return columns
 
 
-def moment_table(loads: LoadedTrial) -> pd.DataFrame:
+def moment_table(loads: LoadedTrial) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
     final, unknown, reactions = loads.final, np.full(len(loads.final.time), np.nan), loads.reactions
-    columns: dict[str, object] = {"time": final.time, "valid": reactions.valid.astype(int)}
+    columns: dict[str, NDArray[Any]] = {"time": final.time, "valid": reactions.valid.astype(int)}
     columns |= {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
     for name in (*FILE_COORDINATES, *REACTIONS):
         value = moment_of(final, name)
         columns[name] = value
         columns[f"{name}_se"] = unknown if loads.errors is None else moment_of(loads.errors, name)
         columns[f"{name}_bwh"] = unknown if is_translation(name) else 100.0 * value / final.bwh
-    return pd.DataFrame(columns)
+    return columns
 
 
-def marker_error_table(trial: TrialResult) -> pd.DataFrame:
+def marker_error_table(trial: TrialResult) -> dict[str, Array]:
     """time, then per marker the distance (mm) between measured and model; empty where it was not seen."""
     errors = trial.calibrated.errors
     columns = {"time": trial.calibrated.time}
     columns.update({label: 1e3 * errors.distance[:, k] for k, label in enumerate(errors.labels)})
-    return pd.DataFrame(columns)
+    return columns

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait.moments import moment_of
@@ -17,7 +16,7 @@ from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI
 from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.person.result import Calibration, TrialResult
-from gaitcal.person.tables import parameter_table
+from gaitcal.person.tables import parameter_rows
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
 from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
@@ -57,7 +56,7 @@ def with_truth(calibration: Calibration) -> Calibration:
 
 
 def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
-    parameters = _parameters(parameter_table(calibration), known.parameters)
+    parameters = _parameters(parameter_rows(calibration), known.parameters)
     trials, why_not = {}, {}
     for trial in calibration.trials:
         curves = {"motion": known.motions.get(trial.name), "moments": known.moments.get(trial.name)}
@@ -76,7 +75,7 @@ def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
     )
 
 
-def _parameters(table: pd.DataFrame, true: Mapping[str, float]) -> tuple[ParameterTruth, ...]:
+def _parameters(rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]) -> tuple[ParameterTruth, ...]:
     to_si = dict(zip((*JP_NAMES, *IP_NAMES), (*JP_TO_SI, *IP_TO_SI), strict=True))
     return tuple(
         ParameterTruth(
@@ -86,10 +85,10 @@ def _parameters(table: pd.DataFrame, true: Mapping[str, float]) -> tuple[Paramet
             truth=true[row["name"]] / to_si[row["name"]],
             nominal=row["nominal"],
             fitted=row["fitted"],
-            error_bar=None if pd.isna(row["standard_error"]) else row["standard_error"],
+            error_bar=row["standard_error"],
             status=row["status"],
         )
-        for row in table.to_dict("records")
+        for row in rows
         if row["name"] in true
     )
 

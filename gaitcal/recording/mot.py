@@ -17,6 +17,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_text
+from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time, standing
 from gaitcal.recording.recording import ForcePlate
 from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
@@ -53,8 +54,8 @@ class StorageTable:
             "endheader",
             "\t".join(("time", *self.names)),
         ]
-        rows = ["\t".join(map(repr, row)) for row in np.column_stack([self.time, self.values]).tolist()]
-        return "\n".join([*header, *rows]) + "\n"
+        rows = number_cells(np.column_stack([self.time, self.values]), missing="nan")
+        return "\n".join(header) + "\n" + rows_text(rows, "\t")
 
 
 def read_table(path: str | PathLike[str]) -> StorageTable:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -140,8 +139,8 @@ def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
         if len(frames) == 0:
             longest = float(time[-1] - time[0])
         else:
-            between = [float(time[b] - time[a]) for a, b in pairwise(frames) if b - a > 1]
-            ends = [float(time[frames[0]] - time[0]), float(time[-1] - time[frames[-1]])]
-            longest = max(between + ends)
+            last = np.flatnonzero(np.diff(frames) > 1)
+            between = (time[frames[last + 1]] - time[frames[last]]).max(initial=0.0)
+            longest = float(max(between, time[frames[0]] - time[0], time[-1] - time[frames[-1]]))
         gaps.append(MarkerGaps(label, float(len(frames) / len(time)), longest))
     return tuple(gaps)

@@ -1,4 +1,4 @@
-"""What all tables of numbers in text files share: lines, rows of numbers, a column of times, cells to write.
+"""What all tables of numbers in text files share: lines, rows of numbers, a column of times.
 
 Every way in which a file cannot be read ends in one InputError that names line and column.
 
@@ -178,11 +178,6 @@ def _numbers(cells: list[str], line: str, source: Path, index: int) -> list[floa
                 code=Code.NOT_TEXT,
             ) from None
     return numbers
-
-
-def to_cells(values: Sequence[float]) -> list[str]:
-    """Numbers as text in the shortest form that reads back to the same bits; empty for NaN."""
-    return ["" if value != value else repr(value) for value in values]
 
 
 def require_increasing(time: Array, source: Path | str, lines: tuple[int, ...] | None = None) -> None:

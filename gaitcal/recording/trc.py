@@ -11,13 +11,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.atomic import atomic_file
+from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.axes import Vertical, make_y_up
 from gaitcal.recording.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.recording.recording import Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, to_cells, undo_rounding
+from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
@@ -81,8 +84,10 @@ def write_trc(path: Path, recording: Recording) -> None:
     ]
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
-        for index, frame in enumerate(recording.markers.reshape(frames, -1).tolist()):
-            file.write("\t".join([str(index + 1), *to_cells([float(recording.time[index]), *frame])]) + "\n")
+        numbers = number_cells(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]))
+        for index, row in enumerate(numbers, start=1):
+            row.insert(0, index)
+        file.write(rows_text(numbers, "\t"))
 
 
 def _label_line(path: Path, lines: Sequence[str]) -> int:

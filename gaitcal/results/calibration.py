@@ -29,7 +29,7 @@ from gaitcal.person.tables import (
     coordinate_table,
     marker_error_table,
     moment_table,
-    parameter_table,
+    parameter_rows,
     relative_header,
 )
 from gaitcal.recording import write_trc
@@ -39,7 +39,7 @@ from gaitcal.results.page_files import write_former_pages, write_page
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
-from gaitcal.results.table_file import refused_lines, write_csv
+from gaitcal.results.table_file import columns_of, refused_lines, write_csv
 from gaitcal.results.truth import write_truth
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
@@ -78,7 +78,7 @@ def write_results(
         (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        write_csv(parameter_table(calibration), out / "parameters.csv")
+        write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         write_former_pages(out)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
@@ -29,7 +29,10 @@ from gaitcal.person.kinetic_tables import told_powers
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.tables import relative_header, taken_off
-from gaitcal.results.table_file import read_csv, refused_lines, write_csv
+from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
@@ -72,16 +75,18 @@ def write_cycles(
     relative_to: Mapping[str, float] | None = None,
     earlier: pd.DataFrame | None = None,
     earlier_lines: Iterable[str] = (),
-) -> pd.DataFrame:
+) -> Table:
     """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials, as text.
 
-    Returns the table that is written.
+    Returns the table that is written: columns by name, or a data frame where there are earlier rows.
     """
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     relative = () if relative_to is None else relative_header(relative_to)
-    table = cycle_table(model, trials, relative_to)
+    table: Table = cycle_columns(model, trials, relative_to)
     if earlier is not None and not earlier.empty:
-        table = pd.concat([earlier, table], ignore_index=True) if len(table) else earlier
+        import pandas as pd
+
+        table = pd.concat([earlier, pd.DataFrame(table)], ignore_index=True) if len(table["value"]) else earlier
     write_csv(table, path, (*earlier_lines, *refused, *CYCLE_HEADER, *relative))
     return table
 
@@ -121,6 +126,15 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
 def cycle_table(
     model: SubjectModel, trials: Sequence[TrialResult], relative_to: Mapping[str, float] | None = None
 ) -> pd.DataFrame:
+    """`cycle_columns` as a data frame."""
+    import pandas as pd
+
+    return pd.DataFrame(cycle_columns(model, trials, relative_to))
+
+
+def cycle_columns(
+    model: SubjectModel, trials: Sequence[TrialResult], relative_to: Mapping[str, float] | None = None
+) -> dict[str, Column]:
     """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row where there is none.
 
     `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
@@ -135,7 +149,13 @@ def cycle_table(
                     stride = measured.get(number)
                     told = _against_line(trial, cycle, stride, signals)
                     parts.append(_rows(model.subject, trial, side, number, cycle, told, stride))
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(CYCLE_COLUMNS))
+    return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
+
+
+def _joined(parts: Sequence[Column]) -> Column:
+    if all(isinstance(part, np.ndarray) for part in parts):
+        return np.concatenate(parts) if parts else np.empty(0)
+    return [value for part in parts for value in part]
 
 
 def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping[str, float]) -> Iterator[_Signal]:
@@ -199,8 +219,9 @@ def _rows(
     cycle: GaitCycle,
     signals: Sequence[_Signal],
     measured: Stride | None,
-) -> pd.DataFrame:
+) -> dict[str, Column]:
     time, count = trial.body.time, len(signals)
+    rows = count * POINTS
 
     def laid(values: Sequence[Array]) -> Array:
         out: Array = normalise(time, np.stack(values, axis=1), cycle).T.ravel()
@@ -208,22 +229,21 @@ def _rows(
 
     unknown = np.full(len(time), np.nan)
     usable = laid([np.where(s.valid, 1.0, np.nan) for s in signals])
-    return pd.DataFrame(
-        {
-            "person": subject.name,
-            "session": subject.session,
-            "trial": trial.name,
-            "side": side,
-            "stride": stride,
-            "percent": np.tile(np.arange(POINTS), count),
-            "variable": np.repeat([s.name for s in signals], POINTS),
-            "value": _short(laid([s.value for s in signals])),
-            "se": _short(laid([unknown if s.error is None else s.error for s in signals])),
-            "valid": np.isfinite(usable).astype(int),
-            "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
-            "turn": np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS),
-        }
-    )
+    turn = np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
+    return {
+        "person": [subject.name] * rows,
+        "session": [subject.session] * rows,
+        "trial": [trial.name] * rows,
+        "side": [side] * rows,
+        "stride": np.full(rows, stride),
+        "percent": np.tile(np.arange(POINTS), count),
+        "variable": [s.name for s in signals for _ in range(POINTS)],
+        "value": _short(laid([s.value for s in signals])),
+        "se": _short(laid([unknown if s.error is None else s.error for s in signals])),
+        "valid": np.isfinite(usable).astype(int),
+        "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
+        "turn": np.full(rows, turn, dtype=np.float64),
+    }
 
 
 def _short(values: Array) -> Array:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+import numpy as np
+from numpy.typing import NDArray
 
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.kinetic_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
 from gaitcal.person.result import TrialResult
 from gaitcal.results.table_file import refused_lines, write_csv
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 POWER_FOLDER, VECTOR_FOLDER = "powers", "moment_vectors"
 DIGITS = 6
@@ -31,10 +37,12 @@ def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:
 
 def read_vectors(folder: Path, trial: str) -> pd.DataFrame | None:
     """The moment vectors of a trial of a result; None where there are none: no force plates."""
+    import pandas as pd
+
     path = folder / VECTOR_FOLDER / f"{trial}.csv"
     return pd.read_csv(path, comment="#") if path.exists() else None
 
 
-def _short(table: pd.DataFrame) -> pd.DataFrame:
+def _short(table: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Rounded, but for the time."""
-    return table.round({name: DIGITS for name in table.columns if name != "time"})
+    return {name: values if name == "time" else np.round(values, DIGITS) for name, values in table.items()}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import pandas as pd
+import numpy as np
 
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.spatiotemporal import MEASURES
@@ -13,6 +13,10 @@ from gaitcal.gait.symmetry import Average, MeasureMeans, counting, counts, measu
 from gaitcal.model.subject_model import Subject
 from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.results.json_types import Json
+from gaitcal.results.table_file import Column
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 SPATIOTEMPORAL: Final = "spatiotemporal.csv"
 SPATIOTEMPORAL_COLUMNS: Final = (
@@ -35,7 +39,14 @@ TURN_DIGITS: Final = 1
 
 
 def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.DataFrame:
-    """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`."""
+    """`spatiotemporal_columns` as a data frame."""
+    import pandas as pd
+
+    return pd.DataFrame(spatiotemporal_columns(subject, trials)).astype({"stride": "Int64"})
+
+
+def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> dict[str, Column]:
+    """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`; strides without number: None."""
     rows = [
         {
             "person": subject.name,
@@ -56,9 +67,10 @@ def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
-    table = pd.DataFrame(rows, columns=list(SPATIOTEMPORAL_COLUMNS))
-    kinds = {"stride": "Int64", "start": float, "stop": float, "value": float, "valid": int, "turn": float}
-    return table.astype(kinds).round({"start": DIGITS, "stop": DIGITS, "value": DIGITS, "turn": TURN_DIGITS})
+    columns: dict[str, Column] = {name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS}
+    for name, digits in {"start": DIGITS, "stop": DIGITS, "value": DIGITS, "turn": TURN_DIGITS}.items():
+        columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
+    return columns | {"valid": np.array(columns["valid"], dtype=int)}
 
 
 def spatiotemporal(calibration: Calibration) -> pd.DataFrame:

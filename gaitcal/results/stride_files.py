@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-import pandas as pd
+import numpy as np
+from numpy.typing import NDArray
 
 from gaitcal.files.snapshot import sha256_of
-from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -20,9 +21,12 @@ from gaitcal.results.spatiotemporal import (
     SPATIOTEMPORAL,
     SPATIOTEMPORAL_COLUMNS,
     SPATIOTEMPORAL_HEADER,
-    spatiotemporal_table,
+    spatiotemporal_columns,
 )
-from gaitcal.results.table_file import VERDICT, read_csv, refused_lines, write_csv
+from gaitcal.results.table_file import VERDICT, Column, Table, read_csv, refused_lines, write_csv
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded where a folder holds earlier rows: it takes a third of a second
 
 ENSEMBLE: Final = "ensemble.csv"
 STRIDE_FILES: Final = {CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
@@ -40,10 +44,11 @@ ENSEMBLE_HEADER: Final = (
 class EarlierStrides:
     """Rows of trials that a folder holds already, as text."""
 
-    cycles: pd.DataFrame
+    cycles: pd.DataFrame | None
+    """None where there are none, as of `spatiotemporal`."""
     cycle_lines: tuple[str, ...]
     """Comment lines about these trials."""
-    spatiotemporal: pd.DataFrame
+    spatiotemporal: pd.DataFrame | None
     spatiotemporal_lines: tuple[str, ...]
 
 
@@ -58,24 +63,37 @@ def write_stride_files(
 
     `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
     """
-    none = EarlierStrides(pd.DataFrame(), (), pd.DataFrame(), ())
-    before = earlier or none
+    before = earlier or EarlierStrides(None, (), None, ())
     cycles = write_cycles(folder / CYCLES, model, trials, relative_to, before.cycles, before.cycle_lines)
-    numbers = typed(cycles)
-    write_csv(ensemble(numbers).round(DIGITS), folder / ENSEMBLE, (*_turning_lines(numbers), *ENSEMBLE_HEADER))
-    table = spatiotemporal_table(model.subject, trials)
-    if len(before.spatiotemporal):
-        table = pd.concat([before.spatiotemporal, table.astype(object)], ignore_index=True)
+    strides = cycles if isinstance(cycles, Mapping) else _numbers(cycles)
+    write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
+    table: Table = spatiotemporal_columns(model.subject, trials)
+    if before.spatiotemporal is not None and len(before.spatiotemporal):
+        import pandas as pd
+
+        table = pd.concat([before.spatiotemporal, pd.DataFrame(table, dtype=object)], ignore_index=True)
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     write_csv(table, folder / SPATIOTEMPORAL, (*before.spatiotemporal_lines, *refused, *SPATIOTEMPORAL_HEADER))
 
 
-def _turning_lines(strides: pd.DataFrame) -> tuple[str, ...]:
+def _numbers(strides: pd.DataFrame) -> dict[str, Column]:
+    """The columns of a table of strides that may hold text, each stride once."""
+    table = typed(strides)
+    require_once(table)
+    return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
+
+
+def _mean_curves(strides: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
+    if not len(strides["value"]):
+        return {name: np.empty(0) for name in ENSEMBLE_COLUMNS}
+    curves = mean_curves(strides)
+    return {name: np.round(v, DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
+
+
+def _turning_lines(strides: Mapping[str, Column]) -> tuple[str, ...]:
     """A comment line that names the strides that turn; none where all go straight."""
-    if "turn" not in strides:
-        return ()
-    turning = strides[strides["turn"].abs() > TURNING]
-    named = dict.fromkeys(turning[["trial", "side", "stride"]].itertuples(index=False, name=None))
+    turning = np.flatnonzero(np.abs(np.asarray(strides["turn"], dtype=np.float64)) > TURNING)
+    named = dict.fromkeys((strides["trial"][k], strides["side"][k], strides["stride"][k]) for k in turning)
     if not named:
         return ()
     words = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
@@ -90,7 +108,7 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
     names = tuple(kept)
     out = []
     for file, columns in STRIDE_FILES.items():
-        table, lines = pd.DataFrame(), tuple[str, ...]()
+        table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
             table, comments = read_csv(folder / file)
             # with the word that follows: a trial may be called `se`, of which the head speaks as well

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
+from gaitcal.files.number_rows import is_plain, number_cells, rows_text
 from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.person.result import TrialResult
 
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
+
+Column: TypeAlias = NDArray[Any] | list[Any]
+"""Values of one column; None or NaN where there is none."""
+Table: TypeAlias = "Mapping[str, Column] | pd.DataFrame"
+"""Columns by name, or a data frame."""
 _BLOCK: Final = 50_000
 """Rows that are text in memory at once."""
 _QUOTE: Final = '"'
@@ -33,36 +41,59 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
     return tuple(REFUSED_LEG_HEADER.format(leg=SIDE_WORDS[side]) for side in trial.refused_legs)
 
 
-def write_csv(table: pd.DataFrame, path: Path, comments: Iterable[str] = ()) -> None:
-    """Write a table below comment lines.
+def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
+    """Write a table below comment lines; columns by name, or a data frame.
 
     Cells are those of `DataFrame.to_csv`, in a fraction of its time; text with a `#` stands in quotation marks, within
     which readers that take `#` for the start of a comment leave it alone.
     """
+    if isinstance(table, Mapping):
+        names, columns = list(table), list(table.values())
+    else:
+        names, columns = list(table.columns), [_plain(table.iloc[:, k]) for k in range(len(table.columns))]
+    rows = len(columns[0]) if columns else 0
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"# {line}\n" for line in comments)
-        stream.write(",".join(map(_cell, table.columns)) + "\n")
-        for start in range(0, len(table), _BLOCK):
-            part = table.iloc[start : start + _BLOCK]
-            columns = [_cells(part.iloc[:, k]) for k in range(len(table.columns))]
-            stream.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
+        stream.write(",".join(map(_cell, names)) + "\n")
+        for start in range(0, rows, _BLOCK):
+            stream.write(_rows([column[start : start + _BLOCK] for column in columns]))
 
 
-def _cells(column: pd.Series) -> list[str]:
-    """A column as text; empty where there is no value."""
-    kind = column.dtype.kind if isinstance(column.dtype, np.dtype) else ""
-    if kind and kind in "iu":
-        return list(map(str, column.tolist()))
-    if kind == "f":
-        text = list(map(repr, column.tolist()))
-        for k in np.flatnonzero(column.isna()):
-            text[k] = ""
-        return text
-    if isinstance(column.dtype, pd.StringDtype) or pd.api.types.infer_dtype(column, skipna=False) == "string":
-        codes, known = pd.factorize(column)  # text repeats itself: each is looked at once
-        told = np.array([*map(_cell, known), ""], dtype=object)  # the last: of what is missing, whose code is -1
-        return list(told[codes])
-    return ["" if pd.isna(value) else _cell(value) for value in column.tolist()]
+def columns_of(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
+    """Rows with the same names as columns by name."""
+    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+
+
+def _plain(column: pd.Series) -> Column:
+    """A column of a data frame without pandas; None where there is no value, but for NaN among numbers."""
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
+        return np.asarray(column)
+    return column.astype(object).where(column.notna(), None).tolist()  # type: ignore[no-any-return]
+
+
+def _rows(columns: Sequence[Column]) -> str:
+    cells = [_cells(column) for column in columns]
+    rows = list(zip(*cells, strict=True))
+    texts = (text for column, own in zip(columns, cells, strict=True) if not _is_numeric(column) for text in set(own))
+    if all(map(is_plain, texts)):
+        return rows_text(rows, ",")
+    return "".join(",".join(map(str, row)) + "\n" for row in rows)
+
+
+def _cells(column: Column) -> list[Any]:
+    """Numbers, and text in quotation marks where it needs them; empty text where there is no value."""
+    if _is_numeric(column):
+        return number_cells(np.asarray(column))
+    column = list(column)
+    values = set(column)
+    if all(isinstance(value, str) for value in values):
+        told = {value: _cell(value) for value in values}  # text repeats itself: each is looked at once
+        return [told[value] for value in column]
+    return ["" if value is None or value != value else _cell(value) for value in column]
+
+
+def _is_numeric(column: Column) -> bool:
+    return isinstance(column, np.ndarray) and column.dtype.kind in "iuf"
 
 
 def _cell(value: object) -> str:
@@ -73,6 +104,8 @@ def _cell(value: object) -> str:
 
 def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """A table as the text that it was written as, and its comment lines."""
+    import pandas as pd
+
     comments = []
     with path.open(encoding="utf-8", newline="") as stream:
         while (line := stream.readline()).startswith("# "):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import pandas as pd
+import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.person.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.results.json_types import Json
-from gaitcal.results.table_file import write_csv
+from gaitcal.results.table_file import columns_of, write_csv
 from gaitcal.study.truth import MOMENTS, MOTION
 
 FOLDER = "truth"
@@ -49,7 +49,7 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
         }
         for p in truth.parameters
     ]
-    write_csv(pd.DataFrame(rows), folder / "parameters.csv", PARAMETERS_HEADER)
+    write_csv(columns_of(rows), folder / "parameters.csv", PARAMETERS_HEADER)
     for name, trial in truth.trials.items():
         for curves, time, ending, header in (
             (trial.coordinates, trial.time, MOTION, MOTION_HEADER),
@@ -59,12 +59,12 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
                 write_csv(_curve_table(time, curves), folder / (name + ending), header)
 
 
-def _curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> pd.DataFrame:
-    columns: dict[str, object] = {"time": time}
+def _curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[str, Array]:
+    columns = {"time": time}
     for name, curve in curves.items():
         columns[name] = curve.truth
-        columns[f"{name}_error"] = pd.Series(curve.fitted - curve.truth).where(curve.compared)
-    return pd.DataFrame(columns)
+        columns[f"{name}_error"] = np.where(curve.compared, curve.fitted - curve.truth, np.nan)
+    return columns
 
 
 def truth_summary(truth: TruthErrors) -> dict[str, Json]:

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,10 +28,8 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.truth_landmarks import read_landmarks
+from gaitcal.study.truth_rows import number, read_rows
 from gaitcal.study.truth_table import TruthTable
-
-if TYPE_CHECKING:
-    import pandas as pd  # loaded by who reads or writes: few studies know the truth, and it takes a fifth of a second
 
 MOTION, MOMENTS = "_motion.csv", "_moments.csv"
 """Endings of the files of a trial."""
@@ -107,7 +104,7 @@ def moments_text(time: Array, forces: Array, bwh: float) -> str:
 
 
 def _text(units: str, columns: Mapping[str, Array]) -> str:
-    import pandas as pd
+    import pandas as pd  # loaded by who writes: it takes a third of a second
 
     rows: str = pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
     return f"# {units}\n{rows}"
@@ -176,15 +173,16 @@ def other_rule(table: TruthTable, settings: CalibrationSettings, marker_set: str
 
 
 def _parameters(path: Path) -> dict[str, float]:
-    rows = _read(path)
-    if list(rows.columns) != ["name", "unit", "value"]:
+    rows = read_rows(path)
+    if rows.names != ("name", "unit", "value"):
         raise InputError(
-            f"found columns {shown(list(rows.columns))}; allowed: name,unit,value", source=path, code=Code.TRUTH
+            f"found columns {shown(list(rows.names))}; allowed: name,unit,value", source=path, code=Code.TRUTH
         )
     out: dict[str, float] = {}
-    for name, unit, value in rows.itertuples(index=False):
+    for name, unit, cell in rows.cells():
+        value = number(cell)
         if name not in _UNIT:
-            hint = nearest(str(name), _UNIT) or "; allowed: names of a result's parameters.csv"
+            hint = nearest(name, _UNIT) or "; allowed: names of a result's parameters.csv"
             raise InputError(
                 f"found {shown(name)}, which is no parameter{hint}", source=path, field="name", code=Code.TRUTH
             )
@@ -193,13 +191,9 @@ def _parameters(path: Path) -> dict[str, float]:
                 f"found {shown(unit)}; allowed: {_UNIT[name]}", source=path, field=f"unit of {name}", code=Code.TRUTH
             )
         if name in out:
-            raise InputError(
-                "found twice; a parameter has one true value", source=path, field=str(name), code=Code.TRUTH
-            )
+            raise InputError("found twice; a parameter has one true value", source=path, field=name, code=Code.TRUTH)
         if not np.isfinite(value):
-            raise InputError(
-                f"found {shown(value)}; allowed: a finite number", source=path, field=str(name), code=Code.TRUTH
-            )
+            raise InputError(f"found {shown(cell)}; allowed: a finite number", source=path, field=name, code=Code.TRUTH)
         out[name] = float(value * _TO_SI[name])
     return out
 
@@ -213,44 +207,36 @@ def _curves(folder: Path | None, trials: Sequence[str], ending: str) -> dict[str
 
 def _curve(path: Path, ending: str) -> TrueCurves:
     """One file; columns that follow from others (derivatives, _bwh) are for people and are not read."""
-    import pandas as pd
-
     units = MOTION_UNITS if ending == MOTION else MOMENT_UNITS
     first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
     if first != units:
         raise InputError(
             f"found {shown(first)}; allowed: '# {units}'", source=path, field="line 1, the units", code=Code.TRUTH
         )
-    rows = _read(path)
+    rows = read_rows(path)
     known = FILE_COORDINATES if ending == MOTION else FORCE_NAMES
     derived = ("_velocity", "_acceleration") if ending == MOTION else ("_bwh",)
     allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
-    for column in rows.columns:
+    for column in rows.names:
         if column not in allowed:
             hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
             raise InputError(
                 f"found {shown(column)}, which is no column{hint}", source=path, field="columns", code=Code.TRUTH
             )
-        if column in ("time", *known) and not np.isfinite(pd.to_numeric(rows[column], errors="coerce")).all():
+    read = [name for name in rows.names if name in ("time", *known)]
+    columns = dict(zip(read, rows.numbers(read).T, strict=True))
+    for column, values in columns.items():
+        if not np.isfinite(values).all():
             raise InputError(
                 "found a value that is no finite number; allowed: numbers", source=path, field=column, code=Code.TRUTH
             )
-    if "time" not in rows or len(rows) < 2 or (np.diff(rows["time"]) <= 0).any():
+    time = columns.get("time", np.empty(0))
+    if len(time) < 2 or (np.diff(time) <= 0).any():
         raise InputError(
             "found no increasing times; allowed: two rows or more, in s", source=path, field="time", code=Code.TRUTH
         )
     scale = _scale if ending == MOTION else _one
-    values = {name: rows[name].to_numpy(dtype=np.float64) * scale(name) for name in known if name in rows}
-    return TrueCurves(time=rows["time"].to_numpy(dtype=np.float64), values=values)
-
-
-def _read(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    try:
-        return pd.read_csv(path, comment="#")
-    except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(f"cannot be read as CSV: {error}", source=path, code=Code.TRUTH) from None
+    return TrueCurves(time=time, values={name: columns[name] * scale(name) for name in known if name in columns})
 
 
 def _scale(coordinate: str) -> float:

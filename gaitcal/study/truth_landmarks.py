@@ -20,6 +20,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording import Recording, still_window
+from gaitcal.study.truth_rows import read_rows
 
 COLUMNS = ["name", "x", "y", "z"]
 SAME = 1e-4
@@ -37,24 +38,17 @@ def landmarks_text(landmarks: Mapping[str, Array]) -> str:
 
 def read_landmarks(path: Path) -> dict[str, Array]:
     """Landmark -> (3,) m. InputError, one line, where the file is not as `landmarks_text` writes it."""
-    import pandas as pd
-
-    try:
-        rows = pd.read_csv(path, comment="#")
-    except (OSError, ValueError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(f"cannot be read as CSV: {error}", source=path, code=Code.TRUTH) from None
-    if list(rows.columns) != COLUMNS or not len(rows):
+    rows = read_rows(path)
+    if list(rows.names) != COLUMNS or not rows.lines:
         raise InputError(
-            f"found columns {list(rows.columns)}; allowed: name,x,y,z and a landmark a row",
-            source=path,
-            code=Code.TRUTH,
+            f"found columns {list(rows.names)}; allowed: name,x,y,z and a landmark a row", source=path, code=Code.TRUTH
         )
-    places = rows[COLUMNS[1:]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    places = rows.numbers(COLUMNS[1:])
     if not np.isfinite(places).all():
         raise InputError(
             "found a place that is no finite number; allowed: m", source=path, field="x,y,z", code=Code.TRUTH
         )
-    return dict(zip(map(str, rows["name"]), places, strict=True))
+    return dict(zip((row[0] for row in rows.cells()), places, strict=True))
 
 
 def other_landmarks(told: Mapping[str, Array], static: Recording, marker_set: MarkerSet) -> str | None:

@@ -10,7 +10,7 @@ from gaitcal.figures.report import Told, report_charts
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.page.sheet import calibration_sheet
 from gaitcal.person.result import Calibration
-from gaitcal.person.tables import parameter_table
+from gaitcal.person.tables import parameter_rows
 from gaitcal.results.summary import summary
 
 
@@ -19,7 +19,7 @@ def told(calibration: Calibration, normal: Bands | None = None) -> Told:
     return Told(
         sheet=calibration_sheet(calibration),
         summary=json.loads(json.dumps(summary(calibration))),
-        parameters=parameter_table(calibration).to_dict("records"),
+        parameters=parameter_rows(calibration),
         truth={p.name: p.truth for p in known.parameters} if known else {},
         healthy={name: {s: band.for_person(subject, s) for s in "rl"} for name, band in (normal or {}).items()},
     )

@@ -12,8 +12,9 @@ from PIL import Image
 
 from gaitcal.commands import view as view_command
 from gaitcal.commands.console import Talk
-from gaitcal.page import Scene, ViewServer, save_scene, view_html, write_view
+from gaitcal.page import Scene, save_scene, view_html, write_view
 from gaitcal.page import view as view_page
+from gaitcal.page.server import ViewServer
 from tests.page.browser import Page
 from tests.page.people import long_scene
 from tests.page.test_page import HOSTILE, LIMIT, hostile_scene

@@ -14,11 +14,13 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.page import Scene, ViewServer, save_scene, view_html
+from gaitcal.page import Scene, save_scene, view_html
+from gaitcal.page.server import ViewServer
 
 SERVE = """
 import sys
-from gaitcal.page import load_scene, serve, view_html
+from gaitcal.page import load_scene, view_html
+from gaitcal.page.server import serve
 serve(view_html(load_scene(sys.argv[1])), open_browser=False, ready=lambda url: print(url, flush=True))
 print("ended", flush=True)
 """

@@ -116,7 +116,7 @@ def test_rows_of_an_earlier_version_get_their_person_and_damaged_ones_are_left(
     assert pd.read_csv(later / ENSEMBLE, comment="#")["trials"].max() == 2
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
     found = earlier_strides(tmp_path, as_written, ["walk"], whole.model.subject)
-    assert found.cycles.empty and len(found.spatiotemporal)
+    assert found.cycles is None and found.spatiotemporal is not None and len(found.spatiotemporal)
 
 
 def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -23,6 +22,7 @@ from gaitcal.commands import other_programs
 from gaitcal.errors import InputError
 from gaitcal.files.lock import locked
 from gaitcal.files.snapshot import listed, sha256_of
+from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
 from gaitcal.study import study as study_module
@@ -230,10 +230,11 @@ def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: 
     row |= {"se_stride": np.nan, "turn": np.nan}
     monkeypatch.setattr(
         cycles_module,
-        "cycle_table",
-        lambda model, trials, static: pd.DataFrame(
-            [{"person": "p", "session": "", "trial": t.name} | row for t in trials]
-        ),
+        "cycle_columns",
+        lambda model, trials, static: {
+            name: [({"person": "p", "session": "", "trial": t.name} | row)[name] for t in trials]
+            for name in CYCLE_COLUMNS
+        },
     )
     run("dynamics", result, folder / "study/walk.csv")
     first = table.read_text(encoding="utf-8")

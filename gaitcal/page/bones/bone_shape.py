@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 from gaitcal.page.body_meshes import Mesh
 
 _COARSER = 1.2
@@ -85,24 +85,36 @@ def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
     corners = mesh.vertices[mesh.triangles]
     cell = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
     while True:
-        simple = _clustered(mesh, cell)
-        if len(simple.triangles) <= most:
-            return simple
+        group = _grouped(mesh, cell)
+        triangles, keys = _kept(mesh, group)
+        ordered = np.sort(keys)
+        if int((ordered[1:] != ordered[:-1]).sum()) + len(keys[:1]) <= most:
+            return _clustered(mesh, group, triangles, keys)
         cell *= _COARSER
 
 
-def _clustered(mesh: Mesh, cell: float) -> Mesh:
+def _grouped(mesh: Mesh, cell: float) -> IntArray:
+    """The cell that each corner lies in, as its number among those that hold some."""
     x, y, z = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64).T
     _, group = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_inverse=True)
-    group = group.reshape(-1)
+    return group.reshape(-1)
+
+
+def _kept(mesh: Mesh, group: IntArray) -> tuple[IntArray, IntArray]:
+    """Triangles (n, 3) between three cells, and (n,) a number that only those between the same three share."""
+    a, b, c = group[mesh.triangles.T]
+    kept = (a != b) & (b != c) & (c != a)
+    a, b, c = (corner[kept] for corner in (a, b, c))
+    i, k = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    size = group.max() + 1
+    return np.stack([a, b, c], axis=1), (i * size + (a + b + c - i - k)) * size + k
+
+
+def _clustered(mesh: Mesh, group: IntArray, triangles: IntArray, keys: IntArray) -> Mesh:
+    """The mean corners of the cells. The same three twice are one triangle, or two that lie on each other."""
     count = np.bincount(group)
     means = np.column_stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)])
-    triangles = group[mesh.triangles]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    # The same three corners twice are one triangle, or two that lie on each other.
-    i, j, k = np.sort(triangles, axis=1).astype(np.int64).T
-    _, first = np.unique((i * (group.max() + 1) + j) * (group.max() + 1) + k, return_index=True)
+    _, first = np.unique(keys, return_index=True)
     triangles = triangles[np.sort(first)]
     used, place = np.unique(triangles, return_inverse=True)
     return Mesh(means[used], place.reshape(-1, 3))
