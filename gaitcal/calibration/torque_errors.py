@@ -194,14 +194,18 @@ class MarkerMoves:
 
     def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
         """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
-        count, out = own.shape[2], {}
-        names = np.array([source.key for source in self.sources])
+        (nf, m, count), out = own.shape, {}
+        names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
+        moves_unknowns = self.shift.any(axis=0)
         for source in self.present:
-            columns = np.flatnonzero(names == source.key)
-            change = by_unknown @ self.shift[:, columns]
-            mine = columns[columns < count]
-            change[:, :, : len(mine)] += own if len(mine) == count else own[:, :, mine]
-            out[source] = _squares(change)
+            of = names == source.key
+            mine, moving = np.flatnonzero(of[:count]), np.flatnonzero(of & moves_unknowns)
+            change = (flat @ self.shift[:, moving]).reshape(nf, m, -1)
+            # own coordinates come first; the unknowns that most of them leave alone need no product
+            both = moving[moving < count]
+            change[:, :, : len(both)] += own[:, :, both]
+            alone = np.setdiff1d(mine, both)
+            out[source] = _squares(change) + _squares(own if len(alone) == count else own[:, :, alone])
         return out
 
 

@@ -76,7 +76,8 @@ def trial_result(
     calibrated = last = body
     reached = final if trial.joint is None else fitted_with
     if trial.joint is not None:
-        calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
+        last = tracked_motion(trial.fitted, final)
+        calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
     moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
     variances = {} if moves is None else coordinate_variances(trial.body, moves)
     turned = AxisErrors(final, axes)
