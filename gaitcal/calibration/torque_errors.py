@@ -148,6 +148,10 @@ BLOCK = 125
 """Frames at a time, whose changes by the marker coordinates of all trials are held at once."""
 
 
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
+"""Of a product of which only squares are kept."""
+
+
 @dataclass(frozen=True)
 class MarkerMoves:
     """What every source of error moves: this trial's own marker coordinates come first, then all others."""
@@ -199,14 +203,30 @@ class MarkerMoves:
         moves_unknowns = self.shift.any(axis=0)
         for source in self.present:
             of = names == source.key
-            mine, moving = np.flatnonzero(of[:count]), np.flatnonzero(of & moves_unknowns)
-            change = (flat @ self.shift[:, moving]).reshape(nf, m, -1)
-            # own coordinates come first; the unknowns that most of them leave alone need no product
-            both = moving[moving < count]
-            change[:, :, : len(both)] += own[:, :, both]
-            alone = np.setdiff1d(mine, both)
-            out[source] = _squares(change) + _squares(own if len(alone) == count else own[:, :, alone])
+            mine = np.flatnonzero(of[:count])
+            moved = np.flatnonzero(of & moves_unknowns)
+            both = moved[moved < count]
+            """Own coordinates that move unknowns, too: none after a calibration by evidence."""
+            alone = mine[~moves_unknowns[mine]]
+            found = _squares(own if len(alone) == count else own[:, :, alone])
+            found += _squares(own[:, :, both] + by_unknown @ self.shift[:, both])
+            found += _product_squares(flat, self.shift[:, moved[moved >= count]]).reshape(nf, m)
+            out[source] = found
         return out
+
+
+def _product_squares(left: Array, right: Array) -> Array:
+    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
+    out = np.zeros(len(left))
+    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
+        part = right[:, start : start + COLUMNS_AT_ONCE]
+        rows = np.flatnonzero(part.any(axis=1))
+        kept = slice(rows[0], rows[-1] + 1)
+        for first in range(0, len(left), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
+            product = left[some, kept] @ part[kept]
+            out[some] += np.einsum("ij,ij->i", product, product)
+    return out
 
 
 def source_of(name: str) -> Source:
