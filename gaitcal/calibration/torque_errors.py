@@ -200,9 +200,9 @@ class MarkerMoves:
         """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
         (nf, m, count), out = own.shape, {}
         names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
-        moves_unknowns = self.shift.any(axis=0)
+        moves_unknowns = np.asarray(self.shift.any(axis=0))
         for source in self.present:
-            of = names == source.key
+            of = np.asarray(names == source.key)
             mine = np.flatnonzero(of[:count])
             moved = np.flatnonzero(of & moves_unknowns)
             both = moved[moved < count]
