@@ -22,7 +22,7 @@ from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
-from gaitcal.calibration.skin_movement import angles_shown, only, skin_columns
+from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
@@ -32,6 +32,7 @@ from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SoftTissue
+from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
@@ -92,8 +93,6 @@ class _Part:
     skin: SkinFound = NO_SKIN_FOUND
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
-    near: Mapping[str, Array] = field(default_factory=dict)
-    """Trial -> (nn, 27) nodes of the whole body with almost these parameters."""
 
 
 def calibrate_by_evidence(
@@ -131,8 +130,7 @@ def _legs(
     if quiet:
         used, problems = used + [t for t, _ in quiet], problems + [p for _, p in quiet]
         plain, errors = estimate_joints(problems, nominal, free, learnt=learnt)
-    motions = {t.name: tracked_motion(t.body, plain.parameters) for t in trials}
-    angles = {t.name: angles_shown(t.body, motions[t.name].q, plain.parameters, standing) for t in trials}
+    angles = {t.name: _angles(t.body, plain.parameters, standing) for t in trials}
     columns = [replace(p, tissue=skin_columns(p, angles[t.name])) for t, p in zip(used, problems, strict=True)]
     sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
     estimate, skin, tissue = plain, NO_SKIN_FOUND, dict[str, SoftTissue]()
@@ -154,7 +152,6 @@ def _legs(
         turned=turns_of(problems[:whole], estimate.nodes[:whole], [t.joint for t in used[:whole]]),
         skin=skin,
         tissue=tissue,
-        near={name: motion.nodes for name, motion in motions.items()},
     )
 
 
@@ -211,6 +208,15 @@ def _segments(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters
     """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
     part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
+
+
+def _angles(body: TrialProblem, parameters: Parameters, standing: TrialProblem) -> dict[str, Array]:
+    """Coordinate -> (nf,) rad from the static posture, of those that a marker of the trial shows."""
+    still = starting_coordinates(standing.chain, standing.constants(parameters), standing.data).mean(axis=0)
+    posture = dict(zip(standing.chain.coordinates, still, strict=True))
+    q = tracked_motion(body, parameters).q
+    names = zip(body.chain.coordinates, q.T, body.active, strict=True)
+    return {name: values - posture[name] for name, values, active in names if active and name in posture}
 
 
 def _phase(
@@ -285,7 +291,6 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         at_bound=beyond,
         skin=sizes,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
-        near={name: nodes for part in parts for name, nodes in part.near.items()},
     )
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gaitcal.arrays import Array
 from gaitcal.calibration.identifiability import (
     beyond_bounds,
     in_words,
@@ -105,8 +104,6 @@ class JointCalibration:
     """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of that skin on the markers of the whole body."""
-    near: Mapping[str, Array] = field(default_factory=dict)
-    """Trial -> (nn, 27) nodes of the whole body with almost these parameters, of motions asked for on the way."""
 
 
 class _Run:

@@ -24,10 +24,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINTS, Source
-from gaitcal.model.parameters import Parameters
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
-from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGEST = 0.5
@@ -124,11 +122,3 @@ def unit_covariance(segment: str, local: Array) -> Array:
 def shifts_and_turns(arm: Array) -> Array:
     """(3, 6) displacement of a marker at `arm` (3,) by unit shifts along and turns about x, y, z."""
     return np.hstack([np.eye(3), np.cross(np.eye(3), arm).T])
-
-
-def angles_shown(body: TrialProblem, q: Array, parameters: Parameters, standing: TrialProblem) -> dict[str, Array]:
-    """Coordinate -> (nf,) rad from the static posture, of those (nf, nq) that a marker of the trial shows."""
-    still = starting_coordinates(standing.chain, standing.constants(parameters), standing.data).mean(axis=0)
-    posture = dict(zip(standing.chain.coordinates, still, strict=True))
-    names = zip(body.chain.coordinates, q.T, body.active, strict=True)
-    return {name: values - posture[name] for name, values, active in names if active and name in posture}

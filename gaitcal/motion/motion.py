@@ -116,16 +116,10 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
     )
 
 
-def tracked_motion(
-    problem: TrialProblem, parameters: Parameters, settings: DescentSettings | None = None, near: Array | None = None
-) -> Motion:
-    """The motion that meets the markers of a trial best, sought from rigid fits, or from nodes (nn, nq) `near` it: of
-    parameters that are hardly different.
-    """
+def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
+    """The motion that meets the markers of a trial best, sought from rigid fits."""
     constants = problem.constants(parameters)
-    start = near
-    if start is None or start.shape != (problem.basis.nodes, len(problem.chain.coordinates)):
-        start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
     return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
 

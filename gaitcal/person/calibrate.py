@@ -31,7 +31,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import Motion, motion_of, tracked_motion
 from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
-from gaitcal.person.joint_parameters import joint_stage, nodes_near, parameters_for
+from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.prepare import PreparedTrial, measured_reactions
 from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
@@ -78,12 +78,13 @@ def calibrate(
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
     static = completed_static(study).static
     counted = counted_from_static if settings.keeps_ankle_zero else as_fitted
-    parameters, moved = (parameters, {}) if joint is None else counted(nominal, parameters, static)
+    if joint is not None:
+        parameters, _ = counted(nominal, parameters, static)
     progress("tracking with the nominal model")
     before = {t.name: tracked_motion(t.fitted if t.joint else t.body, nominal.parameters) for t in trials}
     stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
     progress("tracking with the calibrated joint parameters")
-    motions = {t.name: tracked_motion(t.body, parameters, near=nodes_near(joint, t, moved)) for t in trials}
+    motions = {t.name: tracked_motion(t.body, parameters) for t in trials}
     if joint is not None:
         stages[Stage.JP] = parameters, motions
     reactions = {

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from gaitcal.arrays import Array
 from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
@@ -23,7 +22,6 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut, hold_out
 from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, standing_problem
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
-from gaitcal.person.static_angles import shifted
 from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
@@ -107,14 +105,6 @@ def joint_parameters(
 def parameters_of_gait(side: str, settings: CalibrationSettings) -> tuple[str, ...]:
     """The joint parameters that gait may move in one leg."""
     return leg_parameters(side) if settings.gait_parameters == "leg" else gait_parameters(side)
-
-
-def nodes_near(joint: JointCalibration | None, trial: PreparedTrial, moved: Mapping[str, float]) -> Array | None:
-    """(nn, 27) nodes of a trial's whole body near those of the fitted parameters, coordinates `moved` back (rad); None
-    where the fit asked for no such motion.
-    """
-    nodes = None if joint is None else joint.near.get(trial.name)
-    return None if nodes is None else shifted(nodes, trial.body.chain.coordinates, moved)
 
 
 def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:

@@ -76,7 +76,7 @@ def trial_result(
     calibrated = last = body
     reached = final if trial.joint is None else fitted_with
     if trial.joint is not None:
-        last = tracked_motion(trial.fitted, final, near=stages[Stage.NOMINAL][1].nodes)
+        last = tracked_motion(trial.fitted, final)
         calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
     moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
     variances = {} if moves is None else coordinate_variances(trial.body, moves)
