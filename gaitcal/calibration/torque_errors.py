@@ -157,6 +157,10 @@ def _blocks(frames: int) -> list[slice]:
     return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
 
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
+"""Of a product of which only squares are kept."""
+
+
 @dataclass(frozen=True)
 class MarkerMoves:
     """What every source of error moves: this trial's own marker coordinates come first, then all others."""
@@ -203,15 +207,35 @@ class MarkerMoves:
 
     def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
         """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
-        count, out = own.shape[2], {}
-        names = np.array([source.key for source in self.sources])
+        (nf, m, count), out = own.shape, {}
+        names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
+        moves_unknowns = np.asarray(self.shift.any(axis=0))
         for source in self.present:
-            columns = np.flatnonzero(names == source.key)
-            change = by_unknown @ self.shift[:, columns]
-            mine = columns[columns < count]
-            change[:, :, : len(mine)] += own if len(mine) == count else own[:, :, mine]
-            out[source] = _squares(change)
+            of = np.asarray(names == source.key)
+            mine = np.flatnonzero(of[:count])
+            moved = np.flatnonzero(of & moves_unknowns)
+            both = moved[moved < count]
+            """Own coordinates that move unknowns, too: none after a calibration by evidence."""
+            alone = mine[~moves_unknowns[mine]]
+            found = _squares(own if len(alone) == count else own[:, :, alone])
+            found += _squares(own[:, :, both] + by_unknown @ self.shift[:, both])
+            found += _product_squares(flat, self.shift[:, moved[moved >= count]]).reshape(nf, m)
+            out[source] = found
         return out
+
+
+def _product_squares(left: Array, right: Array) -> Array:
+    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
+    out = np.zeros(len(left))
+    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
+        part = right[:, start : start + COLUMNS_AT_ONCE]
+        rows = np.flatnonzero(part.any(axis=1))
+        kept = slice(rows[0], rows[-1] + 1)
+        for first in range(0, len(left), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
+            product = left[some, kept] @ part[kept]
+            out[some] += np.einsum("ij,ij->i", product, product)
+    return out
 
 
 def source_of(name: str) -> Source:

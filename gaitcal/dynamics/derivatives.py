@@ -1,8 +1,8 @@
 """Derivatives of the generalised forces and of the pelvis residual: by motion, joint and dynamic parameters.
 
-Pinocchio's `computeRNEADerivatives` on the linkage in which the joint parameters of interest are joints, constant in
-time. Ground reactions stay fixed in the laboratory: for a variable j before i on the way to a foot the column J_i turns
-and moves with j,
+Those of `rnea_slopes.py` on the linkage in which the joint parameters of interest are joints, constant in time. Ground
+reactions stay fixed in the laboratory: for a variable j before i on the way to a foot the column J_i turns and moves
+with j,
 
     d (J_i^T w) / d j = (J_j x J_i) . w,      [v_j; w_j] x [v_i; w_i] = [w_j x v_i + v_j x w_i; w_j x w_i],
 
@@ -15,16 +15,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from gaitcal.arrays import Array, cross
+from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, pelvis_axes, pelvis_residual, root_wrench
-from gaitcal.model.build import build_linkage
-from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.dynamics.joint_moments import ORDER
+from gaitcal.dynamics.rnea_slopes import StretchState, rnea_slopes
+from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
+
+FRAMES_AT_ONCE = 128
+"""Keeps the working set in the processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,65 +79,65 @@ def force_derivatives(
     `held`: joint parameters whose own generalised forces follow the 29 (`Dynamics`).
     """
     opened = (*free, *(name for name in held if name not in free))
-    linkage = build_linkage(parameters, opened, reactions=True)
     chain = Chain(free=opened, reactions=True)
     free = tuple(name for name in chain.free if name in free)
-    names = (*FORCES, *held)
-    rows = np.array([linkage.index(name) for name in names])
-    moving = rows[: len(COORDINATES)]
-    fixed = np.array([linkage.index(name) for name in free], dtype=np.intp)
-    constant = [linkage.index(name) for name in chain.free]
-    nv, nf = linkage.model.nv, len(q)
-    state = np.zeros((3, nf, nv))
-    for k, values in enumerate((q, v, a)):
-        state[k][:, moving] = values
-    state[0][:, constant] = parameters.joint[[JP_INDEX[name] for name in chain.free]]
-    model, data = linkage.model, linkage.model.createData()
-    by_q, by_v, by_a = (np.empty((nf, len(rows), len(COORDINATES))) for _ in range(3))
-    by_p = np.empty((nf, len(rows), len(free)))
-    places, held_places = np.ix_(rows, moving), np.ix_(rows, fixed)
-    upper = np.minimum(*places), np.maximum(*places)  # Pinocchio fills the upper half of the mass matrix alone
-    for f in range(nf):
-        dq, dv, da = pin.computeRNEADerivatives(model, data, state[0, f], state[1, f], state[2, f])
-        by_q[f], by_p[f] = dq[places], dq[held_places]
-        by_v[f], by_a[f] = dv[places], da[upper]
-    contact = _contact_derivatives(chain, linkage.coordinates, parameters, q, wrenches, names, free)
-    by_q -= contact[:, :, :27]
-    by_p -= contact[:, :, 27:]
-    return ForceDerivatives(by_position=by_q, by_velocity=by_v, by_acceleration=by_a, by_parameter=by_p, free=free)
-
-
-def _contact_derivatives(
-    chain: Chain,
-    order: tuple[str, ...],
-    parameters: Parameters,
-    q: Array,
-    wrenches: Array,
-    forces: tuple[str, ...],
-    free: tuple[str, ...],
-) -> Array:
-    """(nf, 29, 27 + np) derivative of sum_feet J^T w, of some forces, by coordinates and `free` joint parameters."""
     names = (*chain.coordinates, *chain.free)
     place = {name: k for k, name in enumerate(names)}
-    rank = np.array([order.index(name) for name in names])  # along the linkage: who comes before whom
-    with_reactions = np.zeros((len(q), len(chain.coordinates)))
-    with_reactions[:, [place[name] for name in COORDINATES]] = q
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    columns = jacobian(chain, constants, forward(chain, constants, with_reactions)).transpose(2, 0, 1)
-    out = np.zeros((len(q), len(names), len(names)))
-    for foot, segment in enumerate(FEET):
-        moved = np.flatnonzero(chain.support[:, chain.segments.index(segment)])
-        before = rank[moved][None, :] < rank[moved][:, None]
-        force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
-        v, w = columns[:, moved, :3], columns[:, moved, 3:]
-        # F . (w_j x v_i) = w_j . (v_i x F), and so on
-        by_turn = cross(v, force[:, None]) + cross(w, moment[:, None])
-        product = by_turn @ w.transpose(0, 2, 1) + cross(w, force[:, None]) @ v.transpose(0, 2, 1)
-        out[np.ix_(np.arange(len(q)), moved, moved)] += product * before
-    rows = np.array([place[name] for name in forces])
+    moving = [place[name] for name in COORDINATES]
+    rows = np.array([place[name] for name in (*FORCES, *held)])
     by = np.array([place[name] for name in (*COORDINATES, *free)])
-    chosen: Array = out[np.ix_(np.arange(len(q)), rows, by)]
-    return chosen
+    after = _after(chain, names)
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    found = []
+    for start in range(0, len(q), FRAMES_AT_ONCE):
+        part = slice(start, start + FRAMES_AT_ONCE)
+        state = np.zeros((3, len(q[part]), len(chain.coordinates)))
+        for k, values in enumerate((q, v, a)):
+            state[k][:, moving] = values[part]
+        placed = _placed(chain, constants, *state)
+        contact = _contact_pulls(chain, placed.columns, wrenches[part], rows)
+        found.append(rnea_slopes(chain, parameters.inertial, placed, rows, by, contact, after))
+    by_q = np.concatenate([part.by_position for part in found])
+    return ForceDerivatives(
+        by_position=by_q[:, :, : len(COORDINATES)],
+        by_velocity=np.concatenate([part.by_velocity for part in found]),
+        by_acceleration=np.concatenate([part.by_acceleration for part in found]),
+        by_parameter=by_q[:, :, len(COORDINATES) :],
+        free=free,
+    )
+
+
+def _placed(chain: Chain, constants: ChainConstants, q: Array, v: Array, a: Array) -> StretchState:
+    """The chain at its own coordinates (nf, nq) and their derivatives."""
+    poses = forward(chain, constants, q)
+    axes, origins = segment_poses(chain, constants, poses)
+    return StretchState(
+        columns=np.ascontiguousarray(jacobian(chain, constants, poses).transpose(2, 0, 1)),
+        axes=np.ascontiguousarray(axes.transpose(3, 0, 1, 2)),
+        origins=np.ascontiguousarray(origins.transpose(2, 0, 1)),
+        velocity=v,
+        acceleration=a,
+    )
+
+
+def _after(chain: Chain, names: tuple[str, ...]) -> BoolArray:
+    """(nq + np, nq + np) whether variable j, [i, j], is i or comes after it on the way to all that it moves."""
+    rank = np.array([ORDER.index(name) for name in names])
+    within = (chain.support[None] <= chain.support[:, None]).all(axis=2)
+    return np.asarray(within & (rank[None] >= rank[:, None]))
+
+
+def _contact_pulls(chain: Chain, columns: Array, wrenches: Array, rows: IntArray) -> Array:
+    """(nf, n, 6) what, times J_j, is the derivative of -sum_feet J_i^T w by a variable j before i, for i of `rows`."""
+    out = np.zeros((len(columns), len(rows), 6))
+    for foot, segment in enumerate(FEET):
+        own = np.flatnonzero(chain.support[rows, chain.segments.index(segment)])
+        force, moment = wrenches[:, None, foot, :3], wrenches[:, None, foot, 3:]
+        v, w = columns[:, rows[own], :3], columns[:, rows[own], 3:]
+        # F . (w_j x v_i) = w_j . (v_i x F), and so on
+        out[:, own, :3] -= cross(w, force)
+        out[:, own, 3:] -= cross(v, force) + cross(w, moment)
+    return out
 
 
 def root_residual(

@@ -137,7 +137,7 @@ ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
 """Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`."""
 
-_ORDER = tuple(
+ORDER = tuple(
     e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
 )
 """Every turn and slide of the linkage, each after what moves it."""
@@ -224,7 +224,7 @@ class _Placed:
         """(nf, variables, 3) w_j; zero for those that slide."""
         axes, _ = segment_poses(self.chain, constants, poses)
         self.frames = dict(zip(self.chain.segments, axes.transpose(0, 3, 1, 2), strict=True))
-        self._rank = np.array([_ORDER.index(name) for name in self.names])
+        self._rank = np.array([ORDER.index(name) for name in self.names])
 
     def axis(self, name: str) -> Array:
         """(nf, 3)."""

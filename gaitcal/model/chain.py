@@ -56,8 +56,8 @@ class ChainConstants:
     @cached_property
     def plain_offsets(self) -> tuple[list[bool], list[bool]]:
         """Per coordinate: whether C_k does not turn, and whether it does not shift."""
-        plain = [np.array_equal(rotation, np.eye(3)) for rotation in self.offset_rotation]
-        return plain, [not translation.any() for translation in self.offset_translation]
+        plain = (self.offset_rotation == np.eye(3)).all(axis=(1, 2))
+        return plain.tolist(), (self.offset_translation == 0.0).all(axis=1).tolist()
 
     @cached_property
     def segment_placement(self) -> Array:

@@ -15,7 +15,7 @@ B-splines of lower degree. Cost and gradient are taken from D N: in R N the larg
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
@@ -31,7 +31,7 @@ TENSION_HZ = 0.5
 """f_0: in a gap longer than about a third of a second coordinates come to rest."""
 NODES_AT_ONCE = 256
 """Rows of the band worked on together, to bound memory."""
-KEPT_BYTES = 4 << 20
+KEPT_BYTES = 16 << 20
 """Of half a Hessian that is kept: smaller ones are added again and again."""
 
 
@@ -95,6 +95,8 @@ class Smoothing:
 
     def of_active(self, active: BoolArray) -> Smoothing:
         """The same without the coordinates that are not `active` (nq,): nothing draws them from where they are."""
+        if active.all():
+            return self  # with all that is worked out already
         return replace(self, coupling=np.where(active[:, None] & active, self.coupling, 0.0))
 
     def scaled(self, share: float) -> Smoothing:
@@ -163,6 +165,13 @@ def stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
 
 def roughness(knots: Array) -> Roughness:
     """R of quintic splines on `knots` (nn + 6,)."""
+    return _roughness(knots.tobytes())
+
+
+@lru_cache(maxsize=16)
+def _roughness(stored: bytes) -> Roughness:
+    """Trials of the same length, and the parts of one, have the same knots."""
+    knots = np.frombuffer(stored)
     tension = float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2)
     jerk = derivative(knots, PENALISED), csr_array(products_of(knots, PENALISED))
     rate = derivative(knots, 1), csr_array(tension * products_of(knots, 1))

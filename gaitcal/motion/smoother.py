@@ -58,17 +58,15 @@ class Smoother:
 
 def gram(basis: SplineBasis) -> Array:
     """(6, nn) lower band of G."""
+    values, _, _ = basis.matrices
+    whole = (values.T @ values).tocsr()
     out = np.zeros((ORDER, basis.nodes))
-    for first, frames in basis.spans:
-        products = basis.value[frames].T @ basis.value[frames]
-        for d in range(ORDER):
-            out[d, first : first + ORDER - d] += np.diagonal(products, -d)
+    for d in range(min(ORDER, basis.nodes)):
+        out[d, : basis.nodes - d] = whole.diagonal(-d)
     return out
 
 
 def onto(basis: SplineBasis, series: Array) -> Array:
     """(nn, k) B^T y of series y (nf, k)."""
-    out = np.zeros((basis.nodes, series.shape[1]))
-    for first, frames in basis.spans:
-        out[first : first + ORDER] += basis.value[frames].T @ series[frames]
+    out: Array = basis.matrices[0].T @ series
     return out

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DEGREE = 5
 ORDER = DEGREE + 1
 MINIMUM_NODES = ORDER
-FRAMES_AT_ONCE = 512
+FRAMES_AT_ONCE = 256
 """Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
 _LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
 """(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it."""

@@ -81,7 +81,8 @@ def trial_result(
         """Motions of what was fitted, as calibrated and at the end, and the floors below them."""
         calibrated = last = body
         if trial.joint is not None:
-            calibrated, last = tracked_motion(trial.fitted, fitted_with), tracked_motion(trial.fitted, final)
+            last = tracked_motion(trial.fitted, final)
+            calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
         return calibrated, last, rigid_floor(trial.fitted), joint_floor(trial.fitted, reached, calibrated.q)
 
     def moved() -> MarkerMoves | None:

@@ -8,11 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.dynamics.derivatives import force_derivatives, root_residual
+from gaitcal.dynamics.derivatives import FRAMES_AT_ONCE, force_derivatives, root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
+from gaitcal.dynamics.joint_moments import HELD
 from gaitcal.model.build import build_linkage
 from gaitcal.model.inertial_parameters import dynamic_parameters
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, gait_parameters, leg_parameters
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -120,6 +121,28 @@ def test_force_derivatives_by_finite_differences() -> None:
     assert_derivative(
         found.by_parameter[0], lambda x: Dynamics(parameters.with_joint(names, x)).forces(q, v, a, wrench)[0], start
     )
+
+
+def test_force_derivatives_are_those_of_pinocchio() -> None:
+    """All joint parameters free, more frames than are worked on together, no ground reaction."""
+    parameters = perturbed_parameters(RNG)
+    q, v, a, _ = state(FRAMES_AT_ONCE + 3)
+    found = force_derivatives(parameters, JP_NAMES, q, v, a, np.zeros((len(q), 2, 6)), HELD)
+    linkage = build_linkage(parameters, JP_NAMES, reactions=True)
+    index = [[linkage.index(name) for name in names] for names in ((*FORCES, *HELD), COORDINATES, found.free)]
+    rows, moving, held = (np.array(places) for places in index)
+    data = linkage.model.createData()
+    for f in (0, FRAMES_AT_ONCE - 1, len(q) - 1):
+        full = np.zeros((3, linkage.model.nv))
+        for k, values in enumerate((q, v, a)):
+            full[k][moving] = values[f]
+        full[0][held] = parameters.joint[[JP_INDEX[name] for name in found.free]]
+        dq, dv, da = pin.computeRNEADerivatives(linkage.model, data, *full)
+        da = np.triu(da) + np.triu(da, 1).T
+        wanted = (dq[np.ix_(rows, moving)], dv[np.ix_(rows, moving)], da[np.ix_(rows, moving)], dq[np.ix_(rows, held)])
+        told = (found.by_position, found.by_velocity, found.by_acceleration, found.by_parameter)
+        for own, other in zip(told, wanted, strict=True):
+            np.testing.assert_allclose(own[f], other, atol=1e-12 * np.abs(other).max())
 
 
 def test_moments_are_the_forces_by_name() -> None:
