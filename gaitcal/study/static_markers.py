@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.strays import without_strays
+from gaitcal.runtime import remembered
 
 if TYPE_CHECKING:
     from gaitcal.study.study import Study
 
 
+@remembered
 def completed_static(study: Study) -> Rebuilding:
     """The first static trial, without markers metres away, and with what the study's other trials give back to it."""
     segment_of = study.marker_set.segment_of

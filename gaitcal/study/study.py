@@ -16,6 +16,7 @@ from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
+from gaitcal.runtime import remembered
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.joint_prior import JointPrior
@@ -221,6 +222,7 @@ def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path)
             )
 
 
+@remembered
 def nominal_of(study: Study) -> SubjectModel:
     """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
     markers of the trunk, the walks place them.
