@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,3 +23,9 @@ def cross(a: Array, b: Array) -> Array:
         out[..., i] = a[..., j] * b[..., k]
         out[..., i] -= a[..., k] * b[..., j]
     return out
+
+
+def stretches(count: int, most: int) -> list[slice]:
+    """`count` frames in stretches of nearly the same length, the fewest of at most `most` frames."""
+    edges = np.linspace(0, count, -(-count // most) + 1).round().astype(int).tolist()
+    return [slice(start, stop) for start, stop in pairwise(edges)]

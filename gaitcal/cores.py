@@ -21,6 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -33,6 +34,10 @@ _END_WITH_PARENT = 1
 _NUMBER = struct.Struct("=i")
 
 _asked = 1
+
+
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if sys.platform != "win32" else []))
+"""Signals by which a user ends a command."""
 
 
 @contextmanager
@@ -90,27 +95,29 @@ class _Steps(Generic[Item, Answer]):
     items: Sequence[Item]
     order: Sequence[int]
     answers: dict[int, Answer] = field(default_factory=dict)
+    children: list[tuple[int, int]] = field(default_factory=list)
+    """Processes, and the ends of their pipes."""
 
     def run(self, copies: int) -> list[Answer]:
         """The answers in the order of the items."""
         queue, fill = os.pipe()
         os.write(fill, b"".join(_NUMBER.pack(k) for k in self.order))
         os.close(fill)
-        children: list[tuple[int, int]] = []
         try:
             with suppress(OSError):  # no more processes are allowed: fewer share the work
                 for _ in range(copies):
-                    children.append(self._copy(queue))
+                    self._copy(queue)
             with _cores(1):
                 self._take(queue)
-            for _, pipe in children:
+            for _, pipe in self.children:
                 self._hear(pipe)
         finally:
             os.close(queue)
-            for child, pipe in children:
+            for child, pipe in self.children:
                 os.close(pipe)
-                os.kill(child, signal.SIGKILL)
-                os.waitpid(child, 0)
+                with suppress(ProcessLookupError, ChildProcessError):  # the system has buried it already
+                    os.kill(child, signal.SIGKILL)
+                    os.waitpid(child, 0)
         return [self._answer(k) for k in range(len(self.items))]
 
     def _take(self, queue: int) -> None:
@@ -120,29 +127,29 @@ class _Steps(Generic[Item, Answer]):
             with suppress(Exception):
                 self.answers[number] = self.function(self.items[number])
 
-    def _copy(self, queue: int) -> tuple[int, int]:
-        """Number of a new process and the end of its pipe."""
+    def _copy(self, queue: int) -> None:
+        """Add a process that takes steps, too."""
         reader, writer = os.pipe()
+        parent = os.getpid()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads: see the head of this module
-            parent = os.getpid()
+            # a signal that came inside `fork` would be lost, or be handled by the copy as if it were the parent
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDINGS)
             try:
                 child = os.fork()
             except OSError:
                 os.close(reader)
                 os.close(writer)
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
                 raise
         if child:
             os.close(writer)
-            return child, reader
+            self.children.append((child, reader))
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            return
         try:
-            global _asked
-            _asked = 1
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-            ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
-            if os.getppid() != parent:
-                os._exit(1)
-            faulthandler.disable()
+            _become_copy(parent)
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             self._take(queue)
             with os.fdopen(writer, "wb") as pipe:
                 pickle.dump(self.answers, pipe, protocol=5)
@@ -158,3 +165,17 @@ class _Steps(Generic[Item, Answer]):
         if number not in self.answers:
             self.answers[number] = self.function(self.items[number])
         return self.answers[number]
+
+
+def _become_copy(parent: int) -> None:
+    """In a new process: one core, no words, and an end with the parent, which alone hears what the user wants."""
+    global _asked
+    _asked = 1
+    ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for ending in _ENDINGS[1:]:
+        signal.signal(ending, signal.SIG_DFL)
+    sys.stdout = sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
+    faulthandler.disable()

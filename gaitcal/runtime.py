@@ -79,7 +79,7 @@ _T = TypeVar("_T")
 
 def remembered(function: Callable[[_T], _R]) -> Callable[[_T], _R]:
     """The same function of an object that does not change, computed once: the object keeps what it gives."""
-    name = f"_{function.__name__}"
+    name = f"_{function.__module__}.{function.__name__}"
 
     @wraps(function)
     def run(of: _T) -> _R:

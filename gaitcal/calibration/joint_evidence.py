@@ -21,7 +21,7 @@ from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, f
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
 from gaitcal.calibration.noise_search import noise_of_joints
-from gaitcal.calibration.skin_evidence import hidden_segments, skin_in_words, skin_sizes
+from gaitcal.calibration.skin_evidence import NO_SKIN_FOUND, SkinFound, skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.cores import all_of
@@ -62,22 +62,6 @@ class EvidenceTrial:
     def name(self) -> str:
         """Of the recording, whatever part of the body is fitted to it."""
         return self.body.name
-
-
-@dataclass(frozen=True)
-class SkinFound:
-    """Skin that moves with joints, by the evidence of the legs' markers."""
-
-    sizes: Mapping[tuple[str, str], float]
-    """(segment, coordinate) -> size, of the spread that skin has (`skin_movement.py`)."""
-    keys: tuple[str, ...]
-    values: Array
-    """(nz,) m/rad."""
-    hidden: frozenset[str] = frozenset()
-    """Segments whose markers are too few to show it: there it was assumed."""
-
-
-NO_SKIN_FOUND = SkinFound({}, (), np.zeros(0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +106,9 @@ def _legs(
     sides: Sequence[str],
     learnt: JointPrior | None,
 ) -> _Part | None:
-    """Isolated trials of `sides` and gait, with the skin that there is evidence of; None where nothing is free."""
+    """Isolated trials of `sides` and gait, with the skin that there is evidence of, or that nothing shows;
+    None where nothing is free.
+    """
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
     problems = [t.fitted if t.joint else _segments(t.fitted, LOWER_BODY, nominal) for t in used]
     free = free_of(problems, tuple(n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides))
@@ -136,12 +122,13 @@ def _legs(
         plain, errors = estimate_joints(problems, nominal, free, learnt=learnt)
     angles = {t.name: _angles(t.body, plain.parameters, standing) for t in trials}
     columns = [replace(p, tissue=skin_columns(p, angles[t.name])) for t, p in zip(used, problems, strict=True)]
-    sizes = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
+    believed = skin_sizes(columns[:whole])  # markers of a joint alone are those of its trial
+    sizes = believed.sizes
     estimate, skin, tissue = plain, NO_SKIN_FOUND, dict[str, SoftTissue]()
     if sizes:
         own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
         estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=plain, learnt=learnt)
-        skin = SkinFound(sizes, estimate.keys, estimate.skin, hidden_segments(columns[:whole]))
+        skin = SkinFound(believed, estimate.keys, estimate.skin)
         for t in trials:
             moving = only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes)
             if moving is not None:
@@ -276,8 +263,8 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
-    sizes = {pair: size for part in parts for pair, size in part.skin.sizes.items()}
-    hidden = frozenset(segment for part in parts for segment in part.skin.hidden)
+    sizes = {pair: size for part in parts for pair, size in part.skin.believed.sizes.items()}
+    hidden = frozenset(segment for part in parts for segment in part.skin.believed.hidden)
     return JointCalibration(
         parameters=parameters,
         phases=tuple(part.phase for part in parts),

@@ -61,7 +61,7 @@ class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
     problem: TrialProblem
-    """Of the whole body, with the skin that was found to move."""
+    """Of the whole body, with the skin that moves."""
     nodes: Array
     """(nn, 27)."""
     reactions: GroundReactions

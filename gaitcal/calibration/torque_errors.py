@@ -16,13 +16,12 @@ joint parameters moves them together.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence, trial_scores
 from gaitcal.cores import each
@@ -100,7 +99,7 @@ def torque_standard_errors(
             found[Source.FRAMES] = _squares(turned)
         return found
 
-    parts = each(variance, _blocks(len(q)))
+    parts = each(variance, stretches(len(q), BLOCK))
     by_source = {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
     kinetics = kinetic_errors(np.sum(list(by_source.values()), axis=0), by_source.get(Source.MOTION))
     torques = {source: values[:, : len(FORCES)] for source, values in by_source.items()}
@@ -149,12 +148,6 @@ def inertial_square_root(fit: InertialFit) -> Array:
 
 BLOCK = 125
 """Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
-
-
-def _blocks(frames: int) -> list[slice]:
-    """Blocks of nearly the same size, the fewest."""
-    edges = np.linspace(0, frames, -(-frames // BLOCK) + 1).round().astype(int).tolist()
-    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
 
 COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
@@ -281,7 +274,7 @@ def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Sour
     """Source -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
     basis, nq = problem.basis, len(problem.chain.coordinates)
     out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
-    for part in _blocks(len(basis.time)):
+    for part in stretches(len(basis.time), BLOCK):
         for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
             out[source][part] = variance
     return out

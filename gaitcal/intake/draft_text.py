@@ -53,7 +53,7 @@ def draft_text(draft: Draft, folder: Path | None) -> str:
 def settings_text(settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None) -> str:
     """What is said of how to calibrate, as the table of a study file in `folder`; empty where nothing is."""
     said = settings.model_dump(exclude_unset=True) | ({} if priors is None else {"priors": _path(priors, folder)})
-    return toml_table("[calibration]", said) if said else ""
+    return "\n" + toml_table("[calibration]", said) if said else ""
 
 
 def _subject(draft: Draft) -> list[str]:

@@ -46,7 +46,7 @@ class PreparedTrial:
     reweighted: tuple[TrialProblem, TrialProblem] | None = None
     """`fitted` and `legs` where they carry other weights than those of the markers."""
     tissue: SoftTissue | None = None
-    """The skin found to move on the markers of `body`: what error bars count."""
+    """The skin that moves on the markers of `body`: what error bars count."""
 
     @property
     def name(self) -> str:

@@ -188,11 +188,11 @@ def _few_markers(model: SubjectModel, side: str) -> str:
     pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
     count = {part: sum(s == f"{part}_{side}" and w > 0 for s, w in pairs) for part in ("thigh", "shank")}
     few = [f"{n} on the {part}" for part, n in count.items() if n < FEWEST_MARKERS]
-    return f", which knows nothing of moving skin: too few markers to show it, {' and '.join(few)}" if few else ""
+    return f", which can only assume how skin moves: too few markers to show it, {' and '.join(few)}" if few else ""
 
 
 def _cure(isolated: bool, *, fully: bool) -> str:
-    skin = "skin that slides over thigh and shank in step with the motion does this, and no error bar shows it"
+    skin = "skin that slides over thigh and shank in step with the motion does this, and no error bar shows all of it"
     marker = "so does a marker that is not on its epicondyle: look at the static trial"
     if isolated:
         trial = "compare with a slow knee trial of large range, non-weight-bearing"

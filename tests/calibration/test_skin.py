@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_estimate import skin_prior
-from gaitcal.calibration.skin_evidence import hidden_segments, skin_in_words, skin_sizes
+from gaitcal.calibration.skin_evidence import skin_in_words, skin_sizes
 from gaitcal.calibration.skin_movement import LARGEST, beside, only, shifts_and_turns, skin_columns, unit_covariance
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
@@ -47,7 +47,7 @@ def moved(problem: TrialProblem, name: str, size: float, seed: int, noise: float
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_angle_that_skin_moves_with_is_found(seed: int) -> None:
-    sizes = skin_sizes([moved(hip_trial(seed), "hip_flexion_r", 0.5, seed, 0.0005)])
+    sizes = skin_sizes([moved(hip_trial(seed), "hip_flexion_r", 0.5, seed, 0.0005)]).sizes
     assert sizes["thigh_r", "hip_flexion_r"] >= 0.2
     assert all(size <= LARGEST for size in sizes.values())
 
@@ -57,7 +57,7 @@ def test_noise_is_seldom_taken_for_skin() -> None:
     found, asked = 0, 0
     for seed in range(12):
         problem = hip_trial(seed)
-        found += len(skin_sizes([moved(problem, "hip_flexion_r", 0.0, seed, 0.002)]))
+        found += len(skin_sizes([moved(problem, "hip_flexion_r", 0.0, seed, 0.002)]).sizes)
         asked += sum(len(g.names) for g in problem.tissue.groups) if problem.tissue else 0
     assert found <= asked / 5
 
@@ -70,15 +70,25 @@ def test_skin_that_two_markers_cannot_show_is_assumed() -> None:
     group = next(g for g in problem.tissue.groups if problem.chain.segments[g.segment] == "thigh_r")  # type: ignore[union-attr]
     weight[group.markers.start + 2 : group.markers.stop] = 0.0
     two = replace(problem, data=replace(problem.data, weight=weight))
-    sizes = skin_sizes([two])
-    assert hidden_segments([two]) == {"thigh_r"} and not hidden_segments([two, problem])
+    few = skin_sizes([two])
+    sizes = few.sizes
+    assert few.hidden == {"thigh_r"} and not skin_sizes([two, problem]).hidden
     assert {name: sizes["thigh_r", name] for name in beside("thigh_r") if ("thigh_r", name) in sizes} == dict.fromkeys(
         group.names, LARGEST
     )
-    assert sum(segment == "thigh_r" for segment, _ in skin_sizes([two, problem])) < len(group.names)
-    shown, assumed = skin_in_words({**sizes, ("pelvis", "hip_flexion_r"): 0.2}, hidden_segments([two]))
+    assert sum(segment == "thigh_r" for segment, _ in skin_sizes([two, problem]).sizes) < len(group.names)
+    shown, assumed = skin_in_words({**sizes, ("pelvis", "hip_flexion_r"): 0.2}, few.hidden)
     assert "pelvis by 20" in shown and "thigh_r" not in shown
     assert assumed.startswith("markers of thigh_r are too few to show how skin moves") and "50 %" in assumed
+
+
+def test_a_third_marker_that_is_seldom_seen_shows_no_more_than_two() -> None:
+    problem = moved(hip_trial(0), "hip_flexion_r", 0.0, 0, 0.0005)
+    group = next(g for g in problem.tissue.groups if problem.chain.segments[g.segment] == "thigh_r")  # type: ignore[union-attr]
+    weight = problem.data.weight.copy()
+    weight[group.markers.start + 2 : group.markers.stop, weight.shape[1] // 5 :] = 0.0
+    seldom = replace(problem, data=replace(problem.data, weight=weight))
+    assert skin_sizes([seldom]).hidden == {"thigh_r"}
 
 
 def test_markers_that_turn_and_shift_together_have_the_spread_of_clusters() -> None:

@@ -6,6 +6,7 @@ caller learns of it. This file is also run as a script where there is no safe `f
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import os
 import pickle
@@ -30,6 +31,9 @@ MEMORY_PER_BYTE = 100
 
 FAULTS = (RuntimeError, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, OSError, SystemError)
 """What ezc3d and its wrapper raise on files that they cannot read."""
+
+END_WITH_PARENT = 1
+"""Number of Linux's `prctl`: a signal to this process when its parent ends."""
 
 RUN_AS_SCRIPT = (
     "import sys; sys.path[:] = [folder for folder in sys.path if folder];"  # nothing from the working folder
@@ -66,6 +70,8 @@ def _in_fork(path: Path, size: int, seconds: float) -> bytes:
         try:
             os.close(reader)
             signal.signal(signal.SIGINT, signal.SIG_DFL)
+            if sys.platform == "linux":  # who waits for it may be ended by a signal that nobody can hear
+                ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
             faulthandler.disable()
             with os.fdopen(writer, "wb") as pipe:
                 _serve(str(path), size, pipe)
