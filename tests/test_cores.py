@@ -137,9 +137,11 @@ def test_an_interrupt_while_a_copy_is_made_is_neither_lost_nor_heard_by_the_copy
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     fork, mine = os.fork, os.getpid()
+    copies = []
 
     def interrupted() -> int:
         child = fork()
+        copies.append(child)
         os.kill(os.getpid(), signal.SIGINT)
         return child
 
@@ -151,6 +153,9 @@ def test_an_interrupt_while_a_copy_is_made_is_neither_lost_nor_heard_by_the_copy
     with several_cores(), pytest.raises(KeyboardInterrupt):
         each(noted, range(9))
     assert not any(path.name.startswith("True") for path in tmp_path.iterdir())
+    for copy in copies:
+        with pytest.raises(ProcessLookupError):
+            os.kill(copy, 0)
 
 
 def test_a_copy_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
@@ -159,8 +164,9 @@ def test_a_copy_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     def loud(number: int) -> None:
         time.sleep(0.05)
         if os.getpid() != mine:
-            print(number)
-            print(number, file=sys.stderr)
+            for stream in (sys.stdout, sys.stderr):
+                stream.write("something\n")
+                stream.flush()
 
     with several_cores():
         each(loud, range(6))
