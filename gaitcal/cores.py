@@ -17,12 +17,13 @@ import pickle
 import signal
 import struct
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -131,25 +132,23 @@ class _Steps(Generic[Item, Answer]):
         """Add a process that takes steps, too."""
         reader, writer = os.pipe()
         parent = os.getpid()
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _signals_wait():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads: see the head of this module
-            # a signal that came inside `fork` would be lost, or be handled by the copy as if it were the parent
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDINGS)
             try:
                 child = os.fork()
             except OSError:
                 os.close(reader)
                 os.close(writer)
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
                 raise
-        if child:
+            if child == 0:
+                self._serve(queue, writer, parent)
             os.close(writer)
             self.children.append((child, reader))
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            return
+
+    def _serve(self, queue: int, writer: int, parent: int) -> NoReturn:
+        """In a copy: take steps, answer, and end."""
         try:
             _become_copy(parent)
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             self._take(queue)
             with os.fdopen(writer, "wb") as pipe:
                 pickle.dump(self.answers, pipe, protocol=5)
@@ -165,6 +164,25 @@ class _Steps(Generic[Item, Answer]):
         if number not in self.answers:
             self.answers[number] = self.function(self.items[number])
         return self.answers[number]
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Inside, a signal that ends the command is only noted. One that came inside `fork` would be lost, or unwind a copy
+    as if it were the parent.
+    """
+    if threading.current_thread() is not threading.main_thread():  # no other thread hears any
+        yield
+        return
+    came: list[int] = []
+    before = {ending: signal.signal(ending, lambda number, _: came.append(number)) for ending in _ENDINGS}
+    try:
+        yield
+    finally:
+        for ending, handler in before.items():
+            signal.signal(ending, handler or signal.SIG_DFL)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def _become_copy(parent: int) -> None:
