@@ -14,7 +14,7 @@ An angle is taken in where skin that moves with it is likelier than skin that do
 log L rises by more than `LIKELIER`. Asking for strong evidence (6) left skin out that slower noise half hid, and hips
 then covered 73 instead of 92 % of 95. Markers that slide but do not deform stay unseen.
 
-One marker or two, or three on a line or seldom seen together, show no deformation: there skin has the size that fits
+One marker or two, or three on a line or never seen together, show no deformation: there skin has the size that fits
 believe at most (`LARGEST`). Taken to be still, two-marker thighs made intervals of 95 % for hips hold 86 % on two
 people of OpenSim whose skin follows their joints, and 87 % of differences between straight walks and turns of four
 children; so, 94 and 98 %, and 93 %. Their hips come a quarter nearer; those of clean people part by a tenth.
@@ -31,7 +31,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
 from gaitcal.calibration.skin_movement import LARGEST, shifts_and_turns, unit_covariance
 from gaitcal.findings import listed
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.soft_tissue import SegmentTissue
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -40,7 +40,8 @@ LIKELIER = 0.5
 GRID = np.array([0.02, 0.05, 0.1, 0.2, 0.35, LARGEST])
 """Sizes looked at."""
 LET_GO = 0.5
-"""Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen."""
+"""Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
+aside where three others are seen more often."""
 SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
@@ -185,7 +186,8 @@ def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Ar
     given = data.weight[group.markers]
     trusted = (given > 0) & (given > LET_GO * given.max(axis=1, keepdims=True))
     often = trusted.sum(axis=1)
-    used = group.markers.start + np.flatnonzero((often > 0) & (often >= LET_GO * often.max(initial=0)))
+    third = np.sort(often)[-FEWEST_MARKERS] if len(often) >= FEWEST_MARKERS else 0  # fewer than three show nothing
+    used = group.markers.start + np.flatnonzero((often > 0) & (often >= min(third, LET_GO * often.max(initial=0))))
     local, weight = data.local[used], data.weight[used]
     fit = rigid_fit(local, data.measured[used], weight)
     whole = fit.determined & trusted[used - group.markers.start].all(axis=0)

@@ -82,13 +82,15 @@ def test_skin_that_two_markers_cannot_show_is_assumed() -> None:
     assert assumed.startswith("markers of thigh_r are too few to show how skin moves") and "50 %" in assumed
 
 
-def test_a_third_marker_that_is_seldom_seen_shows_no_more_than_two() -> None:
-    problem = moved(hip_trial(0), "hip_flexion_r", 0.0, 0, 0.0005)
+@pytest.mark.parametrize(("from_frame", "hidden"), [(0.2, False), (0.0, True)])
+def test_a_third_marker_shows_skin_in_the_frames_in_which_it_is_seen(from_frame: float, hidden: bool) -> None:
+    problem = moved(hip_trial(0), "hip_flexion_r", 0.5, 0, 0.0005)
     group = next(g for g in problem.tissue.groups if problem.chain.segments[g.segment] == "thigh_r")  # type: ignore[union-attr]
     weight = problem.data.weight.copy()
-    weight[group.markers.start + 2 : group.markers.stop, weight.shape[1] // 5 :] = 0.0
-    seldom = replace(problem, data=replace(problem.data, weight=weight))
-    assert skin_sizes([seldom]).hidden == {"thigh_r"}
+    weight[group.markers.start + 2 : group.markers.stop, int(from_frame * weight.shape[1]) :] = 0.0
+    seldom = skin_sizes([replace(problem, data=replace(problem.data, weight=weight))])
+    assert seldom.hidden == ({"thigh_r"} if hidden else set())
+    assert seldom.sizes["thigh_r", "hip_flexion_r"] > 0.1
 
 
 def test_markers_that_turn_and_shift_together_have_the_spread_of_clusters() -> None:

@@ -127,7 +127,7 @@ def test_cohort_file_names_people_and_settings(folder: Path) -> None:
     cohort, settings = read_cohort(folder, folder / "out")
     assert [p.key for p in cohort.people] == [("Ann", ""), ("Bob", "pre")]
     assert cohort.people[1].folder == (folder / "Bob" / "pre").resolve()
-    assert settings_text(settings) == '[calibration]\nip = "none"\n'
+    assert settings_text(settings) == '\n[calibration]\nip = "none"\n'
 
 
 @pytest.mark.parametrize(

@@ -266,5 +266,5 @@ def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path:
 
 def test_the_drafted_study_of_a_result_names_the_priors(tmp_path: Path) -> None:
     text = settings_text(CalibrationSettings(ip="none"), tmp_path / "lab" / "p.json", tmp_path / "out" / "P0")
-    assert text == '[calibration]\nip = "none"\npriors = "../../lab/p.json"\n'
+    assert text == '\n[calibration]\nip = "none"\npriors = "../../lab/p.json"\n'
     assert settings_text(CalibrationSettings(), None, tmp_path) == ""
