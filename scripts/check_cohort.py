@@ -3,7 +3,7 @@
 python scripts/check_cohort.py kills [--kills 30] [--people 8]   SIGKILL of parent or worker, anywhere: the same tables
 python scripts/check_cohort.py cluster [--people 6]              two dask workers against this machine: the same tables
 python scripts/check_cohort.py memory [--people 20 60]           people a minute, largest memory of the parent
-python scripts/check_cohort.py scaling [--people 8]              two processes against one, and against `calibrate`
+python scripts/check_cohort.py scaling [--people 24]             two processes against one, and against `calibrate`
 python scripts/check_cohort.py page [--people 100 1000]          size of cohort.html, time until it can be used; these
                                                                  people are copies of three, with noise
 
@@ -48,7 +48,7 @@ COPIED = 3
 """People who are calibrated for a page of many copies."""
 LEAST_S = 0.3
 """A command is killed this long after its start at the earliest."""
-PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "scaling": [8], "page": [100, 1000]}
+PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "scaling": [24], "page": [100, 1000]}
 
 
 def command(*words: object) -> list[str]:
