@@ -32,9 +32,8 @@ def set_up() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
     gc.set_threshold(*RARELY)
-    atexit.register(
-        gc.freeze
-    )  # else Python, as it ends, looks twice through all that libraries made: a fifth of a second
+    # as it ends, Python else looks twice through all that libraries made, a fifth of a second
+    atexit.register(gc.freeze)
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
