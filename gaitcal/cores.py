@@ -84,6 +84,16 @@ def all_of(*steps: Callable[[], Any]) -> list[Any]:
     return each(_call, steps)
 
 
+def ahead(needed: Callable[[], Item], perhaps: Callable[[], Answer]) -> tuple[Item, Callable[[], Answer]]:
+    """What `needed` returns, and a function that gives what `perhaps` returns: computed beside it where there is a core
+    to spare, else only when somebody asks.
+    """
+    if _asked == 1:
+        return needed(), perhaps
+    first, second = all_of(needed, perhaps)
+    return first, lambda: second
+
+
 def _call(step: Callable[[], Answer]) -> Answer:
     return step()
 

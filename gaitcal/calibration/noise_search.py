@@ -28,7 +28,7 @@ FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
 """Fits after which the noise of every trial is found anew."""
-NEAR = 1e-7
+NEAR = 1e-3
 """Relative tolerance of those: what they leave of the cost is less than a thousandth of one sample."""
 
 

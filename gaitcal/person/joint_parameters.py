@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
+from gaitcal.calibration.evidence_part import EvidenceTrial
+from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,

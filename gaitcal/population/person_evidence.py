@@ -13,8 +13,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
+from gaitcal.calibration.joint_evidence import UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.leg_evidence import LEG_PARAMETERS
 from gaitcal.study.people_design import Person
 
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}

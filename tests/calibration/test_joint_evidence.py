@@ -8,9 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gaitcal.calibration.evidence_part import EvidenceTrial
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
+from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.skin_evidence import skin_in_words
 from gaitcal.calibration.skin_movement import SIZES, only, skin_columns
