@@ -84,14 +84,17 @@ def all_of(*steps: Callable[[], Any]) -> list[Any]:
     return each(_call, steps)
 
 
-def ahead(needed: Callable[[], Item], perhaps: Callable[[], Answer]) -> tuple[Item, Callable[[], Answer]]:
-    """What `needed` returns, and a function that gives what `perhaps` returns: computed beside it where there is a core
-    to spare, else only when somebody asks.
+@contextmanager
+def beside(function: Callable[[], Answer]) -> Iterator[Callable[[], Answer]]:
+    """Inside, a copy computes `function`, and what this gives waits for its answer; where there is no core to spare,
+    what this gives is `function` itself.
     """
     if _asked == 1:
-        return needed(), perhaps
-    first, second = all_of(needed, perhaps)
-    return first, lambda: second
+        yield function
+        return
+    steps = _Steps(_call, (function,), (0,))
+    with steps.begun(copies=1):
+        yield lambda: steps.finished()[0]
 
 
 def _call(step: Callable[[], Answer]) -> Answer:
@@ -110,7 +113,15 @@ class _Steps(Generic[Item, Answer]):
     """Processes, and the ends of their pipes."""
 
     def run(self, copies: int) -> list[Answer]:
-        """The answers in the order of the items."""
+        """The answers in the order of the items, of which this process computes some, too."""
+        with self.begun(copies) as queue:
+            with _cores(1):
+                self._take(queue)
+            return self.finished()
+
+    @contextmanager
+    def begun(self, copies: int) -> Iterator[int]:
+        """Inside, copies take steps from the queue that this gives."""
         queue, fill = os.pipe()
         os.write(fill, b"".join(_NUMBER.pack(k) for k in self.order))
         os.close(fill)
@@ -118,10 +129,7 @@ class _Steps(Generic[Item, Answer]):
             with suppress(OSError):  # no more processes are allowed: fewer share the work
                 for _ in range(copies):
                     self._copy(queue)
-            with _cores(1):
-                self._take(queue)
-            for _, pipe in self.children:
-                self._hear(pipe)
+            yield queue
         finally:
             os.close(queue)
             for child, pipe in self.children:
@@ -129,6 +137,11 @@ class _Steps(Generic[Item, Answer]):
                 with suppress(ProcessLookupError, ChildProcessError):  # the system has buried it already
                     os.kill(child, signal.SIGKILL)
                     os.waitpid(child, 0)
+
+    def finished(self) -> list[Answer]:
+        """What the copies answer; what none of them does is computed here."""
+        for _, pipe in self.children:
+            self._hear(pipe)
         return [self._answer(k) for k in range(len(self.items))]
 
     def _take(self, queue: int) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -20,10 +21,10 @@ from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import estimate_joints, free_of
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
-from gaitcal.calibration.leg_evidence import legs_with_skin, plain_legs
+from gaitcal.calibration.leg_evidence import JointAlone, joints_alone, legs_of, plain_legs, with_quiet_joints, with_skin
 from gaitcal.calibration.skin_evidence import skin_in_words
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
-from gaitcal.cores import all_of
+from gaitcal.cores import beside
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
@@ -47,12 +48,25 @@ def calibrate_by_evidence(
 
     `standing`: the whole body in the static trial, where every marker is in its place.
     """
-    plain, upper = all_of(
-        lambda: plain_legs(trials, nominal, sides, settings.learnt),
-        lambda: _trunk_and_arms(trials, nominal, settings.learnt),
-    )
-    legs = None if plain is None else legs_with_skin(plain, trials, nominal, standing, settings.learnt)
-    return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
+    learnt = settings.learnt
+    with beside(partial(_besides, trials, nominal, sides, learnt)) as besides:
+        plain = plain_legs(trials, nominal, sides, learnt)
+        skin = None if plain is None else with_skin(plain, trials, nominal, standing, learnt)
+        upper, alone = besides()
+    parts = [] if upper is None else [upper]
+    if plain is not None and skin is not None:
+        if quiet := [joint for joint in alone if plain.quiet(joint)]:
+            plain = with_quiet_joints(plain, quiet, nominal, learnt)
+            skin = with_skin(plain, trials, nominal, standing, learnt)
+        parts.insert(0, legs_of(plain, skin))
+    return _calibration(parts, nominal, settings)
+
+
+def _besides(
+    trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], learnt: JointPrior | None
+) -> tuple[Part | None, list[JointAlone]]:
+    """What does not wait for the legs."""
+    return _trunk_and_arms(trials, nominal, learnt), joints_alone(trials, nominal, sides)
 
 
 def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> Part | None:

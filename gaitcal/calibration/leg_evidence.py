@@ -20,7 +20,7 @@ from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, f
 from gaitcal.calibration.noise_search import noise_of_joints
 from gaitcal.calibration.skin_evidence import NO_SKIN_FOUND, SkinFound, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
-from gaitcal.cores import ahead, each
+from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import ISOLATED_JOINTS, LOWER_BODY, joint_segments
 from gaitcal.model.parameters import Parameters
@@ -37,8 +37,15 @@ QUIET = 0.25
 sixteenth, and a few parameters more than samples do not pass for quiet."""
 
 
-_Piece = tuple[EvidenceTrial, TrialProblem]
-"""A walk, and one of its joints alone."""
+@dataclass(frozen=True)
+class JointAlone:
+    """A joint of a walk fitted without the rest of the body."""
+
+    walk: str
+    """Name of the trial."""
+    problem: TrialProblem
+    noise: float
+    """m, what it leaves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,13 +62,21 @@ class PlainLegs:
     estimate: JointEstimate
     errors: Influence
 
+    def quiet(self, joint: JointAlone) -> bool:
+        """Whether a joint follows its markers far better by itself than the legs of the same walk as a whole do."""
+        names = [t.name for t in self.used]
+        return joint.noise < QUIET * self.estimate.noise[names.index(joint.walk)]
+
 
 @dataclass(frozen=True, kw_only=True)
-class _LegsWithSkin:
+class LegsWithSkin:
+    """The legs fitted with the skin that there is evidence of, or that nothing shows."""
+
     estimate: JointEstimate
     errors: Influence
     skin: SkinFound = NO_SKIN_FOUND
     tissue: Mapping[str, SoftTissue]
+    """Trial -> the columns of that skin on the markers of the whole body."""
 
 
 def plain_legs(
@@ -70,32 +85,15 @@ def plain_legs(
     """Isolated trials of `sides` and gait together, skin being still; None where nothing is free."""
     used = tuple(t for t in trials if t.joint is None or t.joint[-1] in sides)
     problems = tuple(t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal) for t in used)
-    free = free_of(problems, tuple(n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides))
+    free = free_of(problems, _parameters_of(sides))
     if not free:
         return None
     estimate, errors = estimate_joints(problems, nominal, free, learnt=learnt)
     return PlainLegs(used=used, problems=problems, whole=len(problems), free=free, estimate=estimate, errors=errors)
 
 
-def legs_with_skin(
-    plain: PlainLegs,
-    trials: Sequence[EvidenceTrial],
-    nominal: Parameters,
-    standing: TrialProblem,
-    learnt: JointPrior | None,
-) -> Part:
-    """The same with the joints that are quiet by themselves, and with the skin that there is evidence of, or that
-    nothing shows.
-    """
-    angles = _angles_by_trial(plain, trials, standing)
-    quiet, unless_quiet = ahead(
-        lambda: _quiet_joints(plain, nominal), lambda: _with_skin(plain, trials, angles, nominal, learnt)
-    )
-    if quiet:
-        plain = _with_quiet_joints(plain, quiet, nominal, learnt)
-        found = _with_skin(plain, trials, _angles_by_trial(plain, trials, standing), nominal, learnt)
-    else:
-        found = unless_quiet()
+def legs_of(plain: PlainLegs, found: LegsWithSkin) -> Part:
+    """What the fit of the legs gives."""
     estimate = found.estimate
     pieces = list(zip(plain.used, plain.problems, estimate.nodes, strict=True))
     turns = [small_turns(problem, nodes, t.joint) for t, problem, nodes in pieces if t.joint]
@@ -114,34 +112,38 @@ def legs_with_skin(
     )
 
 
-def _with_quiet_joints(
-    plain: PlainLegs, quiet: Sequence[_Piece], nominal: Parameters, learnt: JointPrior | None
+def with_quiet_joints(
+    plain: PlainLegs, quiet: Sequence[JointAlone], nominal: Parameters, learnt: JointPrior | None
 ) -> PlainLegs:
-    used = (*plain.used, *(t for t, _ in quiet))
-    problems = (*plain.problems, *(p for _, p in quiet))
+    """The same fit with some joints of walks once more, by themselves."""
+    of_name = {t.name: t for t in plain.used}
+    used = (*plain.used, *(of_name[joint.walk] for joint in quiet))
+    problems = (*plain.problems, *(joint.problem for joint in quiet))
     estimate, errors = estimate_joints(problems, nominal, plain.free, learnt=learnt)
     return replace(plain, used=used, problems=problems, estimate=estimate, errors=errors)
 
 
-def _with_skin(
+def with_skin(
     plain: PlainLegs,
     trials: Sequence[EvidenceTrial],
-    angles: Mapping[str, Mapping[str, Array]],
     nominal: Parameters,
+    standing: TrialProblem,
     learnt: JointPrior | None,
-) -> _LegsWithSkin:
-    """A fit from the plain one with skin that moves with `angles`, where there is any."""
+) -> LegsWithSkin:
+    """A fit from the plain one with skin, where there is any."""
+    told = each(lambda t: _angles(t.body, plain.estimate.parameters, standing), trials)
+    angles = {t.name: of_trial for t, of_trial in zip(trials, told, strict=True)}
     free, first = plain.free, plain.estimate
     pairs = zip(plain.used, plain.problems, strict=True)
     columns = [replace(problem, tissue=skin_columns(problem, angles[t.name])) for t, problem in pairs]
     believed = skin_sizes(columns[: plain.whole])  # markers of a joint alone are those of its trial
     sizes = believed.sizes
     if not sizes:
-        return _LegsWithSkin(estimate=first, errors=plain.errors, tissue={})
+        return LegsWithSkin(estimate=first, errors=plain.errors, tissue={})
     own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
     estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=first, learnt=learnt)
     tissue = {t.name: only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes) for t in trials}
-    return _LegsWithSkin(
+    return LegsWithSkin(
         estimate=estimate,
         errors=errors,
         skin=SkinFound(believed, estimate.keys, estimate.skin),
@@ -149,24 +151,28 @@ def _with_skin(
     )
 
 
-def _quiet_joints(plain: PlainLegs, nominal: Parameters) -> list[_Piece]:
-    """Joints of gait trials that follow their markers far better by themselves than the legs as a whole do.
+def joints_alone(trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str]) -> list[JointAlone]:
+    """The joints of the legs of `sides` in walks, each by itself.
 
     Where one joint is not what the model has (a knee that rolls), its misfit is the noise of all legs, and pushes their
-    other joints. Those that are quiet by themselves take part by themselves, too.
+    other joints. Those that are far quieter by themselves take part by themselves, too.
     """
-    legs = {p.name: nu for p, nu in zip(plain.problems, plain.estimate.noise, strict=True)}
     pieces = [
-        (walk, replace(segments_of(walk.fitted, joint_segments(joint), nominal), name=f"{walk.name}, {joint} alone"))
-        for walk in plain.used
+        (t.name, replace(segments_of(t.fitted, joint_segments(joint), nominal), name=f"{t.name}, {joint} alone"))
+        for t in trials
         for joint in ISOLATED_JOINTS
-        if walk.joint is None and _shows(walk.fitted, joint)
+        if t.joint is None and _shows(t.fitted, joint)
     ]
-    free = free_of([piece for _, piece in pieces], plain.estimate.free)
+    problems = [problem for _, problem in pieces]
+    free = free_of(problems, _parameters_of(sides))
     if not free:
         return []
-    alone = noise_of_joints([piece for _, piece in pieces], nominal, free, plain.estimate.parameters)
-    return [(walk, piece) for (walk, piece), nu in zip(pieces, alone, strict=True) if nu < QUIET * legs[walk.name]]
+    noise = noise_of_joints(problems, nominal, free)
+    return [JointAlone(walk, problem, nu) for (walk, problem), nu in zip(pieces, noise, strict=True)]
+
+
+def _parameters_of(sides: Sequence[str]) -> tuple[str, ...]:
+    return tuple(n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides)
 
 
 def _shows(problem: TrialProblem, joint: str) -> bool:
@@ -175,14 +181,6 @@ def _shows(problem: TrialProblem, joint: str) -> bool:
     shown = [problem.chain.segments[s] for s in problem.data.segment[pulling]]
     ends = joint_segments(joint)
     return all(shown.count(segment) >= FEWEST_MARKERS for segment in (ends[0], ends[-1]))
-
-
-def _angles_by_trial(
-    plain: PlainLegs, trials: Sequence[EvidenceTrial], standing: TrialProblem
-) -> dict[str, dict[str, Array]]:
-    """Trial -> coordinate -> (nf,) rad, at the plain joint parameters."""
-    told = each(lambda t: _angles(t.body, plain.estimate.parameters, standing), trials)
-    return {t.name: angles for t, angles in zip(trials, told, strict=True)}
 
 
 def _angles(body: TrialProblem, parameters: Parameters, standing: TrialProblem) -> dict[str, Array]:

@@ -32,11 +32,9 @@ NEAR = 1e-3
 """Relative tolerance of those: what they leave of the cost is less than a thousandth of one sample."""
 
 
-def noise_of_joints(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], near: Parameters
-) -> list[float]:
-    """m, nu of every trial, as fits of the joint parameters alone find it that start from those of `near`."""
-    _, noise = _weighed(problems, nominal, free, near, None)
+def noise_of_joints(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
+    """m, nu of every trial, as fits of the joint parameters alone find it."""
+    _, noise = _weighed(problems, nominal, free, None)
     return noise
 
 
@@ -54,21 +52,17 @@ def joints_and_noise(
     problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
 ) -> tuple[JointFit, list[float]]:
     """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
-    search, noise = _weighed(problems, nominal, free, nominal, learnt)
+    search, noise = _weighed(problems, nominal, free, learnt)
     return search.run(), noise
 
 
 def _weighed(
-    problems: Sequence[TrialProblem],
-    nominal: Parameters,
-    free: tuple[str, ...],
-    start: Parameters,
-    learnt: JointPrior | None,
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
 ) -> tuple[JointSearch, list[float]]:
-    """A search from `start` that is near its end, every trial weighed by its noise, and that noise."""
+    """A search from nominal values that is near its end, every trial weighed by its noise, and that noise."""
     noise = [_first_noise(p) for p in problems]
-    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in problems]
-    values: Array | None = start.joint[[JP_INDEX[name] for name in free]]
+    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    values: Array | None = nominal.joint[[JP_INDEX[name] for name in free]]
     least = [least_noise(p.basis) for p in problems]
     _, precision = expected_joints(nominal, free, learnt)
     search = _search(problems, nominal, free, starts, learnt)
