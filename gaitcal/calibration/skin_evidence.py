@@ -70,36 +70,34 @@ class SegmentEvidence:
         self.right[place] += right
 
     def sizes(self, covariance: Array) -> dict[str, float]:
-        """Coordinate -> size of the skin's movement with it, of those that the evidence asks for."""
-        width, chosen, reached = len(covariance), dict[str, float](), 0.0
+        """Coordinate -> size of the skin's movement with it, of those that the evidence asks for; `covariance`: that of
+        one angle's columns at size 1.
+        """
+        root = np.kron(np.eye(len(self.names)), np.linalg.cholesky(covariance))
+        seen, right = root.T @ self.information @ root, root.T @ self.right
+        chosen, reached = dict[str, float](), 0.0
         while True:
-            gains = [
-                (self._evidence(covariance, {**chosen, name: float(size)}, width), name, float(size))
-                for name in self.names
-                if name not in chosen
-                for size in GRID
-            ]
-            best = max(gains, default=(0.0, "", 0.0))
-            if best[0] < reached + LIKELIER:
-                return self._refined(covariance, chosen, width)
-            reached, chosen = best[0], {**chosen, best[1]: best[2]}
-
-    def _refined(self, covariance: Array, chosen: dict[str, float], width: int) -> dict[str, float]:
-        """Each size once more, given the others."""
-        for name in chosen:
-            values = [self._evidence(covariance, {**chosen, name: float(size)}, width) for size in GRID]
-            chosen = {**chosen, name: float(GRID[int(np.argmax(values))])}
+            best = max(((*self._best(seen, right, chosen, n), n) for n in self.names if n not in chosen), default=None)
+            if best is None or best[0] < reached + LIKELIER:
+                break
+            reached, chosen[best[2]] = best[0], best[1]
+        for name in chosen:  # each once more, given the others
+            _, chosen[name] = self._best(seen, right, {n: size for n, size in chosen.items() if n != name}, name)
         return chosen
 
-    def _evidence(self, covariance: Array, sizes: Mapping[str, float], width: int) -> float:
-        """2 log L of the sizes against none at all."""
-        place = np.concatenate([width * self.names.index(name) + np.arange(width) for name in sizes])
-        half = np.linalg.cholesky(covariance)
-        root = np.kron(np.diag(list(sizes.values())), half)
-        seen = root.T @ self.information[np.ix_(place, place)] @ root
-        factor = np.linalg.cholesky(np.eye(len(seen)) + seen)
-        explained = np.linalg.solve(factor, root.T @ self.right[place])
-        return float(explained @ explained - 2.0 * np.log(np.diag(factor)).sum())
+    def _best(self, seen: Array, right: Array, others: Mapping[str, float], name: str) -> tuple[float, float]:
+        """2 log L against no skin at all, and the size of one coordinate that makes it largest, `others` having theirs;
+        `seen` and `right`: Q and b by columns of unit variance.
+        """
+        width = len(right) // len(self.names)
+        place = np.concatenate([width * self.names.index(n) + np.arange(width) for n in (*others, name)])
+        scale = np.repeat([[*others.values(), size] for size in GRID], width, axis=1)
+        within = scale[:, :, None] * seen[np.ix_(place, place)] * scale[:, None, :]
+        factor = np.linalg.cholesky(np.eye(len(place)) + within)
+        explained = np.linalg.solve(factor, (scale * right[place])[:, :, None])[:, :, 0]
+        values = (explained**2).sum(axis=1) - 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        best = int(np.argmax(values))
+        return float(values[best]), float(GRID[best])
 
 
 @dataclass(frozen=True)

@@ -106,9 +106,16 @@ class Dynamics:
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
+        return self._unloaded(q, v, a) + self.of_ground(q, wrenches[..., None])[..., 0]
+
+    def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
+        """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
+        return self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
+
+    def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
         state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
-        tau = unloaded_forces(self.linkage, self._data, *state)
-        return tau[:, self._rows] + self.of_ground(q, wrenches[..., None])[..., 0]
+        out: Array = unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
+        return out
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, 29, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""

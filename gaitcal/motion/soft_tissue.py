@@ -101,14 +101,11 @@ def with_tissue_columns(
         velocity, spin = columns[moved, :3], columns[moved, 3:]
         phi, nr = group.regressors, len(group.names)
         for m in range(group.markers.start, group.markers.stop):
-            weight = data.weight[m]
-            pull = weight * np.einsum("jif,if->jf", axes, position[m] - data.measured[m])
-            x = position[m]
-            point = velocity + np.cross(spin, x[None], axis=1)
-            local = weight * np.einsum("jif,kif->kjf", axes, point)
+            weight, x = data.weight[m], position[m]
             here = slice(at, at + 3 * nr)
-            gradient[here] = (phi @ pull.T).ravel()
+            gradient[here] = (phi @ (weight * _in_axes(axes, x - data.measured[m])).T).ravel()
             own[here, here] = np.kron((phi * weight) @ phi.T, np.eye(3))
+            local = weight * _in_axes(axes, velocity + _cross(spin, x))
             shaped = local[:, None] * phi[:, None]  # (nk, nr, 3, nf)
             by_parameter[moved[~turning] - nq, here] = shaped[~turning].sum(axis=-1).reshape(-1, 3 * nr)
             rows = shaped[turning].reshape(-1, nf)
@@ -120,3 +117,20 @@ def with_tissue_columns(
         parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, own]]),
         parameter_gradient=np.concatenate([equations.parameter_gradient, gradient]),
     )
+
+
+def _in_axes(axes: Array, vectors: Array) -> Array:
+    """(..., 3, nf) vectors along three axes (3, 3, nf)."""
+    out = np.empty_like(vectors)
+    for j, axis in enumerate(axes):
+        out[..., j, :] = axis[0] * vectors[..., 0, :] + axis[1] * vectors[..., 1, :] + axis[2] * vectors[..., 2, :]
+    return out
+
+
+def _cross(spin: Array, arm: Array) -> Array:
+    """(n, 3, nf) spin x arm for (n, 3, nf) and (3, nf); np.cross makes arrays of that size twice over."""
+    out = np.empty_like(spin)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[:, i] = spin[:, j] * arm[k] - spin[:, k] * arm[j]
+    return out

@@ -26,7 +26,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import DenseMotion, Smoothed
@@ -150,7 +150,7 @@ def _by_plates(
 
     def disagreement(smoothed: Smoothed) -> float:
         q, v, a = (basis.evaluate(smoothed.nodes, k)[frames] for k in range(3))
-        return float((pelvis_residual(q, dynamics.forces(q, v, a, wrench))[:, :3] ** 2).sum())
+        return float((dynamics.residual_force(q, v, a, wrench) ** 2).sum())
 
     hz = dense.least(disagreement, markers / REACH, min(markers * REACH, dense.highest))
     told = disagreement(dense.at(0.5 * hz)) >= TOLD * disagreement(dense.at(hz))
