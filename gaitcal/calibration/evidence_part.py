@@ -51,20 +51,17 @@ class Part:
     """Trial -> the columns of that skin on the markers of the whole body."""
 
 
-def phase_of(
-    name: str, trials: Sequence[EvidenceTrial], pieces: Sequence[str], first: JointEstimate, last: JointEstimate
-) -> Phase:
+def phase_of(name: str, trials: Sequence[EvidenceTrial], pieces: Sequence[str], estimate: JointEstimate) -> Phase:
     """`pieces`: what the noise of each of the `trials` is told as; a joint of a walk alone is not the walk."""
-    together = (first,) if first is last else (first, last)
     return Phase(
         name=name,
         trials=tuple(dict.fromkeys(t.name for t in trials)),
-        parameters=len(last.free) + len(last.keys),
-        iterations=sum(e.iterations for e in together),
-        seconds=sum(e.seconds for e in together),
-        converged=all(e.converged for e in together),
-        message=last.message,
-        noise=dict(zip(pieces, last.noise, strict=True)),
+        parameters=len(estimate.free) + len(estimate.keys),
+        iterations=estimate.iterations,
+        seconds=estimate.seconds,
+        converged=estimate.converged,
+        message=estimate.message,
+        noise=dict(zip(pieces, estimate.noise, strict=True)),
     )
 
 

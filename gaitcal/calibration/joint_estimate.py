@@ -27,8 +27,7 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_calibration import JointFit
-from gaitcal.calibration.noise_search import expected_joints, joints_and_noise
+from gaitcal.calibration.noise_search import NearJoints, expected_joints, near_joints
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.skin_movement import unit_covariance
 from gaitcal.model.parameters import Parameters
@@ -177,7 +176,7 @@ def estimate_joints(
     free: tuple[str, ...],
     *,
     skin: SkinPrior = NO_SKIN,
-    start: JointEstimate | None = None,
+    near: NearJoints | None = None,
     learnt: JointPrior | None = None,
 ) -> tuple[JointEstimate, Influence]:
     """Fit the joint parameters `free` and the skin to all trials together, and tell their errors by source.
@@ -186,29 +185,26 @@ def estimate_joints(
     ----------
     problems : trials with the soft tissue that `skin` is the prior of; without any where that has no columns.
     nominal : centre of the prior, and values of all that is not free.
-    start : an estimate of the same trials without skin; its noise is kept, as skin that is free explains noise, too.
-        Unless given, the noise of every trial is found by fitting `ROUNDS` times.
+    near : the same trials without skin, not far from the end; found here unless given. Its noise is kept: skin that is
+        free explains noise, too.
     learnt : prior of a cohort, about `nominal`; the default prior unless given.
     """
     began = time.perf_counter()
-    fit: JointFit | None = None
-    if start is None:
-        fit, noise = joints_and_noise(problems, nominal, free, learnt)
-        theta, nodes, steps = fit.values, list(fit.nodes), fit.iterations
-        converged, message = fit.converged, fit.message
-    else:
-        noise, theta = list(start.noise), np.concatenate([start.values[: len(free)], np.zeros(len(skin.keys))])
-        nodes, steps, converged, message = list(start.nodes), 0, start.converged, start.message
+    found_here = near is None
+    near = near or near_joints(problems, nominal, free, learnt)
+    noise, seconds = near.noise, 0.0 if found_here else near.seconds
     shared = _MarkersAndPriors(problems, nominal, free, skin, noise, learnt)
-    x = shared.joined(theta, nodes)
     if skin.keys:
-        end = descend(shared, x, WITH_SKIN)
-        x, steps, converged, message = end.x, steps + end.steps, end.converged, end.ending.value
-    theta, nodes = shared.parted(x)
-    if fit is None or skin.keys:
-        parts = shared.reduced(x)
+        theta = np.concatenate([near.state.p, np.zeros(len(skin.keys))])
+        end = descend(shared, shared.joined(theta, [trial.nodes for trial in near.state.trials]), WITH_SKIN)
+        theta, nodes = shared.parted(end.x)
+        parts = shared.reduced(end.x)
+        steps, converged, message = end.steps, end.converged, end.ending.value
     else:
+        fit = near.search.run()
+        theta, nodes = fit.values, list(fit.nodes)
         parts = shared.placed([trial.matrices.hessian for trial in fit.state.trials])
+        steps, converged, message = fit.iterations, fit.converged, fit.message
     inverse = np.linalg.inv(sum(parts) + shared.precision)
     estimate = JointEstimate(
         free=free,
@@ -216,10 +212,10 @@ def estimate_joints(
         values=theta,
         parameters=nominal.with_joint(free, theta[: len(free)]),
         nodes=tuple(nodes),
-        noise=tuple(noise),
+        noise=noise,
         served=float(np.trace(inverse @ sum(parts))),
         iterations=steps,
-        seconds=time.perf_counter() - began,
+        seconds=seconds + time.perf_counter() - began,
         converged=converged,
         message=message,
     )

@@ -82,7 +82,7 @@ def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt
     if turned := turned_arms(problems, trunk.nodes, nominal):
         free = without_arms(free, turned)
         trunk, errors = estimate_joints(problems, nominal, free, learnt=learnt)
-    phase = phase_of("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk, trunk)
+    phase = phase_of("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk)
     return Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase, findings=told(turned))
 
 

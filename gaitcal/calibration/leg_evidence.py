@@ -17,7 +17,7 @@ from gaitcal.calibration.evidence_part import EvidenceTrial, Part, phase_of, seg
 from gaitcal.calibration.identifiability import LEG_JOINTS, small_turns, turns_of
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints, free_of, skin_prior
-from gaitcal.calibration.noise_search import noise_of_joints
+from gaitcal.calibration.noise_search import NearJoints, near_joints
 from gaitcal.calibration.skin_evidence import NO_SKIN_FOUND, SkinFound, skin_sizes
 from gaitcal.calibration.skin_movement import only, skin_columns
 from gaitcal.cores import each
@@ -59,13 +59,12 @@ class PlainLegs:
     whole: int
     """How many of them are trials as they are; joints of a walk by themselves come after."""
     free: tuple[str, ...]
-    estimate: JointEstimate
-    errors: Influence
+    near: NearJoints
 
     def quiet(self, joint: JointAlone) -> bool:
         """Whether a joint follows its markers far better by itself than the legs of the same walk as a whole do."""
         names = [t.name for t in self.used]
-        return joint.noise < QUIET * self.estimate.noise[names.index(joint.walk)]
+        return joint.noise < QUIET * self.near.noise[names.index(joint.walk)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +87,8 @@ def plain_legs(
     free = free_of(problems, _parameters_of(sides))
     if not free:
         return None
-    estimate, errors = estimate_joints(problems, nominal, free, learnt=learnt)
-    return PlainLegs(used=used, problems=problems, whole=len(problems), free=free, estimate=estimate, errors=errors)
+    near = near_joints(problems, nominal, free, learnt)
+    return PlainLegs(used=used, problems=problems, whole=len(problems), free=free, near=near)
 
 
 def legs_of(plain: PlainLegs, found: LegsWithSkin) -> Part:
@@ -102,9 +101,7 @@ def legs_of(plain: PlainLegs, found: LegsWithSkin) -> Part:
         free=plain.free,
         parameters=estimate.parameters,
         errors=_and_skin(found.errors, found.skin),
-        phase=phase_of(
-            "joint parameters of the legs", plain.used, [p.name for p in plain.problems], plain.estimate, estimate
-        ),
+        phase=phase_of("joint parameters of the legs", plain.used, [p.name for p in plain.problems], estimate),
         findings=tuple(dict.fromkeys(finding for of_trial in turns for finding in of_trial)),
         turned=turns_of([p for _, p, _ in alike], [n for _, _, n in alike], [t.joint for t, _, _ in alike]),
         skin=found.skin,
@@ -119,8 +116,8 @@ def with_quiet_joints(
     of_name = {t.name: t for t in plain.used}
     used = (*plain.used, *(of_name[joint.walk] for joint in quiet))
     problems = (*plain.problems, *(joint.problem for joint in quiet))
-    estimate, errors = estimate_joints(problems, nominal, plain.free, learnt=learnt)
-    return replace(plain, used=used, problems=problems, estimate=estimate, errors=errors)
+    near = near_joints(problems, nominal, plain.free, learnt)
+    return replace(plain, used=used, problems=problems, near=near)
 
 
 def with_skin(
@@ -131,17 +128,19 @@ def with_skin(
     learnt: JointPrior | None,
 ) -> LegsWithSkin:
     """A fit from the plain one with skin, where there is any."""
-    told = each(lambda t: _angles(t.body, plain.estimate.parameters, standing), trials)
+    free, near = plain.free, plain.near
+    parameters = nominal.with_joint(free, near.state.p)
+    told = each(lambda t: _angles(t.body, parameters, standing), trials)
     angles = {t.name: of_trial for t, of_trial in zip(trials, told, strict=True)}
-    free, first = plain.free, plain.estimate
     pairs = zip(plain.used, plain.problems, strict=True)
     columns = [replace(problem, tissue=skin_columns(problem, angles[t.name])) for t, problem in pairs]
     believed = skin_sizes(columns[: plain.whole])  # markers of a joint alone are those of its trial
     sizes = believed.sizes
     if not sizes:
-        return LegsWithSkin(estimate=first, errors=plain.errors, tissue={})
+        estimate, errors = estimate_joints(plain.problems, nominal, free, near=near, learnt=learnt)
+        return LegsWithSkin(estimate=estimate, errors=errors, tissue={})
     own = [replace(p, tissue=only(p.tissue, p.chain.segments, sizes)) for p in columns]
-    estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), start=first, learnt=learnt)
+    estimate, errors = estimate_joints(own, nominal, free, skin=skin_prior(own, sizes), near=near, learnt=learnt)
     tissue = {t.name: only(skin_columns(t.body, angles[t.name]), t.body.chain.segments, sizes) for t in trials}
     return LegsWithSkin(
         estimate=estimate,
@@ -167,7 +166,7 @@ def joints_alone(trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Se
     free = free_of(problems, _parameters_of(sides))
     if not free:
         return []
-    noise = noise_of_joints(problems, nominal, free)
+    noise = near_joints(problems, nominal, free).noise
     return [JointAlone(walk, problem, nu) for (walk, problem), nu in zip(pieces, noise, strict=True)]
 
 

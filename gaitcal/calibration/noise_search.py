@@ -6,15 +6,17 @@ Without skin: motions are eliminated (`reduced_problem.py`), trials count by 1 /
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
+from gaitcal.calibration.joint_calibration import JointSearch, JointSettings
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import ORIENTATION, POSITION, prior_deviations, prior_of
+from gaitcal.calibration.reduced_problem import ReducedState
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.roughness import frame_rate
@@ -32,12 +34,6 @@ NEAR = 1e-3
 """Relative tolerance of those: what they leave of the cost is less than a thousandth of one sample."""
 
 
-def noise_of_joints(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
-    """m, nu of every trial, as fits of the joint parameters alone find it."""
-    _, noise = _weighed(problems, nominal, free, None)
-    return noise
-
-
 def expected_joints(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None) -> tuple[Array, Array]:
     """(np,) expected values and (np, np) precision of joint parameters before any trial."""
     middle = nominal.joint[[JP_INDEX[n] for n in free]]
@@ -48,18 +44,23 @@ def expected_joints(nominal: Parameters, free: tuple[str, ...], learnt: JointPri
     return middle + mean, precision
 
 
-def joints_and_noise(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
-) -> tuple[JointFit, list[float]]:
-    """Joint parameters and motions alone (`joint_calibration.py`), and the noise that they leave."""
-    search, noise = _weighed(problems, nominal, free, learnt)
-    return search.run(), noise
+@dataclass(frozen=True, kw_only=True)
+class NearJoints:
+    """Joint parameters and motions alone, not far from where a fit ends, and the noise that they leave."""
+
+    search: JointSearch
+    """Goes on from there, every trial weighed by its noise."""
+    state: ReducedState
+    noise: tuple[float, ...]
+    """m, nu of every trial."""
+    seconds: float
 
 
-def _weighed(
-    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None
-) -> tuple[JointSearch, list[float]]:
-    """A search from nominal values that is near its end, every trial weighed by its noise, and that noise."""
+def near_joints(
+    problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None = None
+) -> NearJoints:
+    """Fit from nominal values as far as noise is known."""
+    began = time.perf_counter()
     noise = [_first_noise(p) for p in problems]
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     values: Array | None = nominal.joint[[JP_INDEX[name] for name in free]]
@@ -74,7 +75,7 @@ def _weighed(
         seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]
         noise = trial_noises(seen, least, served)
     search.weigh([1.0 / nu**2 for nu in noise])
-    return search, noise
+    return NearJoints(search=search, state=state, noise=tuple(noise), seconds=time.perf_counter() - began)
 
 
 def _search(

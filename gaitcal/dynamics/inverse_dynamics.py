@@ -110,12 +110,14 @@ class Dynamics:
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        return self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
+        out: Array = self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
+        return out
 
     def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
         state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
-        out: Array = unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
-        return out
+        tau = unloaded_forces(self.linkage, self._data, *state)
+        rows: Array = tau[:, self._rows]
+        return rows
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, 29, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
