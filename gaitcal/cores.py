@@ -84,6 +84,18 @@ def all_of(*steps: Callable[[], Any]) -> list[Any]:
     return each(_call, steps)
 
 
+def beside(step: Callable[[], Answer], load: Callable[[], None]) -> Answer:
+    """What `step` returns, computed in a copy with cores of its own while this process does `load`: what a copy cannot
+    do for it, such as to import modules.
+    """
+    if _asked == 1:
+        answer = step()
+        load()
+        return answer
+    (answer,) = _Steps(_call, (step,), range(1), cores_of_copy=_asked).run(1, load)
+    return answer
+
+
 def _call(step: Callable[[], Answer]) -> Answer:
     return step()
 
@@ -95,12 +107,14 @@ class _Steps(Generic[Item, Answer]):
     function: Callable[[Item], Answer]
     items: Sequence[Item]
     order: Sequence[int]
+    cores_of_copy: int = 1
+    """How many a step may share its own steps among."""
     answers: dict[int, Answer] = field(default_factory=dict)
     children: list[tuple[int, int]] = field(default_factory=list)
     """Processes, and the ends of their pipes."""
 
-    def run(self, copies: int) -> list[Answer]:
-        """The answers in the order of the items."""
+    def run(self, copies: int, first: Callable[[], None] | None = None) -> list[Answer]:
+        """The answers in the order of the items; this process does `first` before it takes any."""
         queue, fill = os.pipe()
         os.write(fill, b"".join(_NUMBER.pack(k) for k in self.order))
         os.close(fill)
@@ -109,6 +123,8 @@ class _Steps(Generic[Item, Answer]):
                 for _ in range(copies):
                     self._copy(queue)
             with _cores(1):
+                if first is not None:
+                    first()
                 self._take(queue)
             for _, pipe in self.children:
                 self._hear(pipe)
@@ -148,7 +164,7 @@ class _Steps(Generic[Item, Answer]):
     def _serve(self, queue: int, writer: int, parent: int) -> NoReturn:
         """In a copy: take steps, answer, and end."""
         try:
-            _become_copy(parent)
+            _become_copy(parent, self.cores_of_copy)
             self._take(queue)
             with os.fdopen(writer, "wb") as pipe:
                 pickle.dump(self.answers, pipe, protocol=5)
@@ -185,10 +201,10 @@ def _signals_wait() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def _become_copy(parent: int) -> None:
-    """In a new process: one core, no words, and an end with the parent, which alone hears what the user wants."""
+def _become_copy(parent: int, cores: int) -> None:
+    """In a new process: its cores, no words, and an end with the parent, which alone hears what the user wants."""
     global _asked
-    _asked = 1
+    _asked = cores
     ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
