@@ -2,7 +2,7 @@
 
 The standard library writes six methods of each class as text and compiles them: half a millisecond a class, and of the
 three hundred that a command loads a sixth of a second before it has read a file. Here what is alike in all classes is
-written once, below, and a class's own `__init__` when its first object is made. All else is the standard library's,
+written once, below, and a class's own `__init__` when it is first asked for. All else is the standard library's,
 also for a type checker.
 """
 
@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import MISSING, FrozenInstanceError
 from reprlib import recursive_repr
+from types import MethodType
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 _T = TypeVar("_T")
@@ -29,7 +30,7 @@ else:
         def made(cls: type[_T]) -> type[_T]:
             cls.__doc__ = cls.__doc__ or cls.__name__  # else the standard library describes its parameters there
             out = dataclasses.dataclass(init=False, repr=False, eq=False, kw_only=kw_only)(cls)
-            out.__init__ = _first_init(out)
+            out.__init__ = _Init(out)
             out.__setattr__, out.__delattr__ = _assigned, _deleted
             for name, method in _METHODS.items():
                 if name not in vars(out):
@@ -39,15 +40,16 @@ else:
         return made
 
 
-def _first_init(cls: type) -> Callable[..., None]:
-    """The `__init__` of a class until its first object is made."""
+class _Init:
+    """Stands for the `__init__` of a class until somebody asks for it."""
 
-    def init(self: Any, *values: Any, **named: Any) -> None:
-        made = _init_of(cls)
-        cls.__init__ = made  # type: ignore[misc]
-        made(self, *values, **named)
+    def __init__(self, of: type) -> None:
+        self.of = of
 
-    return init
+    def __get__(self, made: object | None, _: type | None = None) -> Callable[..., None]:
+        init = _init_of(self.of)
+        self.of.__init__ = init  # type: ignore[misc]
+        return init if made is None else MethodType(init, made)
 
 
 def _init_of(cls: type) -> Callable[..., None]:
