@@ -86,13 +86,13 @@ def all_of(*steps: Callable[[], Any]) -> list[Any]:
 
 @contextmanager
 def beside(function: Callable[[], Answer]) -> Iterator[Callable[[], Answer]]:
-    """Inside, a copy computes `function`, and what this gives waits for its answer; where there is no core to spare,
-    what this gives is `function` itself.
+    """Inside, a copy with cores of its own computes `function`, and what this gives waits for its answer; where there
+    is no core to spare, what this gives is `function` itself.
     """
     if _asked == 1:
         yield function
         return
-    steps = _Steps(_call, (function,), (0,))
+    steps = _Steps(_call, (function,), (0,), cores_of_copy=_asked)
     with steps.begun(copies=1):
         yield lambda: steps.finished()[0]
 
@@ -108,6 +108,8 @@ class _Steps(Generic[Item, Answer]):
     function: Callable[[Item], Answer]
     items: Sequence[Item]
     order: Sequence[int]
+    cores_of_copy: int = 1
+    """How many a step may share its own steps among."""
     answers: dict[int, Answer] = field(default_factory=dict)
     children: list[tuple[int, int]] = field(default_factory=list)
     """Processes, and the ends of their pipes."""
@@ -171,7 +173,7 @@ class _Steps(Generic[Item, Answer]):
     def _serve(self, queue: int, writer: int, parent: int) -> NoReturn:
         """In a copy: take steps, answer, and end."""
         try:
-            _become_copy(parent)
+            _become_copy(parent, self.cores_of_copy)
             self._take(queue)
             with os.fdopen(writer, "wb") as pipe:
                 pickle.dump(self.answers, pipe, protocol=5)
@@ -208,10 +210,10 @@ def _signals_wait() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def _become_copy(parent: int) -> None:
-    """In a new process: one core, no words, and an end with the parent, which alone hears what the user wants."""
+def _become_copy(parent: int, cores: int) -> None:
+    """In a new process: its cores, no words, and an end with the parent, which alone hears what the user wants."""
     global _asked
-    _asked = 1
+    _asked = cores
     ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)

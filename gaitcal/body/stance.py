@@ -8,7 +8,7 @@ have the same turn. Hip, knee and ankle centres are those of `model/segment_fram
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
 MODEL_JOINT = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}

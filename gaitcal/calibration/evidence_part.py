@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from gaitcal.calibration.identifiability import Turns
 from gaitcal.calibration.influence import Influence
@@ -15,6 +15,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ solves the arrow of `motion/arrow.py` over all trials at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import SharedTrials
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
 """Every step on its own matrix: far away none serves twice."""

@@ -32,7 +32,7 @@ fitted parameters take up n:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,6 +47,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 
 LAST_SCORES = "last scores"
 """Name of what is known of a trial's markers, beside the fields."""

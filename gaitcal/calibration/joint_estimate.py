@@ -31,7 +31,7 @@ from gaitcal.calibration.noise_search import NearJoints, expected_joints, near_j
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.skin_movement import unit_covariance
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials, eliminate
+from gaitcal.motion.arrow import ArrowEquations, ArrowFactor, SharedPrior, SharedTrials
 from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.trial_problem import TrialProblem
@@ -140,18 +140,16 @@ class _MarkersAndPriors(SharedTrials):
         pull = self.precision @ off
         return ArrowEquations(equations, self.columns, self.size, SharedPrior(float(off @ pull), pull, self.precision))
 
-    def reduced(self, x: Array) -> list[Array]:
-        """Per trial S_t among all (np + nz) unknowns, motions eliminated."""
-        trials, moved, _, nodes = self.at(x)
-        equations = [problem.equations(n, problem.constants(moved)) for problem, n in zip(trials, nodes, strict=True)]
-        return self.placed([eliminate(of_trial).hessian for of_trial in equations])
+    def factor(self, x: Array) -> ArrowFactor:
+        """The matrix at x with the motions eliminated."""
+        return self.linearise(x, curved=False).factor(0.0)
 
     def placed(self, hessians: Sequence[Array]) -> list[Array]:
-        """The same from what is left of each trial (np_t, np_t), m^2."""
+        """Per trial S_t among all (np + nz) unknowns, from those of its own (np_t, np_t)."""
         out = []
-        for hessian, share, places in zip(hessians, self.share, self.columns, strict=True):
+        for hessian, places in zip(hessians, self.columns, strict=True):
             whole = np.zeros((self.size, self.size))
-            whole[np.ix_(places, places)] = share * hessian
+            whole[np.ix_(places, places)] = hessian
             out.append(whole)
         return out
 
@@ -198,12 +196,13 @@ def estimate_joints(
         theta = np.concatenate([near.state.p, np.zeros(len(skin.keys))])
         end = descend(shared, shared.joined(theta, [trial.nodes for trial in near.state.trials]), WITH_SKIN)
         theta, nodes = shared.parted(end.x)
-        parts = shared.reduced(end.x)
+        parts = shared.placed([trial.hessian for trial in (end.factor or shared.factor(end.x)).trials])
         steps, converged, message = end.steps, end.converged, end.ending.value
     else:
         fit = near.search.run()
         theta, nodes = fit.values, list(fit.nodes)
-        parts = shared.placed([trial.matrices.hessian for trial in fit.state.trials])
+        left = zip(shared.share, fit.state.trials, strict=True)
+        parts = shared.placed([share * trial.matrices.hessian for share, trial in left])
         steps, converged, message = fit.iterations, fit.converged, fit.message
     inverse = np.linalg.inv(sum(parts) + shared.precision)
     estimate = JointEstimate(

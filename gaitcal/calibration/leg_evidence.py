@@ -8,7 +8,7 @@ markers' deformation tells of it, or where nothing shows it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_coordinates
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))

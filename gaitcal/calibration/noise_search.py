@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 PLAIN = JointSettings(prior_position=POSITION, prior_orientation=ORIENTATION, marker_noise=1.0, tolerance=1e-9)

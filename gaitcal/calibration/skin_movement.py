@@ -19,7 +19,6 @@ three markers, which do not show how they deform, it is `LARGEST`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 
 LARGEST = 0.5
 """Of the sizes below: with more, a joint hides behind skin that is not there (truth benches)."""

@@ -17,7 +17,6 @@ joint parameters moves them together.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 
 
 def torque_standard_errors(

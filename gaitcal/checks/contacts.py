@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, StudyTrial
 
@@ -66,6 +69,16 @@ class TrialEvidence:
             stance=stance,
             strays=strays,
         )
+
+    @property
+    def found_out(self) -> dict[str, Any]:
+        """What was computed of it so far and is kept: for the same evidence in another process (`recall`)."""
+        given = {field.name for field in fields(self)}
+        return {name: value for name, value in vars(self).items() if name not in given}
+
+    def recall(self, found_out: Mapping[str, Any]) -> None:
+        """Keep what another process has found out of this trial."""
+        vars(self).update(found_out)
 
     @property
     def name(self) -> str:

@@ -10,7 +10,6 @@ second difference while the others go their way.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from gaitcal.checks.exchanged import undone
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.records import dataclass
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 """Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray

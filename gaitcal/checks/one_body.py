@@ -23,6 +23,7 @@ from gaitcal.checks.left_place import stretches
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.recording.recording import Recording
+from gaitcal.runtime import remembered
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
@@ -53,10 +54,10 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
     told: set[str] = set()
     for trial in sized:
-        causes = contradictions(trial.clusters, trial.links)
+        causes = contradictions_in(trial)
         if causes and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
             trial = mended
-            causes = contradictions(trial.clusters, trial.links)
+            causes = contradictions_in(trial)
         if not causes:
             continue
         if (whole := _whole_trial(trial, causes)) is not None:
@@ -74,6 +75,12 @@ def one_body(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     yield from _between_walks(
         [t for t in sized if t.is_gait and t.name not in told], {segment for _, segment, _ in found}
     )
+
+
+@remembered
+def contradictions_in(trial: TrialEvidence) -> tuple[Contradiction, ...]:
+    """Everything in which a moving trial contradicts the static one."""
+    return contradictions(trial.clusters, trial.links)
 
 
 def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: Sequence[TrialEvidence]) -> Finding:
@@ -198,7 +205,7 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
     found = []
     for change, words in ((sides_exchanged, SIDES_WORDS), (axis_mirrored, MIRROR_WORDS)):
         changed = replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
-        if changed.clusters and not contradictions(changed.clusters, changed.links):
+        if changed.clusters and not contradictions_in(changed):
             found.append(words)
     if not found:
         return None

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -25,6 +24,7 @@ from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.records import dataclass
 
 TOPIC = "plate to foot"
 TOLD_SHARE, TOLD_S = 0.02, 0.03

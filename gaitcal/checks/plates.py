@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from gaitcal.recording.axes import PROGRESSION_M, net_progression
 from gaitcal.recording.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
 from gaitcal.recording.intervals import duration, runs, spans
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 OFFSET_N = 15.0
 """Reading of an empty plate that a file of forces should not have."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -17,6 +17,7 @@ from gaitcal.errors import InputError, alike
 from gaitcal.files.toml import require_file
 from gaitcal.files.validation import Table, read_validated, shown, validated
 from gaitcal.intake.person_facts import Options
+from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 
 COHORT = "cohort.toml"

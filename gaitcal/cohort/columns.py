@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.model.linkage import SIDES
+from gaitcal.records import dataclass
 
 ANGLES: Final = (
     *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation", "knee_angle"),

@@ -5,7 +5,7 @@ with nobody to ask.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from gaitcal.checks import check_study
@@ -26,6 +26,7 @@ from gaitcal.intake.folder import read_folder
 from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.intake.source import files_of, own_study
 from gaitcal.person.calibrate import calibrate
+from gaitcal.records import dataclass
 from gaitcal.results.calibration import write_results
 from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings

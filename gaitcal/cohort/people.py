@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.codes import Code
@@ -22,6 +22,7 @@ from gaitcal.intake.draft_text import STUDY
 from gaitcal.intake.folder import MARKER_ENDINGS
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.recording.csv import is_force_header, read_header
+from gaitcal.records import dataclass
 
 SHEET = "people.csv"
 """What a lab says of the people, beside their folders."""

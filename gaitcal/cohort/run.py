@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -21,6 +20,7 @@ from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.files.places import disk_errors, real_path
+from gaitcal.records import dataclass
 
 WAIT_S = 5.0
 """For another run on the same folder that is about to end."""

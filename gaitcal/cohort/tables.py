@@ -10,7 +10,6 @@ import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from gaitcal.files.amend import amended
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
+from gaitcal.records import dataclass
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -23,6 +23,7 @@ from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import SELF
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.records import dataclass
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.runtime import keep_freed_memory, one_blas_thread

@@ -9,11 +9,12 @@ from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
 from gaitcal.commands.init import study_or_draft, tell_faulty
-from gaitcal.cores import several_cores
+from gaitcal.cores import beside, several_cores
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
 from gaitcal.files.snapshot import sha256_of
+from gaitcal.findings import Finding
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.draft import Draft
 from gaitcal.intake.draft_lines import draft_notes
@@ -22,9 +23,6 @@ from gaitcal.intake.faulty_trials import without_faulty_trials
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.intake.rejected_forces import rejected_forces
 from gaitcal.intake.source import files_of
-from gaitcal.person.calibrate import calibrate
-from gaitcal.results.calibration import write_results
-from gaitcal.results.page_files import PAGE
 from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
@@ -40,6 +38,20 @@ def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
     if priors is not None and file.calibration.priors is not None:
         raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
     return input_files(file, source)
+
+
+def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Finding, ...]]:
+    """The study, read, and what the checks find in it."""
+    study = Study.load(source) if isinstance(source, Path) else study_of(source)
+    if priors is not None:
+        study = with_cohort_priors(study, priors)
+    return study, check_study(study)
+
+
+def _load_the_rest() -> None:
+    """Import what reading and checking do not need."""
+    import gaitcal.person.calibrate
+    import gaitcal.results.calibration  # noqa: F401
 
 
 @several_cores()
@@ -67,12 +79,14 @@ def run(
     inputs = _inputs(source, priors)
     kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
     with talk.working() as step:
-        step("reading the recordings")
-        loaded = Study.load(source) if isinstance(source, Path) else study_of(source)
-        if priors is not None:
-            loaded = with_cohort_priors(loaded, priors)
-        step("checking the recordings")
-        findings = check_study(loaded)
+        step("reading and checking the recordings")
+        with beside(lambda: _checked(source, priors)) as checked:
+            _load_the_rest()  # which a copy cannot do for this process
+            loaded, findings = checked()
+        from gaitcal.person.calibrate import calibrate
+        from gaitcal.results.calibration import write_results
+        from gaitcal.results.page_files import PAGE
+
         if drafted is not None and not force:
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
             drafted = drafted.without(faulty)

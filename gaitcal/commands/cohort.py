@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cohort.cohort_file import COHORT, read_cohort
@@ -21,6 +21,7 @@ from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.intake.person_facts import NOTHING_SAID, Options
 from gaitcal.montecarlo.workers import Cluster
 from gaitcal.population.learning import FEWEST
+from gaitcal.records import dataclass
 from gaitcal.study.cohort_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.text import Text
@@ -18,6 +17,7 @@ from gaitcal.errors import UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.findings import note_of
+from gaitcal.records import dataclass
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results
 from gaitcal.results.shared_model import compare_with_shared_model

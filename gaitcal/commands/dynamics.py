@@ -7,7 +7,6 @@ would hold.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -22,6 +21,7 @@ from gaitcal.files.ownership import ResultKind
 from gaitcal.findings import Finding, Severity
 from gaitcal.person.result import TrialResult
 from gaitcal.person.trial_result import analyse
+from gaitcal.records import dataclass
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +27,7 @@ from gaitcal.gait.variables import Kind
 from gaitcal.gait.words import counted
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.sheet import SHEET, read_sheet
+from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.verdict import SUMMARY
 

@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -31,6 +30,7 @@ from gaitcal.montecarlo.variance import linear_agreement, variance_contributions
 from gaitcal.montecarlo.workers import Cluster, LocalProcesses, Workers
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet import SHEET
+from gaitcal.records import dataclass
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 

@@ -11,7 +11,6 @@ and our own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,7 @@ from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
+from gaitcal.records import dataclass
 
 DIRECTIONS = ("ant", "sup", "lat")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import pandas as pd
 
@@ -17,6 +16,7 @@ from gaitcal.compare.session import Common, Session, common_to, identity
 from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
 from gaitcal.errors import InputError
 from gaitcal.gait.words import counted
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,6 @@ in full, and no trial is fitted again. It is about each session's own fit that t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -30,6 +28,7 @@ from gaitcal.compare.parameter_differences import placement, told_parameters
 from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
 from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.records import dataclass
 
 SAME = 1e-9
 """1 - r on one static trial: what is the same there is it but for rounding."""

@@ -28,7 +28,6 @@ less than 5 deg, least in obliquity and hip adduction, most in rotations of hip 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,6 +39,7 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
+from gaitcal.records import dataclass
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     "pelvis": (2.0, 2.0, 2.5),

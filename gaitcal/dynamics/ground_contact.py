@@ -10,7 +10,7 @@ and the fit of masses need both feet at once. Whether a foot is down at all is t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from gaitcal.recording.filters import filterable
 from gaitcal.recording.force_plate import LOADED_N
 from gaitcal.recording.metadata import FootEvent
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 LEG_COORDINATES = ("hip_", "knee_", "ankle_", "subtalar_")
 """How the names of what belongs to a leg begin."""

@@ -13,7 +13,6 @@ between the feet.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Protocol
 
@@ -30,6 +29,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 OUTLINE_M = 0.03
 """m, two standard deviations of the outline: 10 mm of heel and toe markers on skin or shoe, 8 mm of the sole's breadth

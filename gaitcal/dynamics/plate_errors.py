@@ -19,11 +19,10 @@ forces (Collins et al., Gait & Posture 29:59, 2009), 60 % of it in another labor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 from gaitcal.study.settings import PlateErrorTable
 
 

@@ -6,7 +6,6 @@ A loading that two feet make one after the other is divided where the first has 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 SIDE_WORDS = ("right", "left")
 UNDER_FOOT = 0.15

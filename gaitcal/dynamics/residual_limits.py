@@ -11,7 +11,6 @@ accused by them, as most good recordings go beyond; `gaitcal/verdict` asks what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +21,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.model.build import build_linkage
 from gaitcal.model.parameters import Parameters
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
 MOST_FRAMES = 50

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,6 +21,7 @@ from gaitcal.files.interruption import InterruptedWork, Stopped
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import sha256_of
+from gaitcal.records import dataclass
 
 SOURCE, STUDY = "SOURCE.txt", "study.toml"
 

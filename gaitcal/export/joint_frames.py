@@ -19,7 +19,6 @@ calibrated linkage may pass them and must stay the same mechanical system.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -30,6 +29,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
+from gaitcal.records import dataclass
 
 GROUND = "ground"
 """The laboratory: y up, x forward, z right."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
 from gaitcal.person.marker_fit import RmsErrors
+from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ its standard error, and the legend says so.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,6 +23,7 @@ from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.words import SIDE_WORDS, capitalised, coordinate_words, counted
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
+from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.person.marker_fit import RmsErrors
 from gaitcal.person.parameter_words import Group, Row
+from gaitcal.records import dataclass
 
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
 """Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""

@@ -11,7 +11,7 @@ by a foot that rolls over its edge: that is no event of the foot.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from gaitcal.recording.force_plate import LOADED_N
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.records import dataclass
 
 SIDES = ("r", "l")
 PLATE_AGREES = 0.1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -14,6 +12,7 @@ from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.records import dataclass
 
 
 def moment_names(model: SubjectModel) -> list[str]:

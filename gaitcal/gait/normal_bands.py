@@ -28,7 +28,6 @@ from __future__ import annotations
 import csv
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -45,6 +44,7 @@ from gaitcal.gait.words import split_side
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording.text_file import read_lines
+from gaitcal.records import dataclass
 
 COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2

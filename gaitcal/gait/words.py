@@ -6,10 +6,10 @@ Coordinates, segments, joints and parameters have words here; names from the dat
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from gaitcal.model.inertial_parameters import IP_INDEX
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.records import dataclass
 from gaitcal.study.study_trial import Role
 
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")

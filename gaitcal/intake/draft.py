@@ -7,12 +7,13 @@ is not.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gaitcal.intake.folder import Folder, FolderFile
 from gaitcal.intake.force_files import ForceChoice
 from gaitcal.intake.marker_sets import SetChoice
 from gaitcal.intake.person_facts import Known
+from gaitcal.records import dataclass
 
 NEEDED = {"mass_kg": "--mass", "height_m": "--height", "sex": "--sex"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gaitcal.errors import InputError
 from gaitcal.intake.draft import Draft, DraftTrial
@@ -24,6 +24,7 @@ from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 MOST_BELOW = 60
 """Recordings in subfolders that are read to see whether they are of one person's session."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from xml.etree import ElementTree
@@ -25,6 +25,7 @@ from gaitcal.recording.csv import CORNER_HEADER, is_force_header, read_header
 from gaitcal.recording.force_tables import Forces
 from gaitcal.recording.formats import FORCE_READERS, read_forces
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 MOST_FILES = 2000
 """A folder with more files is no person's."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
 import numpy as np
@@ -19,6 +18,7 @@ from gaitcal.intake.folder import FileKind, FolderFile
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording.force_plate import BODY_N
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 UNDER_M = 0.25
 """Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""

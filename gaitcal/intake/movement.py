@@ -7,7 +7,7 @@ over the ground or on a treadmill. One joint alone is told by how far the joints
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 
 import numpy as np
@@ -23,6 +23,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.strays import without_strays
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 OPPOSITE = -0.4
 """Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from gaitcal.intake.exchanges import exchange_told
 from gaitcal.intake.placing import pair_distances, placed_otherwise
@@ -16,6 +15,7 @@ from gaitcal.intake.standing import Standing, standing
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 STATIC_WORD = re.compile(
     r"(static|stat(?![a-z])|(?<![a-z])cal(ib\w*)?(?![a-z])|stand|(?<![a-z])(st|sc)(?![a-z])|pose|neutral|anatom)", re.I

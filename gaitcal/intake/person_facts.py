@@ -7,7 +7,6 @@ The subject's name is that of the folder: a file's may be the patient's.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording.metadata import Facts
 from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.records import dataclass
 
 MASS_KG = (10.0, 250.0)
 """Of a person on plates: less is a foot that stands beside them."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
 from gaitcal.intake.draft import Seen
@@ -11,6 +10,7 @@ from gaitcal.intake.folder import FileKind, Folder, FolderFile
 from gaitcal.intake.force_files import ForceChoice
 from gaitcal.intake.marker_sets import SetChoice, explained, respelt
 from gaitcal.intake.movement import Movement
+from gaitcal.records import dataclass
 
 FIRST_LABELS = 8
 """Shown of a recording that no marker set explains."""

@@ -7,8 +7,6 @@ constant in time, so Pinocchio's own derivatives are derivatives with respect to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -17,6 +15,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
+from gaitcal.records import dataclass
 
 GRAVITY = 9.81
 """m/s^2, downwards along -y."""

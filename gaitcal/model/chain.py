@@ -12,7 +12,7 @@ in the frame of the coordinate before them: X_segment = X_b D_s; a joint paramet
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from math import cos, sin
 
@@ -21,6 +21,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

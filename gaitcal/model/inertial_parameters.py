@@ -6,12 +6,11 @@ massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SEGMENTS
+from gaitcal.records import dataclass
 
 MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if not s.startswith("talus"))
 """12 segments; row s of a (12, 7) table of IPs is [mass, com x y z, moment x y z]."""

@@ -17,9 +17,10 @@ joint, a coordinate in exactly one: that is the whole model, and whoever needs a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
+
+from gaitcal.records import dataclass
 
 SIDES = ("r", "l")
 

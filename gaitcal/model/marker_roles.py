@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from gaitcal.model.marker_coverage import Coverage, coverage_of
 from gaitcal.recording import Recording
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

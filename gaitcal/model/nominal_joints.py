@@ -17,7 +17,6 @@ pose is met exactly, whatever the person's feet are.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.linkage import SIDES, ZERO_ANGLES
 from gaitcal.model.segment_frames import Frame, sign
+from gaitcal.records import dataclass
 
 TALOCRURAL_FRONT = np.deg2rad(7.3)
 """90 - 82.7 deg, Inman 1976."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import ZERO_ANGLES, Element, Source
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ for the marker where it moves, never evidence for the static trial. Trunk and ar
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording import still_window
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 
 FEWEST = 3
 """Points that tell how a segment is turned."""

@@ -8,7 +8,7 @@ half of these markers stray; where more of all markers do, the unit or the label
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import JOINTS
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 
 REACH_M = 1.0
 """m; markers of one segment and its neighbours lie within 0.6 m of their median on people of 1.8 m, arms raised."""

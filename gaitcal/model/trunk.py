@@ -20,8 +20,6 @@ Only 1 and 2 are measured. A trunk without three markers follows the pelvis: nob
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -32,6 +30,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import Frame, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
+from gaitcal.records import dataclass
 
 TRUNK_SUPPORT = 3
 """Markers with weight that a trunk needs, as its three turns are free."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import zlib
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -30,6 +29,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
+from gaitcal.records import dataclass
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.study import Study
 from gaitcal.synthetic.ground import residual_free_wrench

@@ -8,8 +8,6 @@ sinusoid per marker coordinate (method, sections 5 and 6).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -24,6 +22,7 @@ from gaitcal.motion.descent import DescentSettings, Ending
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 from gaitcal.synthetic.measurements import marker_noise
 
 

@@ -15,8 +15,6 @@ axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -29,6 +27,7 @@ from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
+from gaitcal.records import dataclass
 
 TORQUE_WORDS = {
     "hip_flexion": "hip flexion",

@@ -17,7 +17,6 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -36,6 +35,7 @@ from gaitcal.files.snapshot import SELF, self_hash
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
+from gaitcal.records import dataclass
 
 FORMAT = 2
 """Raised whenever the same settings would give other draws."""

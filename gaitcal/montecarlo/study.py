@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from gaitcal.montecarlo.settings import MonteCarloSettings, Plan
 from gaitcal.montecarlo.statistics import statistics, unconverged
 from gaitcal.montecarlo.store import Chunk, MemoryStore, Store, records
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
+from gaitcal.records import dataclass
 from gaitcal.runtime import one_blas_thread
 
 DrawProgress = Callable[[int, int], None]

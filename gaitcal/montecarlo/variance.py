@@ -15,8 +15,6 @@ averaged over the frames, is a sum:  sum_i b_i^2 / 3 <(d tau / dp_i)^2>;  each t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
@@ -33,6 +31,7 @@ from gaitcal.montecarlo.draw import disturb, torque_column
 from gaitcal.montecarlo.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.motion.spline import basis_matrix
+from gaitcal.records import dataclass
 
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]
 

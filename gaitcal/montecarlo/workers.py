@@ -14,7 +14,6 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
 from typing import Any, Protocol, TypeVar
@@ -23,6 +22,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
+from gaitcal.records import dataclass
 
 WATCH_S = 1.0
 """How often a worker process looks whether its parent is still there."""

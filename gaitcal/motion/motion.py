@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 

@@ -16,7 +16,7 @@ which lets their columns move together (`calibration/skin_movement.py`), not by 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,7 @@ from gaitcal.model.kinematics import forward, jacobian, segment_transforms
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.spline import SplineBasis, basis_matrix
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

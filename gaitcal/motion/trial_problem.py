@@ -6,7 +6,7 @@ From a recording and a person's model to a least-squares problem: here a marker 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trunk_support import telling
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 from gaitcal.runtime import keep_freed_memory
 
 

@@ -7,7 +7,6 @@ from that file alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +25,7 @@ from gaitcal.page.bones import PersonLandmarks, person_landmarks
 from gaitcal.page.joint_marks import JointMark, joint_marks
 from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from gaitcal.person.result import Calibration

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gaitcal.gait.symmetry import Average, counting, measure_means
 from gaitcal.person.result import TrialResult
+from gaitcal.records import dataclass
 
 SHOWN = {
     "speed": ("Walking speed", 2),

@@ -11,7 +11,6 @@ joint parameters, not a guess of the motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.person.robust import JointFitter, ParametersOf
+from gaitcal.records import dataclass
 
 FOLDS = 4
 BLOCK_S = 0.2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from gaitcal.calibration.evidence_part import EvidenceTrial
@@ -24,6 +24,7 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut, hold_out
 from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, standing_problem
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
+from gaitcal.records import dataclass
 from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gaitcal.gait.words import (
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_rows
+from gaitcal.records import dataclass
 from gaitcal.study.settings import Protocol
 
 ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,7 @@ from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_prob
 from gaitcal.person.trial_bandwidth import Bandwidth, bandwidth_of
 from gaitcal.recording import still_window, turn_to_progression
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, StudyTrial
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import Enum
 
 import numpy as np
@@ -31,6 +31,7 @@ from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.trial_bandwidth import Bandwidth
 from gaitcal.person.truth_errors import TruthErrors
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.verdict.verdict import Judgement, Verdict

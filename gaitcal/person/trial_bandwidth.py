@@ -18,7 +18,7 @@ One motion leaves the trial, the one that the torques are of.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -37,6 +37,7 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.recording import resample_wrench
 from gaitcal.recording.force_plate import LOADED_N
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_trial import StudyTrial
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from gaitcal.gait.moments import moment_names
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
+from gaitcal.records import dataclass
 
 LEGS, ARMS, TURNING = "legs", "back and arms", "arms, in segments of two markers"
 """Which joint parameters are told together."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.population.learning import FEWEST, PartPrior, folds_of, heights_of, learn_part
 from gaitcal.population.person_evidence import PARTS, PersonEvidence
 from gaitcal.population.random_effects import Population
+from gaitcal.records import dataclass
 from gaitcal.study.cohort_prior import (
     FORMAT,
     KIND,

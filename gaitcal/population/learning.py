@@ -11,7 +11,7 @@ Spreads that still turn out too narrow for people left out are widened until the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -29,6 +29,7 @@ from gaitcal.population.random_effects import (
     learn,
     log_density,
 )
+from gaitcal.records import dataclass
 from gaitcal.study.people_design import design, mirror, sided_directions
 
 COMMON = (0.5, 0.2, 0.05)

@@ -7,8 +7,6 @@ S m = C^-1 y^, m being where they alone would have it (`compare/shared_model.py`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -16,6 +14,7 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_evidence import UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.calibration.leg_evidence import LEG_PARAMETERS
+from gaitcal.records import dataclass
 from gaitcal.study.people_design import Person
 
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.population.cohort_priors import Rules
 from gaitcal.population.person_evidence import PartEvidence, PersonEvidence, parts_of
+from gaitcal.records import dataclass
 from gaitcal.results.originals import trial_files
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.summary import JOINT_PRIOR

@@ -7,13 +7,14 @@ rounded and a file converted to CSV reads back bit for bit. What a file *says* o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.recording.recording import ForcePlate, Recording, seen_mask
+from gaitcal.records import dataclass
 
 LOADED_N = 100.0
 """Force that tells the vertical: well above any offset."""

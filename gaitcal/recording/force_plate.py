@@ -20,13 +20,14 @@ Fy23 Fz1 Fz2 Fz3 Fz4 with ORIGIN = (a, b, az0), the sensors at (+-a, +-b) (Kistl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.recording.intervals import runs
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0

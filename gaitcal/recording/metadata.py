@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 
 
 class FootMoment(Enum):

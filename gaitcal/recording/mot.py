@@ -7,7 +7,6 @@ removed here. They are y up there; one whose forces act along another axis is tu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time, standing
 from gaitcal.recording.recording import ForcePlate
 from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
+from gaitcal.records import dataclass
 
 LONGEST_HEADER = 500
 

@@ -8,7 +8,7 @@ Gaps stay gaps: they are told, weighed with zero later, and never filled.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.labels import clean
 from gaitcal.recording.metadata import ComputedPoints, Facts, FootEvent
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

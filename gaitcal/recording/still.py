@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 
 LAG_S = 0.1
 STILL_M_S = 0.05

@@ -14,7 +14,6 @@ alone. Free joint parameters are columns of all frames together, not of one, and
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -23,6 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.joint_place import LIMIT, joint_place, not_rejected
 from gaitcal.reproduction.joint_recovery import free_parameters, synthetic_problem, true_model, true_motion

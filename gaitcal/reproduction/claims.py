@@ -7,11 +7,11 @@ such as "far smaller" or "nearly" are ours.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
+from gaitcal.records import dataclass
 from gaitcal.reproduction.inertial_recovery import InertialRecovery
 from gaitcal.reproduction.joint_recovery import JointRecovery
 from gaitcal.reproduction.noise_seed import SeedResult

@@ -7,7 +7,7 @@ readings are tested, fixed in the laboratory and carried along with the foot, an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,7 @@ from gaitcal.montecarlo.conclusions import INTERACTION_LIMIT, IP_LIMIT, PUBLISHE
 from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import PUBLISHED_DRAWS, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import expect, levels_of, unconverged
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict, tested
 from gaitcal.reproduction.published import SIDE
 

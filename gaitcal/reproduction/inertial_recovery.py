@@ -12,7 +12,6 @@ mass-centre coordinates; residuals over frames and the three components. That gi
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -26,6 +25,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.records import dataclass
 from gaitcal.reproduction.joint_recovery import (
     JointRecovery,
     free_parameters,

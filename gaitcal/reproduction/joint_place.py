@@ -21,12 +21,12 @@ binomial one where that is larger (of a p so small that hardly a draw of ours is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import rankdata
 
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict
 
 LIMIT = 0.05

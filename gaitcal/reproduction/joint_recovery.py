@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
@@ -38,6 +37,7 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.reproduction.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion

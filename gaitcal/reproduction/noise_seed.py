@@ -7,12 +7,12 @@ their own, spawned from the seed and the number of the draw.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.calibration.inertial_equations import TorqueScale
+from gaitcal.records import dataclass
 from gaitcal.reproduction.inertial_recovery import (
     NOISELESS_DECAY,
     RANDOM_SEEDS,

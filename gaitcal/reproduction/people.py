@@ -6,7 +6,6 @@ reactions), from the folder that GAITCAL_DATA names, through the same pipeline a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult
+from gaitcal.records import dataclass
 from gaitcal.reproduction.inertial_recovery import pelvis_width
 from gaitcal.reproduction.published import SIDE
 from gaitcal.reproduction.tables import RESIDUALS, SCALES, Cell, TableRow

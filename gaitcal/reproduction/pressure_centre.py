@@ -12,7 +12,7 @@ there, little matters, and the claim is on the size of the difference.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,7 @@ from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.montecarlo.store import Chunk
 from gaitcal.montecarlo.study import run_chunk
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.disturbance_claims import FRAMES
 from gaitcal.reproduction.published import SIDE

@@ -9,8 +9,6 @@ figures are those of the end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import pandas as pd
 
 from gaitcal.montecarlo.case import nominal_case
@@ -19,6 +17,7 @@ from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import statistics
 from gaitcal.montecarlo.unfinished_refit import CONVERGED, Iteration, unfinished_draws
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict, tested
 from gaitcal.reproduction.disturbance_claims import FRAMES, Disturbances, printed_markers, printed_torques
 from gaitcal.reproduction.published import SIDE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +11,7 @@ from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.workers import LocalProcesses
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, table_claims
 from gaitcal.reproduction.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
 from gaitcal.reproduction.inertial_recovery import RANDOM_SEEDS

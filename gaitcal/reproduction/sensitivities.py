@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from gaitcal.records import dataclass
 from gaitcal.reproduction import absorbed_noise, pressure_centre, refit_end, trial_length
 from gaitcal.reproduction.absorbed_noise import Absorbed
 from gaitcal.reproduction.claims import Claim, Kind

@@ -8,11 +8,12 @@ the processor; the published ones are of a 3.4 GHz Pentium 4 with Matlab.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
 from gaitcal.calibration.inertial_equations import TorqueScale
+from gaitcal.records import dataclass
 from gaitcal.reproduction.inertial_recovery import NOISELESS_DECAY, InertialRecovery
 from gaitcal.reproduction.joint_recovery import FoundFromZero
 from gaitcal.reproduction.noise_seed import SeedResult

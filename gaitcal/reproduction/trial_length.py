@@ -13,13 +13,13 @@ against 100 draws: who would have looked at either side doubles its p.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 from gaitcal.reproduction.claims import Claim, Verdict
 from gaitcal.reproduction.joint_place import LIMIT, Place, joint_place, low_place
 from gaitcal.reproduction.joint_recovery import FoundFromZero, find_joints, synthetic_problem

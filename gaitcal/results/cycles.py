@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ from gaitcal.person.kinetic_tables import told_powers
 from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.tables import relative_header, taken_off
+from gaitcal.records import dataclass
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 
 if TYPE_CHECKING:

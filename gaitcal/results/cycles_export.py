@@ -7,7 +7,6 @@ segments or of the joint coordinate system come from `moment_vectors/TRIAL.csv`,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.kinetic_tables import told_components, vector_column
 from gaitcal.recording.metadata import FootMoment
+from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
 from gaitcal.results.saved_trial import saved_events

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from gaitcal.recording.c3d.reader import PER_METRE
 from gaitcal.recording.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
 from gaitcal.recording.metadata import FootEvent
 from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.records import dataclass
 from gaitcal.results.originals import find_original, trial_files
 from gaitcal.results.saved import MODEL
 from gaitcal.results.saved_trial import SPLINES, SavedTrial, load_trial, moving_trials

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -19,6 +19,7 @@ from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import Uncertainty
+from gaitcal.records import dataclass
 from gaitcal.results.summary import STATIC_ANGLES
 from gaitcal.results.verdict import SUMMARY, of_the_model
 from gaitcal.study.settings import CalibrationSettings

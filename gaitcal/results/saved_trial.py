@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.recording.recording import Recording
 from gaitcal.recording.trc import parse_trc
+from gaitcal.records import dataclass
 from gaitcal.results.saved import MODEL
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.verdict.verdict import Judgement

@@ -8,7 +8,7 @@ On one static trial the joints of the legs are fitted to all trials together; wi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.person.result import Uncertainty
 from gaitcal.person.static_angles import counted_from_static
 from gaitcal.person.trial_result import analyse
+from gaitcal.records import dataclass
 from gaitcal.results.cycles import cycle_table
 from gaitcal.results.originals import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +15,7 @@ from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.person.result import TrialResult
+from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
 from gaitcal.results.spatiotemporal import (
     SPATIOTEMPORAL,

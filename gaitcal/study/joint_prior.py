@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

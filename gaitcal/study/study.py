@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
+from gaitcal.records import dataclass
 from gaitcal.runtime import remembered
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.cohort_prior import with_cohort_priors

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import Enum
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.recording import read_recording
 from gaitcal.recording.external_loads import loads_tables
 from gaitcal.recording.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.study.study_file import Trial
 
 OTHER_UNIT = 100.0

@@ -10,7 +10,6 @@ axis at its common perpendicular with the subtalar one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.recording import Recording
+from gaitcal.records import dataclass
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose
 

@@ -10,7 +10,6 @@ clean recordings have 2 to 13 % of the body weight, RMS; with more than these li
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.recording.intervals import runs, spans
+from gaitcal.records import dataclass
 
 TOPIC, DISAGREE = "physical bounds", "motion and forces do not belong together"
 ANGLES_DEG: Mapping[str, tuple[float, float]] = {

@@ -8,7 +8,6 @@ places and for the inverse of a gain: f = g f_true, f_true = (1 + x) f, g = 1 / 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 from typing import NamedTuple, TypeAlias
@@ -16,6 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array, cross
+from gaitcal.records import dataclass
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_standing import FORCE_UNITS
 from gaitcal.verdict.plate_forces import PlateForces, joined, rotation

@@ -10,10 +10,10 @@ without the others: what one trial has much of is not to be laid on all.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from gaitcal.records import dataclass
 from gaitcal.verdict.force_causes import Kind
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_fits import ForceFit, at_size, fits

@@ -14,10 +14,10 @@ nearly so. Taken for each other: gain and vertical gain; one plate and all; exch
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.records import dataclass
 from gaitcal.verdict.force_causes import Kind
 from gaitcal.verdict.force_choice import Named, Unexplained, choose
 from gaitcal.verdict.force_evidence import ForceEvidence

@@ -9,7 +9,7 @@ plates enters: which foot a plate is given to cannot be judged here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.axes import ABOUT_Y
 from gaitcal.recording.filters import filterable
 from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.records import dataclass
 from gaitcal.study.study_trial import StudyTrial
 from gaitcal.verdict.force_standing import as_walked_on, off_feet, side_carried, standing_feet
 from gaitcal.verdict.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet

@@ -12,12 +12,12 @@ A cause without a coefficient has p = 1 / 2, being one of a few.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
+from gaitcal.records import dataclass
 from gaitcal.verdict.force_causes import Cause, Kind, Undone, causes_of
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_residual import ForceResidual

@@ -15,7 +15,6 @@ centre, and T what it can be off by: it lies twice the half width away, turned b
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.records import dataclass
 
 TOPIC = "knee axis"
 CAUSE = "the fitted knee axis passes far from the epicondyles"

@@ -1,4 +1,6 @@
-"""Docstrings of this project as Markdown: its sections `name : what it is`, which numpy's form takes for a type."""
+"""Docstrings of this project as Markdown: its sections `name : what it is`, which numpy's form takes for a type. And
+its dataclasses as such, with what makes one of them.
+"""
 
 from __future__ import annotations
 
@@ -32,3 +34,8 @@ class Lists(griffe.Extension):
         """An object was read from its source."""
         if obj.docstring is not None:
             obj.docstring.value = lists(obj.docstring.value)
+
+    def on_alias_instance(self, *, alias: Any, **_: Any) -> None:
+        """A name was imported: `gaitcal.records` stands in for the standard library."""
+        if alias.target_path == "gaitcal.records.dataclass":
+            alias.target_path = "dataclasses.dataclass"

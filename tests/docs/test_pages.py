@@ -77,6 +77,13 @@ def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPat
     assert set(python_names.undocumented()) == {"save_model", "Study.subject"}
 
 
+def test_what_makes_a_dataclass_is_told() -> None:
+    griffe = pytest.importorskip("griffe", reason="extra `docs`")
+    extensions = griffe.load_extensions(ROOT / "scripts" / "documentation" / "docstrings.py")
+    package = griffe.load("gaitcal", search_paths=[ROOT], try_relative_path=False, extensions=extensions)
+    assert {"subject", "marker_set", "trials"} <= {p.name for p in package["study.study.Study"].parameters}
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site; an error where the build says a warning."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.dynamics.residual_limits import ResidualLimits
@@ -14,6 +12,7 @@ from gaitcal.person.marker_fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.person.parameter_words import counts, counts_sentence
 from gaitcal.person.result import Calibration
 from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_words
+from gaitcal.records import dataclass
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
 """Marker error over what each joint by itself reaches."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.gait.words import coordinate_title, coordinate_words
 from gaitcal.person.result import TrialResult
+from gaitcal.records import dataclass
 
 LEG = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle", "subtalar_angle")
 

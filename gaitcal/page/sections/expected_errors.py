@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import pandas as pd
@@ -11,6 +10,7 @@ import pandas as pd
 from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
+from gaitcal.records import dataclass
 
 SOURCE_WORDS: Final = {
     Varied.JP: "joint positions and axes",

@@ -7,7 +7,6 @@ of one recording stands with it, so that trials of several runs can be joined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 from gaitcal.gait.words import role_words
@@ -18,6 +17,7 @@ from gaitcal.page.sections.lines import Line, agreement_line, counting_line
 from gaitcal.page.sections.provenance import note_blocks
 from gaitcal.page.sections.trial_rows import file_name
 from gaitcal.person.result import TrialResult
+from gaitcal.records import dataclass
 
 COPIED: Final = ("clinician", "joints", "provenance")
 """Presets of the calibration's page that are told again."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, layout
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

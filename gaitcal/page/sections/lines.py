@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from gaitcal.page.sections.error_bars import FIRST
 from gaitcal.page.sections.gait_numbers import GaitNumbers
 from gaitcal.person.marker_fit import leg_fit
 from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.records import dataclass
 from gaitcal.verdict.verdict import Judgement
 
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -12,6 +12,7 @@ from gaitcal.gait.words import joint_words, listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.person.marker_fit import RmsErrors, leg_fit, segment_fits, trial_fit
 from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.records import dataclass
 
 LITTLE_WEIGHT = 0.5
 """Part of the largest weight."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from gaitcal.gait.words import coordinate_words, split_side
 from gaitcal.person.result import Calibration
@@ -19,6 +18,7 @@ from gaitcal.person.truth_words import (
     truth_sentence,
     turning_sentence,
 )
+from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,6 @@ forces in N. The page brings them into the convention that its reader chooses.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +27,7 @@ from gaitcal.person.kinetic_tables import told_powers
 from gaitcal.person.result import LoadedTrial, TrialResult
 from gaitcal.person.tables import taken_off
 from gaitcal.person.truth_errors import CurveTruth, TrialTruth
+from gaitcal.records import dataclass
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""

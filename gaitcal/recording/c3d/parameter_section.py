@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.recording.c3d.layout import BLOCK, DEC
+from gaitcal.records import dataclass
 
 MOST_BLOCKS = 255
 LONGEST_LIST = 255

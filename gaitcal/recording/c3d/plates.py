@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from gaitcal.recording.force_plate import (
     wrench_type_3,
 )
 from gaitcal.recording.recording import ForcePlate
+from gaitcal.records import dataclass
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 """Channels of each plate type read here."""

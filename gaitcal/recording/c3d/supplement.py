@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from gaitcal.recording.c3d.parameter_section import (
     parse_section,
 )
 from gaitcal.recording.metadata import FootEvent, FootMoment
+from gaitcal.records import dataclass
 
 CONTEXTS = {"r": "Right", "l": "Left"}
 EVENT_WORDS = {
