@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -189,7 +189,7 @@ def estimate_joints(
     """
     began = time.perf_counter()
     found_here = near is None
-    near = near or near_joints(problems, nominal, free, learnt)
+    near = near or near_joints([replace(p, tissue=None) for p in problems], nominal, free, learnt)
     noise, seconds = near.noise, 0.0 if found_here else near.seconds
     shared = _MarkersAndPriors(problems, nominal, free, skin, noise, learnt)
     if skin.keys:

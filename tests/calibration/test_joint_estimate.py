@@ -51,8 +51,7 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     problem = replace(problem, tissue=skin_columns(problem, angles))
     prior = skin_prior([problem], sizes)
     wrong = perturbed_parameters(np.random.default_rng(5), 0.005, 0.0)
-    plain, _ = estimate_joints([replace(problem, tissue=None)], wrong, HIP)
-    estimate, errors = estimate_joints([problem], wrong, HIP, skin=prior, start=plain)
+    estimate, errors = estimate_joints([problem], wrong, HIP, skin=prior)
     centre = wrong.joint[[JP_INDEX[n] for n in HIP]]
     whiten = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 
