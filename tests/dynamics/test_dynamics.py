@@ -47,6 +47,13 @@ def test_forces_agree_with_pinocchio_with_external_forces() -> None:
         np.testing.assert_allclose(forces[f, :27], tau, atol=FORCE)
 
 
+def test_the_residual_force_needs_no_place_of_the_ground_reactions() -> None:
+    dynamics, at = Dynamics(perturbed_parameters(RNG)), state(4)
+    np.testing.assert_allclose(
+        dynamics.residual_force(*at), pelvis_residual(at[0], dynamics.forces(*at))[:, :3], atol=FORCE
+    )
+
+
 def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
     """Against the rate of change of momentum about the pelvis origin, laboratory axes."""
     parameters = perturbed_parameters(RNG)
