@@ -14,7 +14,7 @@ import pytest
 
 from gaitcal import cores
 from gaitcal.codes import Code
-from gaitcal.cores import all_of, each, several_cores
+from gaitcal.cores import all_of, beside, each, several_cores
 from gaitcal.errors import InputError
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="copies of a process are made on Linux only")
@@ -156,6 +156,72 @@ def test_an_interrupt_while_a_copy_is_made_is_neither_lost_nor_heard_by_the_copy
     for copy in copies:
         with pytest.raises(ProcessLookupError):
             os.kill(copy, 0)
+
+
+def test_a_step_beside_what_only_this_process_can_do() -> None:
+    mine, loaded = os.getpid(), []
+
+    def slow_step() -> tuple[int, set[int]]:
+        time.sleep(0.1)
+        return os.getpid(), {process for _, process in each(slowly, range(12))}
+
+    def load() -> None:
+        time.sleep(0.5)
+        loaded.append(os.getpid())
+
+    with several_cores():
+        process, processes = beside(slow_step, load)
+        assert process != mine
+        assert len(processes) > 1, "the copy shares its steps"
+        assert mine not in processes
+    assert beside(os.getpid, load) == mine
+    assert loaded == [mine, mine]
+
+
+def test_a_step_beside_that_fails_or_dies_is_computed_here() -> None:
+    mine = os.getpid()
+
+    def failing() -> int:
+        raise InputError("no file", code=Code.FOLDER)
+
+    def dying() -> int:
+        if os.getpid() != mine:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 1
+
+    with several_cores():
+        with pytest.raises(InputError, match="no file"):
+            beside(failing, lambda: None)
+        assert beside(dying, lambda: None) == 1
+
+
+def test_an_interrupt_ends_a_step_beside_and_its_own_steps(tmp_path: Path) -> None:
+    def endless(number: int) -> None:
+        (tmp_path / str(os.getpid())).touch()
+        time.sleep(60)
+
+    def interrupted() -> None:
+        while len(list(tmp_path.iterdir())) < 2:
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    with several_cores(), pytest.raises(KeyboardInterrupt):
+        beside(lambda: each(endless, range(4)), interrupted)
+    for copy in tmp_path.iterdir():
+        assert _ended(int(copy.name))
+
+
+def _ended(process: int) -> bool:
+    """Whether a process ends within ten seconds: its end follows its parent's."""
+    for _ in range(100):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        if Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] == "Z":
+            return True  # whoever took it over has not asked how it ended
+        time.sleep(0.1)
+    return False
 
 
 def test_a_copy_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:

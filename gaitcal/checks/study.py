@@ -47,7 +47,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study
-from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, read_trial
 
 OTHER_RATE = 2.5
@@ -135,14 +135,16 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
 
 def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...], tuple[Finding, ...]]:
     """The trials that can be read, and why the others cannot."""
-    trials: list[StudyTrial] = []
-    unreadable: list[Finding] = []
-    for trial in file.trials:
+
+    def read(trial: Trial) -> StudyTrial | Finding:
         try:
-            trials.append(read_trial(trial, file.markers.rename, marker_set))
+            return read_trial(trial, file.markers.rename, marker_set)
         except InputError as fault:
-            unreadable.append(Finding.of_fault(fault, trial.name, str(trial.file), "reading"))
-    return tuple(trials), tuple(unreadable)
+            return Finding.of_fault(fault, trial.name, str(trial.file), "reading")
+
+    found = each(read, file.trials)
+    unreadable = tuple(trial for trial in found if isinstance(trial, Finding))
+    return tuple(trial for trial in found if isinstance(trial, StudyTrial)), unreadable
 
 
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message

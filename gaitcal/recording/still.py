@@ -138,9 +138,8 @@ def _scatter(markers: Array) -> float:
 def _averaged(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:
     """Times and paths (nf - wide + 1, nm, 3), each the mean over `wide` frames; NaN where a marker is seldom seen."""
     known: BoolArray = np.asarray(np.isfinite(markers).all(axis=2))
-    count = np.stack([_moving_sum(column, wide) for column in known.T.astype(np.float64)], axis=1)
-    flat = np.where(known[..., None], markers, 0.0).reshape(len(markers), -1)
-    total = np.stack([_moving_sum(column, wide) for column in flat.T], axis=1).reshape(len(count), -1, 3)
+    count = _moving_sum(known.astype(np.float64), wide)
+    total = _moving_sum(np.where(known[..., None], markers, 0.0), wide)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count[..., None]
     mean[count < SEEN * wide] = np.nan
@@ -163,11 +162,11 @@ def _speeds(time: Array, markers: Array, lag: int, length: int) -> Array:
 
 def _coverage(seen: BoolArray, length: int) -> Array:
     """How many of the markers are seen in each window of `length` frames."""
-    out: Array = np.sum([_moving_sum(column, length) > 0.5 for column in seen.T.astype(np.float64)], axis=0)
+    out: Array = (_moving_sum(seen.astype(np.float64), length) > 0.5).sum(axis=1)
     return out
 
 
 def _moving_sum(values: Array, length: int) -> Array:
-    """Sums over `length` successive values, one for each start."""
-    cumulative = np.concatenate([[0.0], np.cumsum(values)])
+    """Sums over `length` successive values (n, ...), one for each start."""
+    cumulative = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     return np.asarray(cumulative[length:] - cumulative[:-length])

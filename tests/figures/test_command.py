@@ -273,6 +273,7 @@ def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path
 def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
     named = "import sys, gaitcal.commands.calibrate, gaitcal.commands.dynamics, gaitcal.commands.view"
+    named += ", gaitcal.person.calibrate, gaitcal.results.calibration"
     heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -72,7 +72,7 @@ def test_a_study_is_never_replaced_by_its_result(folder: Path, tmp_path: Path) -
 
 def test_refused_before_the_work(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "result/mynotes.txt").touch()
-    monkeypatch.setattr("gaitcal.commands.calibrate.calibrate", None)
+    monkeypatch.setattr("gaitcal.person.calibrate.calibrate", None)
     with pytest.raises(InputError, match="holds 'mynotes.txt'"):
         run("calibrate", folder / "study/study.toml", "--out", folder / "result")
 

@@ -15,7 +15,6 @@ from typer.testing import CliRunner, Result
 import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
 from gaitcal.cli import app
-from gaitcal.commands import calibrate as calibrate_command
 from gaitcal.commands import dynamics as dynamics_command
 from gaitcal.commands import montecarlo as montecarlo_command
 from gaitcal.commands import other_programs
@@ -23,6 +22,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.lock import locked
 from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.person import calibrate as person_calibrate
 from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
 from gaitcal.study import study as study_module
@@ -142,7 +142,7 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
-    monkeypatch.setattr(calibrate_command, "calibrate", after(calibrate_command.calibrate, lambda: edit(path)))
+    monkeypatch.setattr(person_calibrate, "calibrate", after(person_calibrate.calibrate, lambda: edit(path)))
     told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
     assert "warning: changed while this ran, the result is of what was read: walk.csv; run again" in told
     manifest = json.loads((folder / "new/manifest.json").read_text(encoding="utf-8"))
