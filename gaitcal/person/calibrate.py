@@ -39,7 +39,7 @@ from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.phases import phases_of
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.person.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
-from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
+from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted
 from gaitcal.person.tracked import tracked_trials
 from gaitcal.person.trial_result import axis_deviations, trial_result
 from gaitcal.person.truth_comparison import with_truth
@@ -82,9 +82,9 @@ def calibrate(
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
     static = completed_static(study).static
-    counted = counted_from_static if settings.keeps_ankle_zero else as_fitted
-    if joint is not None:
-        parameters, _ = counted(nominal, parameters, static)
+    count = counted_from_static if settings.keeps_ankle_zero and joint is not None else as_fitted
+    counted = count(nominal, parameters, static)
+    parameters = counted.parameters
     progress("tracking with the nominal and the calibrated joint parameters")
     tracked = tracked_trials(trials, nominal, parameters, settings)
     motions, reactions = tracked.motions, tracked.reactions
@@ -103,9 +103,8 @@ def calibrate(
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in silent_on_masses}
     shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
-    inertial, angles, *fitted_motions = all_of(
+    inertial, *fitted_motions = all_of(
         lambda: _inertial_fit(trials, nominal, parameters, influence, motions, scores, shown or believed, settings),
-        lambda: static_angles(nominal, parameters, static),
         *(partial(_fitted_motion, t, motions, parameters, joint) for t in trials),
     )
     if inertial is not None:
@@ -115,7 +114,8 @@ def calibrate(
     if joint is not None and inertial is not None and settings.joint_step and shown:
         combined = _combined_fit(trials, nominal, parameters, joint, motions, shown, settings, progress)
     if combined is not None:
-        parameters, moved = counted(nominal, combined.parameters, static)
+        counted = count(nominal, combined.parameters, static)
+        parameters, moved = counted.parameters, counted.moved
         motions = {
             t.name: motion_of(
                 t.body, parameters, shifted(nodes, t.body.chain.coordinates, moved), converged=combined.converged
@@ -124,7 +124,6 @@ def calibrate(
         }
         stages[Stage.COMBINED] = parameters, motions
         scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
-        angles = static_angles(nominal, parameters, static)
         fitted_motions = each(lambda t: _fitted_motion(t, motions, parameters, joint), trials)
     progress("standard errors and inverse dynamics")
     uncertainty = Uncertainty(
@@ -178,7 +177,7 @@ def calibrate(
         study=study,
         nominal=nominal,
         model=replace(nominal, parameters=parameters, notes=notes),
-        static_angles=angles,
+        static_angles=counted.static,
         trials=tuple(results),
         phases=phases,
         joint=joint,
