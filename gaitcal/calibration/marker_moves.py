@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,11 +59,15 @@ class MarkerMoves:
         out[:, : self.nodes.shape[1]] += self.nodes[rows]
         return np.asarray(out, dtype=np.float64)
 
-    def through(self, basis: SplineBasis, part: slice, slopes: tuple[Array, ...]) -> tuple[Array, Array]:
-        """(frames, m, own) T n_c and (frames, m, np) - T S, for slopes (frames, m, nq) by q, v, a in some frames."""
-        # one product, as sums of large arrays take longer
-        moved = [self.moved(basis, part, slopes[0].shape[2], k) for k in range(len(slopes))]
-        return self.split(np.concatenate(slopes, axis=2) @ np.concatenate(moved, axis=1))
+    @cached_property
+    def together(self) -> Array:
+        """(np, np) or fewer columns: what all sources but the own coordinates make of the unknowns, as one."""
+        others = self.shift[:, self.nodes.shape[1] :]
+        return np.asarray(np.linalg.qr(others.T, mode="r")).T
+
+    def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
+        """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
+        return np.concatenate([self.moved(basis, part, nq, derivative) for derivative in range(3)], axis=1)
 
     def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
         """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
@@ -77,8 +82,22 @@ class MarkerMoves:
         count = self.nodes.shape[1]
         return both[:, :, :count], both[:, :, count:]
 
+    def variance(self, own: Array, by_unknown: Array) -> tuple[Array, Array]:
+        """(frames, m) of all sources together, and the part of the trial's own markers.
+
+        `own` (frames, m, own) is what the own coordinates move, `by_unknown` (frames, m, np) what the unknowns.
+        """
+        nf, m, count = own.shape
+        if self.shift[:, :count].any():
+            own = own + by_unknown @ self.shift[:, :count]
+        markers = np.array([source is Source.MOTION for source in self.sources[:count]])
+        of_markers = squares(own[:, :, markers])
+        others = squares(own[:, :, ~markers])
+        others += _product_squares(by_unknown.reshape(nf * m, -1), self.together).reshape(nf, m)
+        return of_markers + others, of_markers
+
     def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
-        """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
+        """Source -> (frames, m) its part of `variance`."""
         (nf, m, count), out = own.shape, {}
         names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
         moves_unknowns = np.asarray(self.shift.any(axis=0))

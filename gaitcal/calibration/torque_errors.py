@@ -14,7 +14,7 @@ Squares sum over the coordinates and columns of each source; the inertial parame
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,6 +32,7 @@ from gaitcal.dynamics.joint_moments import HELD
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.model.inertial_parameters import dynamic_jacobian
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -116,44 +117,70 @@ class ErringForces:
         q, v, a = (self.problem.basis.evaluate(self.nodes, k) for k in range(3))
         return q, v, a
 
-    def variances(self, part: slice) -> dict[Source, Array]:
-        """Source -> (frames, 120) of some frames: of the forces, then of powers and moments (`kinetic_slopes`)."""
+    def variances(self, part: slice) -> Variances:
+        """Of some frames."""
         dynamics, wrenches = self._dynamics, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
         slopes = force_derivatives(self.parameters, self.free, q, v, a, wrenches, HELD)
         told = kinetic_slopes(self.parameters, q, v, dynamics.forces(q, v, a, wrenches), self.free)
         through = told.by_force
-        own, by_unknown = self.moves.through(
-            self.problem.basis,
-            part,
-            (
+        by_state = np.concatenate(
+            [
                 through @ slopes.by_position + told.by_position,
                 through @ slopes.by_velocity + told.by_velocity,
                 through @ slopes.by_acceleration,
-            ),
+            ],
+            axis=2,
         )
-        by_unknown[:, :, : len(slopes.free)] += through @ slopes.by_parameter + told.by_parameter
-        found = self.moves.variances(own, by_unknown)
+        by_parameter = through @ slopes.by_parameter + told.by_parameter
+        found = self._of_markers(part, by_state, by_parameter)
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
-            found[Source.INERTIA] = squares(through @ heavier)
+            found.add(Source.INERTIA, squares(through @ heavier))
         if self.plates is not None and self.plates.any:
             wrong = dynamics.of_ground(q, wrench_errors(wrenches, self._rates[part], self.plates))
-            found[Source.PLATES] = squares(through @ wrong)
+            found.add(Source.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
             moving = _rate_moves(self.problem, self.axes, self._state[0], part)
             turns = _segment_turns(self.axes, q)
-            turned = told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)
-            found[Source.FRAMES] = squares(turned)
+            found.add(Source.FRAMES, squares(told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)))
         return found
 
+    def _of_markers(self, part: slice, by_state: Array, by_parameter: Array) -> Variances:
+        """What errors of the joint parameters and of the motion make."""
+        moves, moved = self.moves, self.moves.states(self.problem.basis, part, len(COORDINATES))
 
-def joined(parts: Sequence[Mapping[Source, Array]]) -> TorqueErrors:
-    """The errors of a trial from the variances of all its frames, `ErringForces.variances` of part after part."""
-    by_source = {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
-    kinetics = kinetic_errors(np.sum(list(by_source.values()), axis=0), by_source.get(Source.MOTION))
-    torques = {source: values[:, : len(FORCES)] for source, values in by_source.items()}
-    return TorqueErrors.of(torques, kinetics)
+        def of(rows: slice) -> tuple[Array, Array]:
+            own, by_unknown = moves.split(by_state[:, rows] @ moved)
+            by_unknown[:, :, : by_parameter.shape[2]] += by_parameter[:, rows]
+            return own, by_unknown
+
+        torques = moves.variances(*of(slice(len(FORCES))))
+        return Variances(torques, *moves.variance(*of(slice(len(FORCES), None))))
+
+
+@dataclass
+class Variances:
+    """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
+
+    torques: dict[Source, Array]
+    """(frames, 29) by source."""
+    kinetics: Array
+    """(frames, 91) of all sources together."""
+    own: Array
+    """(frames, 91) of the trial's own markers."""
+
+    def add(self, source: Source, variance: Array) -> None:
+        """Count a further source, (frames, 120)."""
+        self.torques[source] = variance[:, : len(FORCES)]
+        self.kinetics += variance[:, len(FORCES) :]
+
+
+def joined(parts: Sequence[Variances]) -> TorqueErrors:
+    """The errors of a trial from the variances of all its frames, part after part."""
+    torques = {source: np.concatenate([part.torques[source] for part in parts]) for source in parts[0].torques}
+    kinetics, own = (np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own"))
+    return TorqueErrors.of(torques, kinetic_errors(kinetics, own))
 
 
 def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
