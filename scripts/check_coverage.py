@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.torque_errors import coordinate_standard_errors, marker_moves, torque_standard_errors
+from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
+from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters

@@ -49,8 +49,6 @@ from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.records import dataclass
 
-LAST_SCORES = "last scores"
-"""Name of what is known of a trial's markers, beside the fields."""
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
 
@@ -165,42 +163,8 @@ def _inverse(hessian: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True)
-class _Known:
-    """Scores, and what they are of."""
-
-    problem: TrialProblem
-    parameters: Parameters
-    nodes: Array
-    scores: TrialScores
-
-    def serve(self, problem: TrialProblem, parameters: Parameters, nodes: Array) -> bool:
-        """Whether these are the ones; inertial parameters play no part."""
-        mine = self.problem
-        same = mine.name == problem.name and mine.chain is problem.chain and mine.basis is problem.basis
-        same &= mine.labels == problem.labels and mine.held == problem.held
-        same &= mine.tissue is problem.tissue and mine.smoothing is problem.smoothing
-        return (
-            same
-            and np.array_equal(self.parameters.joint, parameters.joint)
-            and np.array_equal(self.parameters.zero_angles, parameters.zero_angles)
-            and np.array_equal(self.nodes, nodes)
-        )
-
-
 def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
-    """Scores of one trial's marker coordinates at its motion, for the free joint parameters of its chain.
-
-    The last ones stay with the trial's markers: errors of inertial parameters and of torques ask for the same.
-    """
-    known: _Known | None = problem.data.__dict__.get(LAST_SCORES)
-    if known is None or not known.serve(problem, parameters, nodes):
-        known = _Known(problem, parameters, nodes, _scores(problem, parameters, nodes))
-        problem.data.__dict__[LAST_SCORES] = known
-    return known.scores
-
-
-def _scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
+    """Scores of one trial's marker coordinates at its motion, for the free joint parameters of its chain."""
     constants = problem.constants(parameters)
     eliminated = eliminate(problem.equations(nodes, constants))
     by_node, by_parameter = _cluster_gradients(problem, constants, nodes)

@@ -26,7 +26,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.influence import Influence, trial_scores
+from gaitcal.calibration.influence import Influence, TrialScores, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
@@ -65,6 +65,8 @@ class LoadedProblem:
     nodes: Array
     """(nn, 27)."""
     reactions: GroundReactions
+    scores: TrialScores | None = None
+    """Of its markers, where known already (`whole_body_scores`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +137,7 @@ class _TrialSources:
     def __init__(self, trial: LoadedProblem, parameters: Parameters, influence: Influence, plates: PlateNoise) -> None:
         self.trial, self.parameters, self.plates = trial, parameters, plates
         self.opened = trial.problem.with_free(influence.free)
-        own = trial_scores(self.opened, parameters, trial.nodes)
+        own = trial.scores or trial_scores(self.opened, parameters, trial.nodes)
         self.node_moves, self.sensitivity = -own.nodes, own.sensitivity
         self.shift = influence.parameters[self.opened.places_in(influence.free)]
         """(np, nc) d p_c of joint parameters, then of the skin."""

@@ -1,6 +1,6 @@
 """Standard errors of torques, frame by frame and source by source.
 
-Every source of error c, a marker coordinate or one of those of the joint parameters (`calibration/influence.py`), moves
+Every source of error c, a marker coordinate or one of those of the joint parameters (`marker_moves.py`), moves
 the joint parameters by d p_c and the motion by d N_c = n_c - S d p_c, with n_c what a coordinate of the trial's own
 markers does to its nodes while joints are known, and S = -d N/d p. The generalised forces follow by
 
@@ -8,22 +8,21 @@ markers does to its nodes while joints are known, and S = -d N/d p. The generali
 
 Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
 (d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/plate_errors.py` and
-`dynamics/axis_errors.py`. The coordinates of the motion
-move by B d N_c, and their squares sum to the variance that skin movement leaves in them. Powers and moment vectors
-are linear in the generalised forces (`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and
-joint parameters moves them together.
+`dynamics/axis_errors.py`. Powers and moment vectors are linear in the generalised forces
+(`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and joint parameters moves them together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence, trial_scores
-from gaitcal.cores import each
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.marker_moves import MarkerMoves, marker_moves, squares
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
@@ -32,12 +31,13 @@ from gaitcal.dynamics.joint_moments import HELD
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.model.inertial_parameters import dynamic_jacobian
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.records import dataclass
+
+BLOCK = 64
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
 
 
 def torque_standard_errors(
@@ -64,52 +64,123 @@ def torque_standard_errors(
     plates : how far the ground reactions are to be believed; exact unless given.
     axes : how far the directions of segments' axes are, with these parameters; exact unless given.
     """
-    basis = problem.basis
-    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-    free = joint.free if joint else ()
-    moves = moves or marker_moves(problem, nodes, parameters, joint)
-    dynamics, rates = Dynamics(parameters, HELD), wrench_rates(basis.time, wrenches)
+    erring = ErringForces(
+        problem=problem,
+        nodes=nodes,
+        parameters=parameters,
+        wrenches=wrenches,
+        free=joint.free if joint else (),
+        moves=moves or marker_moves(problem, nodes, parameters, joint),
+        inertial=inertial,
+        plates=plates,
+        axes=axes,
+    )
+    return joined([erring.variances(part) for part in erring.parts])
 
-    def variance(part: slice) -> dict[Source, Array]:
-        """Source -> (frames, 35) of some frames."""
-        state = q[part], v[part], a[part]
-        slopes = force_derivatives(parameters, free, *state, wrenches[part], HELD)
-        told = kinetic_slopes(parameters, q[part], v[part], dynamics.forces(*state, wrenches[part]), free)
+
+@dataclass(frozen=True, kw_only=True)
+class ErringForces:
+    """The generalised forces of one whole-body trial, and all that may be wrong with them.
+
+    What `torque_standard_errors` says in one piece, said of some frames at a time.
+    """
+
+    problem: TrialProblem
+    nodes: Array
+    """(nn, 27) m, rad."""
+    parameters: Parameters
+    wrenches: Array
+    """(nf, 2, 6) N, N·m."""
+    free: tuple[str, ...]
+    """The joint parameters that are not exact."""
+    moves: MarkerMoves
+    inertial: Array | None = None
+    """(84, n); None: exact, as are the following."""
+    plates: PlateErrors | None = None
+    axes: AxisErrors | None = None
+
+    @property
+    def parts(self) -> list[slice]:
+        """All frames, some at a time."""
+        return stretches(len(self.wrenches), BLOCK)
+
+    @cached_property
+    def _dynamics(self) -> Dynamics:
+        return Dynamics(self.parameters, HELD)
+
+    @cached_property
+    def _rates(self) -> Array:
+        return wrench_rates(self.problem.basis.time, self.wrenches)
+
+    @cached_property
+    def _state(self) -> tuple[Array, Array, Array]:
+        q, v, a = (self.problem.basis.evaluate(self.nodes, k) for k in range(3))
+        return q, v, a
+
+    def variances(self, part: slice) -> Variances:
+        """Of some frames."""
+        dynamics, wrenches = self._dynamics, self.wrenches[part]
+        q, v, a = (x[part] for x in self._state)
+        slopes = force_derivatives(self.parameters, self.free, q, v, a, wrenches, HELD)
+        told = kinetic_slopes(self.parameters, q, v, dynamics.forces(q, v, a, wrenches), self.free)
         through = told.by_force
-        own, by_unknown = moves.through(
-            basis,
-            part,
-            (
+        by_state = np.concatenate(
+            [
                 through @ slopes.by_position + told.by_position,
                 through @ slopes.by_velocity + told.by_velocity,
                 through @ slopes.by_acceleration,
-            ),
+            ],
+            axis=2,
         )
-        by_unknown[:, :, : len(slopes.free)] += through @ slopes.by_parameter + told.by_parameter
-        found = moves.variances(own, by_unknown)
-        if inertial is not None:
-            found[Source.INERTIA] = _squares(through @ _inertial_moves(dynamics, parameters, inertial, *state))
-        if plates is not None and plates.any:
-            wrong = dynamics.of_ground(q[part], wrench_errors(wrenches[part], rates[part], plates))
-            found[Source.PLATES] = _squares(through @ wrong)
-        if axes is not None and axes.columns:
-            moving = _rate_moves(problem, axes, q, part)
-            turns = _segment_turns(axes, q[part])
-            turned = told.moved(axes.torque_moves(*state, wrenches[part]), moving, turns)
-            found[Source.FRAMES] = _squares(turned)
+        by_parameter = through @ slopes.by_parameter + told.by_parameter
+        found = self._of_markers(part, by_state, by_parameter)
+        if self.inertial is not None:
+            heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
+            found.add(Source.INERTIA, squares(through @ heavier))
+        if self.plates is not None and self.plates.any:
+            wrong = dynamics.of_ground(q, wrench_errors(wrenches, self._rates[part], self.plates))
+            found.add(Source.PLATES, squares(through @ wrong))
+        if self.axes is not None and self.axes.columns:
+            moving = _rate_moves(self.problem, self.axes, self._state[0], part)
+            turns = _segment_turns(self.axes, q)
+            found.add(Source.FRAMES, squares(told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)))
         return found
 
-    parts = each(variance, stretches(len(q), BLOCK))
-    by_source = {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
-    kinetics = kinetic_errors(np.sum(list(by_source.values()), axis=0), by_source.get(Source.MOTION))
-    torques = {source: values[:, : len(FORCES)] for source, values in by_source.items()}
-    return TorqueErrors.of(torques, kinetics)
+    def _of_markers(self, part: slice, by_state: Array, by_parameter: Array) -> Variances:
+        """What errors of the joint parameters and of the motion make."""
+        moves, moved = self.moves, self.moves.states(self.problem.basis, part, len(COORDINATES))
+
+        def of(rows: slice) -> tuple[Array, Array]:
+            own, by_unknown = moves.split(by_state[:, rows] @ moved)
+            by_unknown[:, :, : by_parameter.shape[2]] += by_parameter[:, rows]
+            return own, by_unknown
+
+        torques = moves.variances(*of(slice(len(FORCES))))
+        return Variances(torques, *moves.variance(*of(slice(len(FORCES), None))))
 
 
-def _squares(moves: Array) -> Array:
-    """(nf, m) variance from what independent sources (nf, m, k) make."""
-    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
-    return out
+@dataclass
+class Variances:
+    """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
+
+    torques: dict[Source, Array]
+    """(frames, 29) by source."""
+    kinetics: Array
+    """(frames, 91) of all sources together."""
+    own: Array
+    """(frames, 91) of the trial's own markers."""
+
+    def add(self, source: Source, variance: Array) -> None:
+        """Count a further source, (frames, 120)."""
+        self.torques[source] = variance[:, : len(FORCES)]
+        self.kinetics += variance[:, len(FORCES) :]
+
+
+def joined(parts: Sequence[Variances]) -> TorqueErrors:
+    """The errors of a trial from the variances of all its frames, part after part."""
+    torques = {source: np.concatenate([part.torques[source] for part in parts]) for source in parts[0].torques}
+    kinetics, own = (np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own"))
+    return TorqueErrors.of(torques, kinetic_errors(kinetics, own))
 
 
 def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
@@ -144,152 +215,3 @@ def inertial_square_root(fit: InertialFit) -> Array:
     kept = values > 1e-12 * values[-1]
     out: Array = fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))
     return out
-
-
-BLOCK = 125
-"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
-
-
-COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
-"""Of a product of which only squares are kept."""
-
-
-@dataclass(frozen=True)
-class MarkerMoves:
-    """What every source of error moves: this trial's own marker coordinates come first, then all others."""
-
-    shift: Array
-    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source that is not the trial's
-    own are np or fewer with the same covariance."""
-    nodes: Array
-    """(nn * nq, own) n_c: what the own coordinates do by themselves."""
-    sensitivity: Array
-    """(nn * nq, np) - d N / d p."""
-    sources: tuple[Source, ...]
-    """(nc,)."""
-
-    @property
-    def present(self) -> tuple[Source, ...]:
-        """Every source once."""
-        return tuple(dict.fromkeys(self.sources))
-
-    def change(self, rows: slice) -> Array:
-        """(rows, nc) d N_c of some rows of the nodes."""
-        out = -self.sensitivity[rows] @ self.shift
-        out[:, : self.nodes.shape[1]] += self.nodes[rows]
-        return np.asarray(out, dtype=np.float64)
-
-    def through(self, basis: SplineBasis, part: slice, slopes: tuple[Array, ...]) -> tuple[Array, Array]:
-        """(frames, m, own) T n_c and (frames, m, np) - T S, for slopes (frames, m, nq) by q, v, a in some frames."""
-        # one product, as sums of large arrays take longer
-        moved = [self.moved(basis, part, slopes[0].shape[2], k) for k in range(len(slopes))]
-        return self.split(np.concatenate(slopes, axis=2) @ np.concatenate(moved, axis=1))
-
-    def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
-        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
-        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
-        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
-        return out.reshape(part.stop - part.start, nq, -1)
-
-    def split(self, both: Array) -> tuple[Array, Array]:
-        """What belongs to the own coordinates, and to the unknowns."""
-        count = self.nodes.shape[1]
-        return both[:, :, :count], both[:, :, count:]
-
-    def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
-        """Source -> (frames, m) variance of what the own coordinates move by `own` and the unknowns by `by_unknown`."""
-        (nf, m, count), out = own.shape, {}
-        names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
-        moves_unknowns = np.asarray(self.shift.any(axis=0))
-        for source in self.present:
-            of = np.asarray(names == source.key)
-            mine = np.flatnonzero(of[:count])
-            moved = np.flatnonzero(of & moves_unknowns)
-            both = moved[moved < count]
-            """Own coordinates that move unknowns, too: none after a calibration by evidence."""
-            alone = mine[~moves_unknowns[mine]]
-            found = _squares(own if len(alone) == count else own[:, :, alone])
-            found += _squares(own[:, :, both] + by_unknown @ self.shift[:, both])
-            found += _product_squares(flat, self.shift[:, moved[moved >= count]]).reshape(nf, m)
-            out[source] = found
-        return out
-
-
-def _product_squares(left: Array, right: Array) -> Array:
-    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
-    out = np.zeros(len(left))
-    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
-        part = right[:, start : start + COLUMNS_AT_ONCE]
-        rows = np.flatnonzero(part.any(axis=1))
-        kept = slice(rows[0], rows[-1] + 1)
-        for first in range(0, len(left), ROWS_AT_ONCE):
-            some = slice(first, first + ROWS_AT_ONCE)
-            product = left[some, kept] @ part[kept]
-            out[some] += np.einsum("ij,ij->i", product, product)
-    return out
-
-
-def source_of(name: str) -> Source:
-    """The source that a column of an `Influence` belongs to, by its name."""
-    first, _, rest = name.partition("/")
-    if first == "nominal" and rest in JP_INDEX:
-        return Source.JOINT_NOMINAL
-    if first == "skin" and (rest == "found" or rest.split("/")[0] in COORDINATES):
-        return Source.SKIN
-    return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
-
-
-def marker_moves(problem: TrialProblem, nodes: Array, parameters: Parameters, joint: Influence | None) -> MarkerMoves:
-    """Moves of one whole-body trial; `joint` is None where no joint parameters were calibrated."""
-    opened = problem.with_free(joint.free if joint else ())
-    scores = trial_scores(opened, parameters, nodes)
-    shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
-    sources = [Source.BANDWIDTH if source_of(c) is Source.BANDWIDTH else Source.MOTION for c in scores.clusters]
-    if joint is not None:
-        errors = joint.parameters[[joint.free.index(name) for name in opened.unknowns]]
-        place = {name: k for k, name in enumerate(scores.clusters)}
-        own = np.array([name in place for name in joint.clusters], dtype=bool)
-        shift[:, [place[name] for name in joint.clusters if name in place]] = errors[:, own]
-        for source, columns in _by_source(joint, errors, own).items():
-            compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
-            shift = np.hstack([shift, compressed])
-            sources += [source] * compressed.shape[1]
-    return MarkerMoves(shift, -scores.nodes, scores.sensitivity, tuple(sources))
-
-
-def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, Array]:
-    """Source -> (np, k) columns that are not the trial's own and move something."""
-    out: dict[Source, Array] = {}
-    named = [source_of(name) for name in joint.clusters]
-    for source in dict.fromkeys(named):
-        chosen = [k for k, name in enumerate(named) if name is source and not own[k] and errors[:, k].any()]
-        if chosen:
-            out[source] = errors[:, chosen]
-    return out
-
-
-def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Source, Array]:
-    """Source -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
-    basis, nq = problem.basis, len(problem.chain.coordinates)
-    out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
-    for part in stretches(len(basis.time), BLOCK):
-        for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
-            out[source][part] = variance
-    return out
-
-
-def coordinate_standard_errors(
-    problem: TrialProblem,
-    moves: MarkerMoves,
-    turned: Array | None = None,
-    variances: Mapping[Source, Array] | None = None,
-) -> Array:
-    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
-
-    `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
-    no marker moves with is held at zero, and has none. `variances`: of `coordinate_variances`, where known already.
-    """
-    out: Array = np.sqrt(sum((variances or coordinate_variances(problem, moves)).values()))
-    return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

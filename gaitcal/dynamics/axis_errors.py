@@ -34,7 +34,7 @@ import numpy as np
 from gaitcal.arrays import Array, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, unloaded_forces
 from gaitcal.model.build import build_linkage
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, Source, joint_elements, root_elements
@@ -102,7 +102,7 @@ class AxisErrors:
         self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
     ) -> None:
         """`deviations_deg`: standard deviations by segment, without its side, about x, y and z."""
-        self._chain = Chain(free=_ORIENTATIONS, reactions=True)
+        self._chain = chain_of(free=_ORIENTATIONS, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         free = tuple(name for c in CROSSINGS for name in c.carried if name in JP_INDEX)
         self._linkage = build_linkage(parameters, free, reactions=True)

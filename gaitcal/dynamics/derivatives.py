@@ -18,7 +18,7 @@ from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, pelvis_axes, pelvis_residual, root_wrench
 from gaitcal.dynamics.joint_moments import ORDER
 from gaitcal.dynamics.rnea_slopes import StretchState, rnea_slopes
-from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
@@ -78,7 +78,7 @@ def force_derivatives(
     `held`: joint parameters whose own generalised forces follow the 29 (`Dynamics`).
     """
     opened = (*free, *(name for name in held if name not in free))
-    chain = Chain(free=opened, reactions=True)
+    chain = chain_of(free=opened, reactions=True)
     free = tuple(name for name in chain.free if name in free)
     names = (*chain.coordinates, *chain.free)
     place = {name: k for k, name in enumerate(names)}

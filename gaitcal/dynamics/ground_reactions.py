@@ -22,7 +22,7 @@ from gaitcal.dynamics.sole import FOOT_BREADTH
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.build import GRAVITY
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
@@ -176,7 +176,7 @@ def has_feet(model: SubjectModel) -> bool:
 
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
-    chain = Chain()
+    chain = chain_of()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q))
     points = {}

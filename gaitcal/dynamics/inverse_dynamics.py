@@ -24,7 +24,7 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.build import LinkageModel, build_linkage
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, placed_dynamic_parameters
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, jacobian
@@ -93,7 +93,7 @@ class Dynamics:
     def __init__(self, parameters: Parameters, held: tuple[str, ...] = ()) -> None:
         self.linkage = build_linkage(parameters, held, reactions=True)
         self._held = {name: float(parameters.joint[JP_INDEX[name]]) for name in held}
-        self._chain = Chain(free=held, reactions=True)
+        self._chain = chain_of(free=held, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         self._data = self.linkage.model.createData()
         names = (*self._chain.coordinates, *self._chain.free)

@@ -202,7 +202,6 @@ def kinetic_slopes(
 
 
 def kinetic_errors(variance: Array, own: Array | None = None) -> KineticErrors:
-    """Of powers and moments from the variances (nf, 120) of all quantities; `own`: the trial's own markers' part."""
-    errors, torques, last = np.sqrt(variance), len(FORCES), len(FORCES) + len(POWERS)
-    part = None if own is None else kinetic_errors(own)
-    return KineticErrors(errors[:, torques:last], by_frame(errors[:, last:]), part)
+    """From the variances (nf, 91) of powers and moment vectors; `own`: the part of the trial's own markers."""
+    errors, part = np.sqrt(variance), None if own is None else kinetic_errors(own)
+    return KineticErrors(errors[:, : len(POWERS)], by_frame(errors[:, len(POWERS) :]), part)

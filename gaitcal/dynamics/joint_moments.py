@@ -39,7 +39,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_elements, root_elements
@@ -164,9 +164,9 @@ def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[s
     place = _Placed(parameters, q, (*free, *(name for name in HELD if name not in free)))
     nf, width = len(q), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    wanted = [place.names.index(name) for name in (*COORDINATES, *(n for n in place.chain.free if n in free))]
+    wanted = np.array([place.names.index(n) for n in (*COORDINATES, *(n for n in place.chain.free if n in free))])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
-    by_variable = np.empty((nf, rows, len(wanted)))
+    by_variable = np.zeros((nf, rows, len(wanted)))
     by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
     for j, joint in enumerate(NET_JOINTS):
         axes = np.stack([place.axis(name) for name in joint.turns], axis=1)  # (nf, 3, 3), an axis a row
@@ -181,12 +181,14 @@ def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[s
         by_force[:, at, columns] = share
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
-        turning = place.turning[:, wanted].transpose(0, 2, 1)  # (nf, 3, variables)
-        found = (g @ turning) * place.moves(joint.proximal)[wanted] + (h @ turning) * place.moves(joint.distal)[wanted]
+        above = np.flatnonzero(place.moves(joint.distal)[wanted])  # and so those that move the proximal segment
+        own = wanted[above]
+        turning = place.turning[:, own].transpose(0, 2, 1)  # (nf, 3, variables)
+        found = (g @ turning) * place.moves(joint.proximal)[own] + h @ turning
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
-            found -= (lever @ turning) * place.before(name, joint.distal)[wanted]
-        by_variable[:, at] = found
+            found -= (lever @ turning) * place.before(name, joint.distal)[own]
+        by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
     return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
 
@@ -214,7 +216,7 @@ class _Placed:
     """Axes of the turns and of the segments in the laboratory, and what moves what."""
 
     def __init__(self, parameters: Parameters, q: Array, free: tuple[str, ...]) -> None:
-        self.chain = Chain(free=free, reactions=True)
+        self.chain = chain_of(free=free, reactions=True)
         self.names = (*self.chain.coordinates, *self.chain.free)
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
         whole = np.zeros((len(q), len(self.chain.coordinates)))

@@ -39,7 +39,7 @@ def rows_text(rows: Sequence[Sequence[Any]], separator: str) -> str:
     """Rows of at least one cell each, numbers from `number_cells` or text, each ended by a line feed."""
     if not rows:
         return ""
-    text = to_json(rows).decode()[2:-2].replace('"', "").replace("],[", "\n")
+    text = "\n".join(to_json(rows).decode()[2:-2].replace('"', "").split("],["))
     return (text if separator == "," else text.replace(",", separator)) + "\n"
 
 

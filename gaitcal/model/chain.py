@@ -180,9 +180,11 @@ class Chain:
 
 
 @lru_cache(maxsize=64)
-def chain_of(root: str, segments: tuple[str, ...], free: tuple[str, ...] = ()) -> Chain:
+def chain_of(
+    root: str = "pelvis", segments: tuple[str, ...] = SEGMENTS, free: tuple[str, ...] = (), *, reactions: bool = False
+) -> Chain:
     """The chain of a part of the linkage, compiled once: every trial of a person has the same."""
-    return Chain(root, segments, free)
+    return Chain(root, segments, free, reactions=reactions)
 
 
 def _distinct_rows(support: Array) -> tuple[Array, IntArray]:

@@ -124,8 +124,8 @@ def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
     """
     x = np.eye(4)
     x[:3, :3], x[:3, 3] = rotation, translation
-    moved = [_from_pseudo(x @ _to_pseudo(unit) @ x.T) for unit in np.eye(10)]
-    return np.stack(moved, axis=1)
+    out: Array = _FROM_PSEUDO @ np.kron(x, x) @ _TO_PSEUDO
+    return out
 
 
 _SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
@@ -150,6 +150,11 @@ def _from_pseudo(j: Array) -> Array:
     out[0], out[1:4] = j[3, 3], j[:3, 3]
     out[_SYMMETRIC] = inertia
     return out
+
+
+_TO_PSEUDO = np.stack([_to_pseudo(unit).ravel() for unit in np.eye(10)], axis=1)
+_FROM_PSEUDO = np.stack([_from_pseudo(unit.reshape(4, 4)) for unit in np.eye(16)], axis=1)
+"""The same as matrices, of the 16 entries of a pseudo-inertia."""
 
 
 def is_physical(inertial: Array) -> BoolArray:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.cores import each
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -124,12 +121,6 @@ def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: Desc
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
     return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
-
-
-def tracked_motions(problems: Mapping[str, TrialProblem], parameters: Parameters) -> dict[str, Motion]:
-    """Trial -> its tracked motion."""
-    motions = each(lambda problem: tracked_motion(problem, parameters), list(problems.values()))
-    return dict(zip(problems, motions, strict=True))
 
 
 def rigid_floor(problem: TrialProblem) -> MarkerErrors:

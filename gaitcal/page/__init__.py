@@ -5,10 +5,24 @@ from gaitcal.page.playback import left_out
 from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.view import Shown, page_html, sentences, view_html, write_view
+from gaitcal.page.view import (
+    BodyText,
+    Shown,
+    body_texts,
+    joined_page,
+    page_html,
+    sentences,
+    told_text,
+    view_html,
+    write_view,
+)
 
 __all__ = [
     "Shown",
+    "BodyText",
+    "body_texts",
+    "told_text",
+    "joined_page",
     "page_html",
     "sentences",
     "FORMER",

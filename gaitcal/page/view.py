@@ -78,30 +78,57 @@ class Shown:
     """What it is called beside another one."""
 
 
+@dataclass(frozen=True)
+class BodyText:
+    """The body in motion as it stands in a page."""
+
+    scene: str
+    """JSON of `scene_json`."""
+    bones_licence: str
+    """Whose bones are in it, and their licence; empty where none are, or they have none."""
+
+
 def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
     """The page of one result, or of two side by side; `bones` as in `write_view`."""
+    bodies = body_texts([shown.scene for shown in results], bones)
+    return joined_page(
+        [(shown.name, body, told_text(shown.sheet, len(results))) for shown, body in zip(results, bodies, strict=True)]
+    )
+
+
+def body_texts(scenes: Sequence[Scene], bones: BoneMeshes | None = None) -> list[BodyText]:
+    """The scenes of all results of a page; `bones` as in `write_view`."""
     bones = bones or installed_bones()
+    shapes, placed = body_meshes(), None if bones is None else landmarked(bones)
+    licence = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
+    return [BodyText(scene_json(scene, shapes, placed, MOST_BYTES // len(scenes)), licence) for scene in scenes]
+
+
+def told_text(sheet: Mapping[str, Any] | None, results: int = 1) -> str:
+    """The sheet as JSON for a page of so many `results`."""
+    return sheet_text(sheet and thinned(sheet, MOST_LETTERS // results))
+
+
+def joined_page(results: Sequence[tuple[str, BodyText, str]]) -> str:
+    """The page of results, each with its name, its body in motion and its sheet (`told_text`)."""
     folder = files("gaitcal.page")
 
     def part(name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
 
-    shapes, placed = body_meshes(), None if bones is None else landmarked(bones)
-
-    def result(shown: Shown) -> str:
-        scene = scene_json(shown.scene, shapes, placed, MOST_BYTES // len(results))
-        sheet = sheet_text(shown.sheet and thinned(shown.sheet, MOST_LETTERS // len(results)))
-        return f'{{"name":{_text(shown.name)},"leastValid":{LEAST_VALID},"scene":{scene},"sheet":{sheet}}}'
+    def result(name: str, body: BodyText, sheet: str) -> str:
+        return f'{{"name":{_text(name)},"leastValid":{LEAST_VALID},"scene":{body.scene},"sheet":{sheet}}}'
 
     viewer, licences = _meshcat()
     meshcat, plots = inline(viewer), inline(part(f"libraries/{PLOTS}.iife.min.js"))
     page = inline("\n".join(part(f"scripts/{name}") for name in SCRIPTS))
     licences += f"\n\nuPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}"
+    bones = dict.fromkeys(body.bones_licence for _, body, _ in results if body.bones_licence)
     content = {
         "POLICY": policy(meshcat, plots, page),
         "STYLE": "\n".join([part(f"libraries/{PLOTS}.min.css"), *(part(f"styles/{name}") for name in STYLES)]),
-        "RESULTS": f"[{','.join(map(result, results))}]",
-        "LICENCES": _with_bones(licences, bones).replace("<", "‹"),
+        "RESULTS": f"[{','.join(result(*one) for one in results)}]",
+        "LICENCES": "\n\n".join([licences, *bones]).replace("<", "‹"),
         "MESHCAT": meshcat,
         "PLOTS": plots,
         "PAGE": page,
@@ -142,10 +169,6 @@ def _meshcat() -> tuple[str, str]:
     except OSError as error:
         raise GaitcalError(f"{viewer}: cannot be read ({error.strerror}); install meshcat again") from error
     return script, "\n\n".join([*licences, *_mesh_licence()])
-
-
-def _with_bones(licences: str, bones: BoneMeshes | None) -> str:
-    return f"{licences}\n\nBones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else licences
 
 
 def _mesh_licence() -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
-from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.influence import Influence, TrialScores, nominal_influence
 from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.marker_moves import whole_body_scores
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.checks import check_study
-from gaitcal.cores import each
+from gaitcal.cores import all_of, each
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.findings import Finding, Severity, note_of
@@ -30,13 +32,15 @@ from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.motion.motion import Motion, motion_of, tracked_motions
+from gaitcal.motion.motion import Motion, motion_of
+from gaitcal.person.fitted_motion import FittedMotion, fitted_motion
 from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
 from gaitcal.person.joint_parameters import joint_stage, parameters_for
 from gaitcal.person.phases import phases_of
-from gaitcal.person.prepare import PreparedTrial, measured_reactions
-from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
-from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted, static_angles
+from gaitcal.person.prepare import PreparedTrial
+from gaitcal.person.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
+from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted
+from gaitcal.person.tracked import tracked_trials
 from gaitcal.person.trial_result import axis_deviations, trial_result
 from gaitcal.person.truth_comparison import with_truth
 from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
@@ -45,7 +49,6 @@ from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, nominal_of
-from gaitcal.study.study_trial import Role
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.verdict import judge, stopping
 
@@ -79,28 +82,31 @@ def calibrate(
     fitted = joint_stage(study, nominal, progress, leave_out=leave_out)
     trials, joint, parameters = fitted.trials, fitted.joint, fitted.parameters
     static = completed_static(study).static
-    counted = counted_from_static if settings.keeps_ankle_zero else as_fitted
-    if joint is not None:
-        parameters, _ = counted(nominal, parameters, static)
-    progress("tracking with the nominal model")
-    before = tracked_motions({t.name: t.fitted if t.joint else t.body for t in trials}, nominal.parameters)
-    stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, before)}
-    progress("tracking with the calibrated joint parameters")
-    motions = tracked_motions({t.name: t.body for t in trials}, parameters)
+    count = counted_from_static if settings.keeps_ankle_zero and joint is not None else as_fitted
+    counted = count(nominal, parameters, static)
+    parameters = counted.parameters
+    progress("tracking with the nominal and the calibrated joint parameters")
+    tracked = tracked_trials(trials, nominal, parameters, settings)
+    motions, reactions = tracked.motions, tracked.reactions
+    stages: dict[Stage, tuple[Parameters, Mapping[str, Motion]]] = {Stage.NOMINAL: (nominal.parameters, tracked.before)}
     if joint is not None:
         stages[Stage.JP] = parameters, motions
-    reactions = {
-        t.name: measured_reactions(t, nominal, parameters, motions[t.name], settings)
-        for t in trials
-        if t.role is Role.GAIT and t.recording.plates
-    }
     progress("do motion and forces agree?")
-    diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions, checked)
+    influence = nominal_influence() if joint is None else joint.influence
+    walks = [t for t in trials if t.joint is None]
+    *told, diagnosis = all_of(
+        *(partial(_scores, t, motions, parameters, influence) for t in walks),
+        lambda: diagnose_forces(trials, nominal, parameters, motions, reactions, checked),
+    )
+    scores = dict(zip([t.name for t in walks], told, strict=True))
     silent_on_masses = diagnosis.faulty | (spoilt := spoilt_motions(checked))
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in silent_on_masses}
-    influence = nominal_influence() if joint is None else joint.influence
     shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
-    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, shown or believed, settings, progress)
+    progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
+    inertial, *fitted_motions = all_of(
+        lambda: _inertial_fit(trials, nominal, parameters, influence, motions, scores, shown or believed, settings),
+        *(partial(_fitted_motion, t, motions, parameters, joint) for t in trials),
+    )
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
@@ -108,7 +114,8 @@ def calibrate(
     if joint is not None and inertial is not None and settings.joint_step and shown:
         combined = _combined_fit(trials, nominal, parameters, joint, motions, shown, settings, progress)
     if combined is not None:
-        parameters, moved = counted(nominal, combined.parameters, static)
+        counted = count(nominal, combined.parameters, static)
+        parameters, moved = counted.parameters, counted.moved
         motions = {
             t.name: motion_of(
                 t.body, parameters, shifted(nodes, t.body.chain.coordinates, moved), converged=combined.converged
@@ -116,26 +123,34 @@ def calibrate(
             for t, nodes in zip(trials, combined.nodes, strict=True)
         }
         stages[Stage.COMBINED] = parameters, motions
+        scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
+        fitted_motions = each(lambda t: _fitted_motion(t, motions, parameters, joint), trials)
     progress("standard errors and inverse dynamics")
     uncertainty = Uncertainty(
         influence, _inertial_spread(inertial, parameters, settings, spread_of_people(nominal.subject))
     )
-    results = each(
-        lambda t: trial_result(
+    of_trials = dict(zip([t.name for t in trials], fitted_motions, strict=True))
+
+    def result(t: PreparedTrial) -> TrialResult:
+        return trial_result(
             t,
             {stage: (p, of_trial[t.name]) for stage, (p, of_trial) in stages.items()},
             motions[t.name],
-            fitted_with=parameters_for(joint, t.name, parameters),
+            fitted=of_trials[t.name],
+            scores=scores.get(t.name),
             reactions=reactions.get(t.name),
             uncertainty=uncertainty,
             plates=PlateErrors.of(settings.plate_error),
             axes=axis_deviations(settings),
             model=nominal,
             held_out=fitted.held_out.get(t.name),
-        ),
-        trials,
-        longest=lambda t: len(t.recording.time) * (t.name in reactions),
-    )
+        )
+
+    # a trial with forces takes as long as all others, and shares the cores by itself
+    loaded = {t.name: result(t) for t in trials if t.name in reactions}
+    others = [t for t in trials if t.name not in reactions]
+    unloaded = dict(zip([t.name for t in others], each(result, others), strict=True))
+    results = [loaded.get(t.name) or unloaded[t.name] for t in trials]
     kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
     if settings.ip != "none":
         kept += (*left_out_of_masses(trials, diagnosis.faulty, spoilt),)
@@ -147,9 +162,9 @@ def calibrate(
         *calibration_findings(settings, results, parameters, phases, nominal, joint),
         *unmeasured_mass(results, nominal.parameters),
     )
-    walks = [t.name for t in trials if t.joint is None]
+    names = [t.name for t in walks]
     found = without_consequences((*checked, *later, *(finding for t in results for finding in t.findings)))
-    verdict = judge(found, walks, forced=bool(stopping(checked, walks)))
+    verdict = judge(found, names, forced=bool(stopping(checked, names)))
     remarks = (note_of(finding) for finding in later if finding.severity is Severity.INFO)
     notes = (
         *nominal.notes,
@@ -162,7 +177,7 @@ def calibrate(
         study=study,
         nominal=nominal,
         model=replace(nominal, parameters=parameters, notes=notes),
-        static_angles=static_angles(nominal, parameters, static),
+        static_angles=counted.static,
         trials=tuple(results),
         phases=phases,
         joint=joint,
@@ -176,20 +191,31 @@ def calibrate(
     return with_truth(withdrawn(calibration))
 
 
+def _scores(
+    trial: PreparedTrial, motions: Mapping[str, Motion], parameters: Parameters, influence: Influence
+) -> TrialScores:
+    return whole_body_scores(trial.with_skin, motions[trial.name].nodes, parameters, influence)
+
+
+def _fitted_motion(
+    trial: PreparedTrial, motions: Mapping[str, Motion], parameters: Parameters, joint: JointCalibration | None
+) -> FittedMotion:
+    return fitted_motion(trial, parameters, parameters_for(joint, trial.name, parameters), motions[trial.name])
+
+
 def _inertial_fit(
     trials: Sequence[PreparedTrial],
     nominal: SubjectModel,
     parameters: Parameters,
     influence: Influence,
     motions: Mapping[str, Motion],
+    scores: Mapping[str, TrialScores],
     on_plates: Mapping[str, GroundReactions],
     settings: CalibrationSettings,
-    progress: Progress,
 ) -> InertialFit | None:
     """From the trials `on_plates`; None where the settings leave inertial parameters alone or there is none."""
     if settings.ip == "none" or not on_plates:
         return None
-    progress("inertial parameters")
     began = time.perf_counter()
     loaded = [
         LoadedMotion(name=name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid)
@@ -207,7 +233,9 @@ def _inertial_fit(
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
         [
-            LoadedProblem(problem=t.with_skin, nodes=motions[t.name].nodes, reactions=on_plates[t.name])
+            LoadedProblem(
+                problem=t.with_skin, nodes=motions[t.name].nodes, reactions=on_plates[t.name], scores=scores.get(t.name)
+            )
             for t in trials
             if t.name in on_plates
         ],

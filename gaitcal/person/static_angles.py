@@ -12,11 +12,13 @@ in the direction of their coordinate, and every motion's coordinate by -dz: posi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.cores import all_of
 from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Joint, Source
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -31,28 +33,32 @@ def static_angles(model: SubjectModel, parameters: Parameters, static: Recording
     return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
 
 
-def counted_from_static(
-    model: SubjectModel, parameters: Parameters, static: Recording
-) -> tuple[Parameters, Mapping[str, float]]:
-    """Fitted parameters whose ankles have the nominal model's angles in the static posture.
+@dataclass(frozen=True)
+class Counted:
+    """Fitted parameters, and from where their ankle angles are counted."""
 
-    Returns
-    -------
-    The parameters with other zero angles; and coordinate -> dz, rad, by which motions of the parameters as they were
-    given read too much.
-    """
-    before, after = (static_angles(model, p, static) for p in (model.nominal, parameters))
+    parameters: Parameters
+    moved: Mapping[str, float]
+    """Coordinate -> dz, rad, by which motions of the parameters as they were given read too much."""
+    static: Mapping[str, float]
+    """`static_angles` of the parameters."""
+
+
+def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
+    """Fitted parameters whose ankles have the nominal model's angles in the static posture, by other zero angles."""
+    after, before = all_of(*(partial(static_angles, model, p, static) for p in (parameters, model.nominal)))
     zero, moved = parameters.zero_angles.copy(), {}
     for joint in JOINTS:
         for name, coordinate, sign in _zeroed(joint):
             moved[coordinate] = after[coordinate] - before[coordinate]
             zero[ZERO_ANGLES.index(name)] += sign * moved[coordinate]
-    return replace(parameters, zero_angles=zero), moved
+    here = {name: angle - moved.get(name, 0.0) for name, angle in after.items()}
+    return Counted(replace(parameters, zero_angles=zero), moved, here)
 
 
-def as_fitted(model: SubjectModel, parameters: Parameters, static: Recording) -> tuple[Parameters, Mapping[str, float]]:
+def as_fitted(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
     """The same where the ankles keep the zero of the nominal model: nothing moves."""
-    return parameters, {}
+    return Counted(parameters, {}, static_angles(model, parameters, static))
 
 
 def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:

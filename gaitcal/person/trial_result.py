@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration.torque_errors import (
+from gaitcal.calibration.influence import TrialScores
+from gaitcal.calibration.marker_moves import (
     MarkerMoves,
     coordinate_standard_errors,
     coordinate_variances,
     marker_moves,
-    torque_standard_errors,
+    whole_body_scores,
 )
+from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.cores import all_of
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.foot_contact import FootPoints
@@ -25,7 +28,7 @@ from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_fram
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
+from gaitcal.dynamics.torque_sources import Source
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.progression import facing, pelvis_angles
 from gaitcal.gait.spatiotemporal import strides_measured
@@ -33,9 +36,9 @@ from gaitcal.gait.symmetry import stride_findings
 from gaitcal.model.inertial_parameters import impossible_bodies
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.joint_floor import JointFloor, joint_floor
-from gaitcal.motion.motion import MarkerErrors, Motion, rigid_floor, tracked_motion
+from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.person.fitted_motion import FittedMotion, fitted_motion
 from gaitcal.person.force_faults import diagnose_forces
 from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
@@ -51,7 +54,8 @@ def trial_result(
     stages: Mapping[Stage, tuple[Parameters, Motion]],
     body: Motion,
     *,
-    fitted_with: Parameters,
+    fitted: FittedMotion,
+    scores: TrialScores | None,
     reactions: GroundReactions | None,
     uncertainty: Uncertainty,
     plates: PlateErrors,
@@ -65,7 +69,8 @@ def trial_result(
     ----------
     stages : the models that were reached, in their order, each with the motion that its moments are of.
     body : whole-body motion with the last of them.
-    fitted_with : the parameters at the end of an isolated trial's own phase.
+    fitted : the motion of what was fitted.
+    scores : of the markers of a gait trial (`whole_body_scores`); an isolated one needs none.
     reactions : None without force plates.
     uncertainty : of the last model.
     plates : how far the ground reactions are to be believed.
@@ -74,62 +79,62 @@ def trial_result(
     """
     subject = model.subject
     final, _ = stages[max(stages, key=list(Stage).index)]
-    reached = final if trial.joint is None else fitted_with
     turned = AxisErrors(final, axes)
-
-    def fitted() -> tuple[Motion, Motion, MarkerErrors, JointFloor | None]:
-        """Motions of what was fitted, as calibrated and at the end, and the floors below them."""
-        calibrated = last = body
-        if trial.joint is not None:
-            last = tracked_motion(trial.fitted, final)
-            calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
-        return calibrated, last, rigid_floor(trial.fitted), joint_floor(trial.fitted, reached, calibrated.q)
-
-    def moved() -> MarkerMoves | None:
-        return None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint)
-
-    moves, (calibrated, last, floor, floor_of_joints) = all_of(moved, fitted)
-    variances = {} if moves is None else coordinate_variances(trial.body, moves)
-    events = _events(trial, model.with_parameters(final), body, reactions)
-    feet = _feet(model.with_parameters(final), body)
-    faced = None if trial.joint else facing(pelvis_angles(body))
-    strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
-    loads = None
+    moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint, scores)
+    erring = None
     if reactions is not None:
-        moments = {stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()}
-        errors = _torque_errors(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
-        loads = LoadedTrial(reactions, moments, errors, kinetics_of(final, body, reactions.wrench))
-    doubts = trial_findings(
-        trial.body,
-        final,
-        body,
-        stages[Stage.NOMINAL][1],
-        subject.weight,
-        None if loads is None else loads.final,
-        None if loads is None else loads.reactions,
-    )
-    return TrialResult(
-        name=trial.name,
-        role=trial.role,
-        joint=trial.joint,
-        recording=trial.recording,
-        nominal=stages[Stage.NOMINAL][1],
-        calibrated=calibrated,
-        final=last,
-        floor=floor,
-        joint_floor=floor_of_joints,
-        body=body,
-        loads=loads,
-        coordinate_errors=None
-        if moves is None
-        else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q), variances),
-        own_coordinate_errors=None if Source.MOTION not in variances else np.sqrt(variances[Source.MOTION]),
-        held_out=held_out,
-        bandwidth=trial.bandwidth,
-        events=events,
-        strides=strides,
-        doubts=(*doubts, *stride_findings(trial.name, strides)),
-    )
+        erring = _erring_forces(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
+
+    def told() -> TrialResult:
+        """All but the errors of torques."""
+        variances = {} if moves is None else coordinate_variances(trial.body, moves)
+        events = _events(trial, model.with_parameters(final), body, reactions)
+        feet = _feet(model.with_parameters(final), body)
+        faced = None if trial.joint else facing(pelvis_angles(body))
+        strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
+        loads = None
+        if reactions is not None:
+            moments = {
+                stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()
+            }
+            loads = LoadedTrial(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
+        doubts = trial_findings(
+            trial.body,
+            final,
+            body,
+            stages[Stage.NOMINAL][1],
+            subject.weight,
+            None if loads is None else loads.final,
+            None if loads is None else loads.reactions,
+        )
+        return TrialResult(
+            name=trial.name,
+            role=trial.role,
+            joint=trial.joint,
+            recording=trial.recording,
+            nominal=stages[Stage.NOMINAL][1],
+            calibrated=fitted.calibrated or body,
+            final=fitted.final or body,
+            floor=fitted.floor,
+            joint_floor=fitted.joint_floor,
+            body=body,
+            loads=loads,
+            coordinate_errors=None
+            if moves is None
+            else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q), variances),
+            own_coordinate_errors=None if Source.MOTION not in variances else np.sqrt(variances[Source.MOTION]),
+            held_out=held_out,
+            bandwidth=trial.bandwidth,
+            events=events,
+            strides=strides,
+            doubts=(*doubts, *stride_findings(trial.name, strides)),
+        )
+
+    if erring is None:
+        return told()
+    result: TrialResult
+    result, *parts = all_of(told, *(partial(erring.variances, part) for part in erring.parts))
+    return replace(result, loads=result.loads and replace(result.loads, errors=joined(parts)))
 
 
 def _events(trial: PreparedTrial, model: SubjectModel, body: Motion, reactions: GroundReactions | None) -> TrialEvents:
@@ -142,7 +147,7 @@ def _feet(model: SubjectModel, body: Motion) -> FootPoints | None:
     return foot_points(model, body, model.parameters) if has_feet(model) else None
 
 
-def _torque_errors(
+def _erring_forces(
     problem: TrialProblem,
     motion: Motion,
     parameters: Parameters,
@@ -151,20 +156,20 @@ def _torque_errors(
     plates: PlateErrors,
     axes: AxisErrors,
     moves: MarkerMoves | None,
-) -> TorqueErrors | None:
-    """Standard errors of the final moments; None for impossible bodies, whose mass matrix has no meaning."""
+) -> ErringForces | None:
+    """The final moments with what may be wrong; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
         return None
-    return torque_standard_errors(
-        problem,
-        motion.nodes,
-        parameters,
-        reactions.wrench,
-        uncertainty.joint,
-        uncertainty.inertial,
-        moves,
-        plates,
-        axes,
+    return ErringForces(
+        problem=problem,
+        nodes=motion.nodes,
+        parameters=parameters,
+        wrenches=reactions.wrench,
+        free=uncertainty.joint.free if uncertainty.joint else (),
+        moves=moves or marker_moves(problem, motion.nodes, parameters, uncertainty.joint),
+        inertial=uncertainty.inertial,
+        plates=plates,
+        axes=axes,
     )
 
 
@@ -192,11 +197,16 @@ def analyse(
     if prepared.recording.plates:
         reactions = measured_reactions(prepared, model, model.parameters, motion, settings)
         diagnosis = diagnose_forces([prepared], model, model.parameters, {trial.name: motion}, {trial.name: reactions})
+    scores, fitted = all_of(
+        lambda: whole_body_scores(prepared.with_skin, motion.nodes, model.parameters, uncertainty.joint),
+        lambda: fitted_motion(prepared, model.parameters, model.parameters, motion),
+    )
     result = trial_result(
         prepared,
         {Stage.NOMINAL: (model.nominal, nominal), Stage.JP_IP: (model.parameters, motion)},
         motion,
-        fitted_with=model.parameters,
+        fitted=fitted,
+        scores=scores,
         reactions=reactions,
         uncertainty=uncertainty,
         plates=PlateErrors.of(settings.plate_error),

@@ -35,7 +35,7 @@ from gaitcal.person.tables import (
 from gaitcal.recording import write_trc
 from gaitcal.results.json_types import Json
 from gaitcal.results.kinetics import write_kinetics
-from gaitcal.results.page_files import write_former_pages, write_page
+from gaitcal.results.page_files import write_body, write_former_pages, write_joined_page, write_told
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -75,7 +75,6 @@ def write_results(
     content = manifest(calibration, settings)
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-        (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
@@ -83,15 +82,18 @@ def write_results(
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         write_former_pages(out)
         trials, of = calibration.trials, (calibration.model, out, calibration.relative_to)
-        all_of(
-            lambda: write_page(out, scene_of(calibration), calibration_sheet(calibration, normal, content)),
+        body, told, *_ = all_of(
+            lambda: write_body(out, scene_of(calibration)),
+            lambda: write_told(out, calibration_sheet(calibration, normal, content)),
+            lambda: write_truth(calibration.truth, out),
             *(partial(write_trial, trial, *of) for trial in trials),
             lambda: write_stride_files(out, calibration.model, trials, calibration.relative_to),
-            lambda: write_truth(calibration.truth, out),
-            lambda: _models(calibration.model, out),
+            lambda: (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8"),
             lambda: save_uncertainty(calibration.uncertainty, out / UNCERTAINTY),
+            lambda: _models(calibration.model, out),
             lambda: _save_splines(trials, out / "splines.npz"),
         )
+        write_joined_page(out, body, told)
     return folder
 
 

@@ -10,7 +10,18 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import read_whole, sha256_of
-from gaitcal.page import FORMER, Scene, Shown, load_scene, page_html, redirect_html, save_scene
+from gaitcal.page import (
+    FORMER,
+    BodyText,
+    Scene,
+    Shown,
+    body_texts,
+    joined_page,
+    load_scene,
+    redirect_html,
+    save_scene,
+    told_text,
+)
 from gaitcal.page.joining import with_trials
 from gaitcal.page.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
 from gaitcal.results.saved import MODEL
@@ -23,16 +34,33 @@ OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} no
 AGAIN: Final = "run it again"
 
 
+def write_body(folder: Path, scene: Scene) -> BodyText:
+    """Write the scene into a folder that is being written; returns what its page has of it."""
+    save_scene(scene, folder / SCENE)
+    (body,) = body_texts([scene])
+    return body
+
+
+def write_told(folder: Path, sheet: Mapping[str, Any]) -> str:
+    """Write the sheet into a folder that is being written; returns what its page has of it."""
+    write_sheet(sheet, folder / SHEET)
+    return told_text(sheet)
+
+
+def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
+    """Write the page of what `write_body` and `write_told` have written."""
+    (folder / PAGE).write_text(joined_page([("", body, told)]), encoding="utf-8", newline="")
+
+
 def write_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
     """Write the page and its data into a folder that is being written."""
-    save_scene(scene, folder / SCENE)
-    rewrite_page(folder, scene, sheet)
+    write_joined_page(folder, write_body(folder, scene), write_told(folder, sheet))
 
 
 def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
     """Write the page with another sheet; the scene is there already."""
-    write_sheet(sheet, folder / SHEET)
-    (folder / PAGE).write_text(page_html([Shown(scene, sheet)]), encoding="utf-8", newline="")
+    (body,) = body_texts([scene])
+    write_joined_page(folder, body, write_told(folder, sheet))
 
 
 def write_former_pages(folder: Path) -> None:

@@ -172,7 +172,7 @@ def retracked(
     if settings.keeps_ankle_zero:
         begun = Parameters(joints.joint, joints.inertial, model.nominal.zero_angles)
         static = completed_static(study).static
-        joints, _ = counted_from_static(model.with_parameters(model.nominal), begun, static)
+        joints = counted_from_static(model.with_parameters(model.nominal), begun, static).parameters
     fitted: SubjectModel = model.with_parameters(joints)
     walks = [t for t in study.trials if t.role is Role.GAIT]
     results = [analyse(fitted, trial, settings, uncertainty) for trial in walks]

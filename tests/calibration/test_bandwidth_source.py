@@ -8,7 +8,7 @@ import numpy as np
 
 from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.influence import trial_scores
-from gaitcal.calibration.torque_errors import coordinate_standard_errors, marker_moves
+from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject

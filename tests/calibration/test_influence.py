@@ -10,7 +10,7 @@ import pytest
 from gaitcal.calibration.identifiability import LARGEST_ORIENTATION, LARGEST_POSITION, unseen_parameters
 from gaitcal.calibration.influence import LEVERAGE_CAP, Influence, MarkerEvidence, influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
-from gaitcal.calibration.torque_errors import marker_moves
+from gaitcal.calibration.marker_moves import marker_moves
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.marker_residual import MarkerData, marker_positions

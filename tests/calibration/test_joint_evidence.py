@@ -13,9 +13,9 @@ from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.marker_moves import source_of
 from gaitcal.calibration.skin_evidence import skin_in_words
 from gaitcal.calibration.skin_movement import SIZES, only, skin_columns
-from gaitcal.calibration.torque_errors import source_of
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_NAMES

@@ -7,7 +7,8 @@ import pytest
 
 from gaitcal.calibration import torque_errors
 from gaitcal.calibration.influence import Influence, nominal_influence
-from gaitcal.calibration.torque_errors import MarkerMoves, torque_standard_errors
+from gaitcal.calibration.marker_moves import MarkerMoves
+from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.joint_kinetics import kinetic_values, power_of

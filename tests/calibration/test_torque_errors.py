@@ -9,16 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from gaitcal.calibration import marker_moves as moves_module
 from gaitcal.calibration import torque_errors
 from gaitcal.calibration.influence import Influence, influence_of, nominal_influence
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.torque_errors import (
-    MarkerMoves,
-    coordinate_standard_errors,
-    marker_moves,
-    source_of,
-    torque_standard_errors,
-)
+from gaitcal.calibration.marker_moves import MarkerMoves, coordinate_standard_errors, marker_moves, source_of
+from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
@@ -217,19 +213,19 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     fit = calibrate_joints([problem], model.parameters, free, [start])
     wrench = residual_free_wrench(model.parameters, motion)
 
-    moves = torque_errors.marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
+    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
 
     def errors() -> tuple[np.ndarray, np.ndarray]:
         torques = torque_errors.torque_standard_errors(
             problem, fit.nodes[0], fit.parameters, wrench, influence_of([problem], fit), None
         )
-        return torques.every, torque_errors.coordinate_standard_errors(problem, moves)
+        return torques.every, coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
     assert torques.shape == (len(time), 29)
     assert coordinates.shape == (len(time), 27)
     assert (torques > 0).all() and (coordinates > 0).all()
-    for module in (torque_errors,):
+    for module in (torque_errors, moves_module):
         monkeypatch.setattr(module, "BLOCK", 17)
     for found, whole in zip(errors(), (torques, coordinates), strict=True):
         np.testing.assert_allclose(found, whole, rtol=1e-9)

@@ -56,9 +56,11 @@ def test_ankles_keep_their_angle_in_the_static_posture() -> None:
     fitted = turned(model.parameters)
     wrong = static_angles(model, fitted, static)
     assert max(abs(np.rad2deg(wrong[name])) for name in ANKLES) > 3.0
-    settled, _ = counted_from_static(model, fitted, static)
+    counted = counted_from_static(model, fitted, static)
+    settled = counted.parameters
     now, nominal = static_angles(model, settled, static), static_angles(model, model.nominal, static)
     assert [now[name] for name in ANKLES] == pytest.approx([nominal[name] for name in ANKLES], abs=TRACKED)
+    assert counted.static == pytest.approx(now, abs=TRACKED)
     np.testing.assert_array_equal(settled.joint, fitted.joint)
 
 
@@ -66,7 +68,8 @@ def test_nothing_moves_when_the_zero_does() -> None:
     """Any motion, its coordinates shifted as the function says, puts every segment where it was."""
     model = published_model(static_only=True)
     fitted = turned(model.parameters)
-    settled, moved = counted_from_static(model, fitted, published_static())
+    counted = counted_from_static(model, fitted, published_static())
+    settled, moved = counted.parameters, counted.moved
     q = np.random.default_rng(1).uniform(-0.7, 0.7, (5, len(COORDINATES)))
     after = shifted(q, COORDINATES, moved)
     assert np.abs(after - q).max() > np.deg2rad(3.0)

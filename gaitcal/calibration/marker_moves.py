@@ -1,0 +1,217 @@
+"""What every source of error moves: the joint parameters, and through them and by itself the motion of a trial.
+
+A source c, a marker coordinate or one of those of the joint parameters (`influence.py`), moves the joint parameters by
+d p_c and the motion by
+
+    d N_c = n_c - S d p_c,
+
+with n_c what a coordinate of the trial's own markers does to its nodes while joints are known, and S = -d N/d p. The
+coordinates of the motion move by B d N_c; their squares sum to the variance that skin movement leaves in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gaitcal.arrays import Array, stretches
+from gaitcal.calibration.influence import Influence, TrialScores, trial_scores
+from gaitcal.dynamics.torque_sources import Source
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
+from gaitcal.motion.trial_problem import TrialProblem
+
+BLOCK = 125
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
+
+
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
+"""Of a product of which only squares are kept."""
+
+
+@dataclass(frozen=True)
+class MarkerMoves:
+    """What every source of error moves: this trial's own marker coordinates come first, then all others."""
+
+    shift: Array
+    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source that is not the trial's
+    own are np or fewer with the same covariance."""
+    nodes: Array
+    """(nn * nq, own) n_c: what the own coordinates do by themselves."""
+    sensitivity: Array
+    """(nn * nq, np) - d N / d p."""
+    sources: tuple[Source, ...]
+    """(nc,)."""
+
+    @property
+    def present(self) -> tuple[Source, ...]:
+        """Every source once."""
+        return tuple(dict.fromkeys(self.sources))
+
+    def change(self, rows: slice) -> Array:
+        """(rows, nc) d N_c of some rows of the nodes."""
+        out = -self.sensitivity[rows] @ self.shift
+        out[:, : self.nodes.shape[1]] += self.nodes[rows]
+        return np.asarray(out, dtype=np.float64)
+
+    @cached_property
+    def together(self) -> Array:
+        """(np, np) or fewer columns: what all sources but the own coordinates make of the unknowns, as one."""
+        others = self.shift[:, self.nodes.shape[1] :]
+        return np.asarray(np.linalg.qr(others.T, mode="r")).T
+
+    def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
+        """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
+        return np.concatenate([self.moved(basis, part, nq, derivative) for derivative in range(3)], axis=1)
+
+    def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
+        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
+        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
+        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
+        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
+        out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
+        return out.reshape(part.stop - part.start, nq, -1)
+
+    def split(self, both: Array) -> tuple[Array, Array]:
+        """What belongs to the own coordinates, and to the unknowns."""
+        count = self.nodes.shape[1]
+        return both[:, :, :count], both[:, :, count:]
+
+    def variance(self, own: Array, by_unknown: Array) -> tuple[Array, Array]:
+        """(frames, m) of all sources together, and the part of the trial's own markers.
+
+        `own` (frames, m, own) is what the own coordinates move, `by_unknown` (frames, m, np) what the unknowns.
+        """
+        nf, m, count = own.shape
+        if self.shift[:, :count].any():
+            own = own + by_unknown @ self.shift[:, :count]
+        markers = np.array([source is Source.MOTION for source in self.sources[:count]])
+        of_markers = squares(own[:, :, markers])
+        others = squares(own[:, :, ~markers])
+        others += _product_squares(by_unknown.reshape(nf * m, -1), self.together).reshape(nf, m)
+        return of_markers + others, of_markers
+
+    def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
+        """Source -> (frames, m) its part of `variance`."""
+        (nf, m, count), out = own.shape, {}
+        names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
+        moves_unknowns = np.asarray(self.shift.any(axis=0))
+        for source in self.present:
+            of = np.asarray(names == source.key)
+            mine = np.flatnonzero(of[:count])
+            moved = np.flatnonzero(of & moves_unknowns)
+            both = moved[moved < count]
+            """Own coordinates that move unknowns, too: none after a calibration by evidence."""
+            alone = mine[~moves_unknowns[mine]]
+            found = squares(own if len(alone) == count else own[:, :, alone])
+            found += squares(own[:, :, both] + by_unknown @ self.shift[:, both])
+            found += _product_squares(flat, self.shift[:, moved[moved >= count]]).reshape(nf, m)
+            out[source] = found
+        return out
+
+
+def squares(moves: Array) -> Array:
+    """(nf, m) variance from what independent sources (nf, m, k) make."""
+    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
+    return out
+
+
+def _product_squares(left: Array, right: Array) -> Array:
+    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
+    out = np.zeros(len(left))
+    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
+        part = right[:, start : start + COLUMNS_AT_ONCE]
+        rows = np.flatnonzero(part.any(axis=1))
+        kept = slice(rows[0], rows[-1] + 1)
+        for first in range(0, len(left), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
+            product = left[some, kept] @ part[kept]
+            out[some] += np.einsum("ij,ij->i", product, product)
+    return out
+
+
+def source_of(name: str) -> Source:
+    """The source that a column of an `Influence` belongs to, by its name."""
+    first, _, rest = name.partition("/")
+    if first == "nominal" and rest in JP_INDEX:
+        return Source.JOINT_NOMINAL
+    if first == "skin" and (rest == "found" or rest.split("/")[0] in COORDINATES):
+        return Source.SKIN
+    return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
+
+
+def whole_body_scores(
+    problem: TrialProblem, nodes: Array, parameters: Parameters, joint: Influence | None
+) -> TrialScores:
+    """Scores of one whole-body trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
+    return trial_scores(problem.with_free(joint.free if joint else ()), parameters, nodes)
+
+
+def marker_moves(
+    problem: TrialProblem,
+    nodes: Array,
+    parameters: Parameters,
+    joint: Influence | None,
+    scores: TrialScores | None = None,
+) -> MarkerMoves:
+    """Moves of one whole-body trial.
+
+    Parameters
+    ----------
+    joint : None where no joint parameters were calibrated.
+    scores : of `whole_body_scores`, where known already.
+    """
+    scores = scores or whole_body_scores(problem, nodes, parameters, joint)
+    shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
+    sources = [Source.BANDWIDTH if source_of(c) is Source.BANDWIDTH else Source.MOTION for c in scores.clusters]
+    if joint is not None:
+        errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
+        place = {name: k for k, name in enumerate(scores.clusters)}
+        own = np.array([name in place for name in joint.clusters], dtype=bool)
+        shift[:, [place[name] for name in joint.clusters if name in place]] = errors[:, own]
+        for source, columns in _by_source(joint, errors, own).items():
+            compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
+            shift = np.hstack([shift, compressed])
+            sources += [source] * compressed.shape[1]
+    return MarkerMoves(shift, -scores.nodes, scores.sensitivity, tuple(sources))
+
+
+def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, Array]:
+    """Source -> (np, k) columns that are not the trial's own and move something."""
+    out: dict[Source, Array] = {}
+    named = [source_of(name) for name in joint.clusters]
+    for source in dict.fromkeys(named):
+        chosen = [k for k, name in enumerate(named) if name is source and not own[k] and errors[:, k].any()]
+        if chosen:
+            out[source] = errors[:, chosen]
+    return out
+
+
+def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Source, Array]:
+    """Source -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
+    basis, nq = problem.basis, len(problem.chain.coordinates)
+    out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
+    for part in stretches(len(basis.time), BLOCK):
+        for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
+            out[source][part] = variance
+    return out
+
+
+def coordinate_standard_errors(
+    problem: TrialProblem,
+    moves: MarkerMoves,
+    turned: Array | None = None,
+    variances: Mapping[Source, Array] | None = None,
+) -> Array:
+    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
+
+    `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
+    no marker moves with is held at zero, and has none. `variances`: of `coordinate_variances`, where known already.
+    """
+    out: Array = np.sqrt(sum((variances or coordinate_variances(problem, moves)).values()))
+    return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))
