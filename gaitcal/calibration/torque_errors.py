@@ -15,6 +15,7 @@ Squares sum over the coordinates and columns of each source; the inertial parame
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +35,6 @@ from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 BLOCK = 64
 """Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
