@@ -82,7 +82,9 @@ class Displaced:
 
 def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     """Factor of the given body height (m) that all lengths together ask for; 1 where they agree with it."""
-    costs = np.array([cost(measures(p, factor * height, even=even)) for factor in TALLER])
+    lengths = [(m.value, m.mean, m.sd) for m in measures(p, height, even=even) if m.absolute]  # others know no height
+    value, mean, sd = np.reshape(lengths, (-1, 3)).T
+    costs = ((value / TALLER[:, None] - mean) ** 2 / sd**2).sum(axis=1)
     best = int(np.argmin(costs))
     gain = float(costs[len(costs) // 2] - costs[best])
     factor = float(TALLER[best])

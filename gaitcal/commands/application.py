@@ -23,8 +23,8 @@ app = typer.Typer(
 )
 
 
-RARELY = (50_000, 20, 20)
-"""Allocations before a search for cycles of garbage: each looks through all that libraries made while they loaded."""
+RARELY = (200_000, 20, 20)
+"""Allocations before a search for cycles of garbage: more than libraries make while they load, which are no garbage."""
 
 
 def set_up() -> None:
