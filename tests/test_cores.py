@@ -159,23 +159,22 @@ def test_an_interrupt_while_a_copy_is_made_is_neither_lost_nor_heard_by_the_copy
 
 
 def test_a_step_beside_what_only_this_process_can_do() -> None:
-    mine, loaded = os.getpid(), []
+    mine = os.getpid()
 
     def slow_step() -> tuple[int, set[int]]:
         time.sleep(0.1)
         return os.getpid(), {process for _, process in each(slowly, range(12))}
 
-    def load() -> None:
+    began = time.perf_counter()
+    with several_cores(), beside(slow_step) as told:
         time.sleep(0.5)
-        loaded.append(os.getpid())
-
-    with several_cores():
-        process, processes = beside(slow_step, load)
-        assert process != mine
-        assert len(processes) > 1, "the copy shares its steps"
-        assert mine not in processes
-    assert beside(os.getpid, load) == mine
-    assert loaded == [mine, mine]
+        process, processes = told()
+    assert time.perf_counter() - began < 5.0
+    assert process != mine
+    assert len(processes) > 1, "the copy shares its steps"
+    assert mine not in processes
+    with beside(os.getpid) as told_here:
+        assert told_here() == mine
 
 
 def test_a_step_beside_that_fails_or_dies_is_computed_here() -> None:
@@ -190,9 +189,10 @@ def test_a_step_beside_that_fails_or_dies_is_computed_here() -> None:
         return 1
 
     with several_cores():
-        with pytest.raises(InputError, match="no file"):
-            beside(failing, lambda: None)
-        assert beside(dying, lambda: None) == 1
+        with beside(failing) as told, pytest.raises(InputError, match="no file"):
+            told()
+        with beside(dying) as told:
+            assert told() == 1
 
 
 def test_an_interrupt_ends_a_step_beside_and_its_own_steps(tmp_path: Path) -> None:
@@ -205,8 +205,8 @@ def test_an_interrupt_ends_a_step_beside_and_its_own_steps(tmp_path: Path) -> No
             time.sleep(0.01)
         raise KeyboardInterrupt
 
-    with several_cores(), pytest.raises(KeyboardInterrupt):
-        beside(lambda: each(endless, range(4)), interrupted)
+    with several_cores(), pytest.raises(KeyboardInterrupt), beside(lambda: each(endless, range(4))):
+        interrupted()
     for copy in tmp_path.iterdir():
         assert _ended(int(copy.name))
 
