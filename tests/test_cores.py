@@ -165,11 +165,9 @@ def test_a_step_beside_what_only_this_process_can_do() -> None:
         time.sleep(0.1)
         return os.getpid(), {process for _, process in each(slowly, range(12))}
 
-    began = time.perf_counter()
     with several_cores(), beside(slow_step) as told:
         time.sleep(0.5)
         process, processes = told()
-    assert time.perf_counter() - began < 5.0
     assert process != mine
     assert len(processes) > 1, "the copy shares its steps"
     assert mine not in processes
