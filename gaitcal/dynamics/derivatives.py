@@ -31,8 +31,9 @@ FRAMES_AT_ONCE = 128
 
 @dataclass(frozen=True, kw_only=True)
 class ForceDerivatives:
-    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of joint parameters that are
-    held. N·m or N per m, rad, and their rates.
+    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of held joint parameters.
+
+    N·m or N per m, rad, and their rates.
     """
 
     by_position: Array
