@@ -28,8 +28,6 @@ from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 125
 """Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
-
-
 COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
 """Of a product of which only squares are kept."""
 

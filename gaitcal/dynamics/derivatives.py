@@ -30,18 +30,19 @@ FRAMES_AT_ONCE = 128
 
 @dataclass(frozen=True, kw_only=True)
 class ForceDerivatives:
-    """Of the 29 generalised forces, in the order of `FORCES`, then of joint parameters that are held. N·m or N per m,
-    rad, and their rates.
+    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of held joint parameters.
+
+    N·m or N per m, rad, and their rates.
     """
 
     by_position: Array
-    """(nf, 29, 27)."""
+    """(nf, n, 27)."""
     by_velocity: Array
-    """(nf, 29, 27)."""
+    """(nf, n, 27)."""
     by_acceleration: Array
-    """(nf, 29, 27)."""
+    """(nf, n, 27)."""
     by_parameter: Array
-    """(nf, 29, np), in the order of `free`."""
+    """(nf, n, np), in the order of `free`."""
     free: tuple[str, ...]
 
 
@@ -72,10 +73,11 @@ def force_derivatives(
     a: Array,
     wrenches: Array,
     held: tuple[str, ...] = (),
+    of: tuple[str, ...] = FORCES,
 ) -> ForceDerivatives:
     """Derivatives of `Dynamics.forces` at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
 
-    `held`: joint parameters whose own generalised forces follow the 29 (`Dynamics`).
+    `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29 that are wanted.
     """
     opened = (*free, *(name for name in held if name not in free))
     chain = chain_of(free=opened, reactions=True)
@@ -83,7 +85,7 @@ def force_derivatives(
     names = (*chain.coordinates, *chain.free)
     place = {name: k for k, name in enumerate(names)}
     moving = [place[name] for name in COORDINATES]
-    rows = np.array([place[name] for name in (*FORCES, *held)])
+    rows = np.array([place[name] for name in (*of, *held)])
     by = np.array([place[name] for name in (*COORDINATES, *free)])
     after = _after(chain, names)
     constants = chain.constants(parameters.joint, parameters.zero_angles)
@@ -145,17 +147,17 @@ def root_residual(
     """Pelvis residual at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6)."""
     dynamics = Dynamics(parameters)
     value = pelvis_residual(q, dynamics.forces(q, v, a, wrenches))
-    slopes = force_derivatives(parameters, free, q, v, a, wrenches)
+    slopes = force_derivatives(parameters, free, q, v, a, wrenches, of=FORCES[:6])
     _, by_tilt, by_list = pelvis_axes(q)
-    by_position = slopes.by_position[:, :6].copy()
+    by_position = slopes.by_position.copy()
     for k, turned in ((3, by_tilt), (4, by_list)):
         by_position[:, 3:, k] -= np.einsum("fij,fj->fi", turned, value[:, 3:])
     return RootResidual(
         value=value,
         by_position=root_wrench(q, by_position),
-        by_velocity=root_wrench(q, slopes.by_velocity[:, :6]),
-        by_acceleration=root_wrench(q, slopes.by_acceleration[:, :6]),
-        by_parameter=root_wrench(q, slopes.by_parameter[:, :6]),
+        by_velocity=root_wrench(q, slopes.by_velocity),
+        by_acceleration=root_wrench(q, slopes.by_acceleration),
+        by_parameter=root_wrench(q, slopes.by_parameter),
         free=slopes.free,
         regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, 120),
     )

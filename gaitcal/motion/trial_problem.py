@@ -162,10 +162,11 @@ class TrialProblem:
         pairs, nq = self._pairs, len(self.chain.coordinates)
         out = np.zeros((len(q), nq, nq))
         first, second = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
+        shallow, deep = pairs.shallow[pairs.coordinates], pairs.deep[pairs.coordinates]
         for stretch in self.basis.stretches:
             frames = stretch.frames
             part = frame_equations(self.chain, constants, pairs, self.data.frames(frames), q[frames])
-            entries = part.hessian[:, pairs.coordinates]
+            entries = part.products(slice(nq), slice(nq))[:, shallow, deep]
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 

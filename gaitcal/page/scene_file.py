@@ -1,4 +1,4 @@
-"""A scene as one compressed `.npz` file, read back without pickle.
+"""A scene as one `.npz` file, read back without pickle; not compressed, as coordinates hardly become fewer bytes.
 
 The array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has the name of its
 field, `trial0/origins`, `joints/fitted_axis`, ...
@@ -77,7 +77,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         text["knees"] = {side: evidence.name for side, evidence in scene.landmarks.knees.items()}
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     with atomic_file(path) as target, target.open("wb") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
 def load_scene(path: Path | str) -> Scene:

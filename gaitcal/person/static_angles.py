@@ -52,7 +52,7 @@ def counted_from_static(model: SubjectModel, parameters: Parameters, static: Rec
         for name, coordinate, sign in _zeroed(joint):
             moved[coordinate] = after[coordinate] - before[coordinate]
             zero[ZERO_ANGLES.index(name)] += sign * moved[coordinate]
-    here = {name: angle - moved.get(name, 0.0) for name, angle in after.items()}
+    here = after | {name: before[name] for name in moved}
     return Counted(replace(parameters, zero_angles=zero), moved, here)
 
 

@@ -72,9 +72,7 @@ def write_results(
         ours.
     """
     folder = Path(folder)
-    content = manifest(calibration, settings)
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
-        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
@@ -84,7 +82,7 @@ def write_results(
         trials, of = calibration.trials, (calibration.model, out, calibration.relative_to)
         body, told, *_ = all_of(
             lambda: write_body(out, scene_of(calibration)),
-            lambda: write_told(out, calibration_sheet(calibration, normal, content)),
+            lambda: _write_told(calibration, out, settings, normal),
             lambda: write_truth(calibration.truth, out),
             *(partial(write_trial, trial, *of) for trial in trials),
             lambda: write_stride_files(out, calibration.model, trials, calibration.relative_to),
@@ -95,6 +93,13 @@ def write_results(
         )
         write_joined_page(out, body, told)
     return folder
+
+
+def _write_told(calibration: Calibration, out: Path, settings: Mapping[str, Json] | None, normal: Bands | None) -> str:
+    """The manifest, and the sheet that tells of it; returns what the page has of the sheet."""
+    content = manifest(calibration, settings)
+    (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
+    return write_told(out, calibration_sheet(calibration, normal, content))
 
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:

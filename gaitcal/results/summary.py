@@ -37,7 +37,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
         **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
         STATIC_ANGLES: {
-            name: round(float(np.rad2deg(value)), 4)
+            name: round(float(np.rad2deg(value)), 4) + 0.0  # no negative zeros
             for name, value in calibration.static_angles.items()
             if not is_translation(name)
         },
