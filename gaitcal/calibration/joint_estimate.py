@@ -37,8 +37,8 @@ from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
-WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, most_steps=60)
-"""Costs are squares of standard errors here: what is then left to gain moves nothing by a hundredth of its own."""
+WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, goes_further=True, most_steps=60)
+"""Costs are squares of standard errors here: what is then left to gain moves nothing by a fiftieth of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)

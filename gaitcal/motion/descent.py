@@ -10,6 +10,7 @@ the gain that it promises.
   a short undamped step its factor is kept, until a step promises more than a tenth of the one before.
 - *Curvature.* Where the residuals stay large, Gauss-Newton's steps shrink slowly, or grow. M then becomes half the
   whole Hessian, as long as that is positive definite, and the steps are Newton's.
+- *Going further* (`secant.py`). Slow steps may take in what the one before shows of the curvature left out.
 - *The end.* A step that promises too little, or is too short, is the last and is taken; so is one after which the cost
   has hardly fallen. Whatever else ends the iteration has an `Ending` of its own, and is not called converged.
 """
@@ -23,6 +24,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.motion.minimised import AnyFactor, Linearisation, Point, Problem
+from gaitcal.motion.secant import Step, further
 from gaitcal.records import dataclass
 
 STALE = 0.1
@@ -78,6 +80,8 @@ class DescentSettings:
     """Whether to begin with Newton's steps."""
     curved_tries: int = 3
     """Times that Newton's steps are begun, where those of Gauss-Newton are slow."""
+    goes_further: bool = False
+    """Whether slow steps try to go further."""
     persistent: bool = True
     """False: end with `Ending.SLOW` where damping or another matrix would be needed."""
 
@@ -133,6 +137,8 @@ class _Iteration(Generic[Point, AnyFactor]):
         self.damping = settings.first_damping
         self.promised = self.promised_fresh = np.inf
         """By the step before, and by the last one whose factor was formed where it was used."""
+        self.before: Step | None = None
+        """The one before, if its factor was formed where it was used."""
         self.unseen = 0.0
         """Promised by a last step that was taken without a look."""
         self.curved = settings.curved
@@ -216,7 +222,21 @@ class _Iteration(Generic[Point, AnyFactor]):
             self.promised = promise
             if self.fresh:
                 self.promised_fresh = promise
-            self._try(self.x + step, enough, keep=length < settings.keep_within and self.damping == 0.0)
+            now = Step(self.x, step, self.here.gradient) if self.fresh and self.damping == 0.0 else None
+            leap = further(now, self.before) if now and stale and settings.goes_further else None
+            self.before = now
+            if leap is None or not self._leap(leap, enough):
+                self._try(self.x + step, enough, keep=length < settings.keep_within and self.damping == 0.0)
+
+    def _leap(self, x: Array, enough: float) -> bool:
+        """Go to x if that gains half of what the plain step promises."""
+        if self.linear is None:
+            self.factor = None  # a large one makes room
+        linear = self.problem.linearise(x, curved=self.curved)
+        if not linear.evaluation.cost <= self.here.cost - 0.5 * self.promised:
+            return False
+        self._take(x, linear.evaluation, linear, enough, keep=False)
+        return True
 
     def _try(self, x: Array, enough: float, *, keep: bool) -> None:
         """Take a step if it lowers the cost; else form another matrix, or damp this one more."""
@@ -230,13 +250,7 @@ class _Iteration(Generic[Point, AnyFactor]):
             there = linear.evaluation
         small = self.problem.nothing_left
         if there.cost <= self.here.cost + ROUNDING * small:
-            if there.cost <= small:
-                self.ending = Ending.NOTHING_LEFT
-            elif self.here.cost - there.cost <= enough and self.damping < DECISIVE_DAMPING:
-                self.ending = Ending.SMALL_GAIN
-            self.x, self.here, self.linear = x, there, linear
-            self.damping = self.damping / self.settings.lowered_by if self.damping > NO_DAMPING else 0.0
-            self.fresh, self.factor = False, self.factor if keep else None
+            self._take(x, there, linear, enough, keep=keep)
         elif self.promised <= max(ROUNDING * self.here.cost, small) and self.damping < DECISIVE_DAMPING:
             self.ending = Ending.SMALL_PROMISE
         elif not self.settings.persistent:
@@ -247,6 +261,19 @@ class _Iteration(Generic[Point, AnyFactor]):
             self.factor = None
             if self.fresh:
                 self._raise_damping()
+
+    def _take(
+        self, x: Array, there: Point, linear: Linearisation[Point, AnyFactor] | None, enough: float, *, keep: bool
+    ) -> None:
+        """Go to x, where the cost is lower."""
+        small = self.problem.nothing_left
+        if there.cost <= small:
+            self.ending = Ending.NOTHING_LEFT
+        elif self.here.cost - there.cost <= enough and self.damping < DECISIVE_DAMPING:
+            self.ending = Ending.SMALL_GAIN
+        self.x, self.here, self.linear = x, there, linear
+        self.damping = self.damping / self.settings.lowered_by if self.damping > NO_DAMPING else 0.0
+        self.fresh, self.factor = False, self.factor if keep else None
 
     def _not_definite(self) -> None:
         """The matrix leads uphill, or nowhere: go on with another."""
