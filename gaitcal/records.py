@@ -2,8 +2,9 @@
 
 The standard library writes six methods of each class as text and compiles them: half a millisecond a class, and of the
 three hundred that a command loads a sixth of a second before it has read a file. Here what is alike in all classes is
-written once, below, and a class's own `__init__` when it is first asked for. All else is the standard library's,
-also for a type checker.
+written once, below, and a class's own `__init__` when it is first asked for. The rest is the standard library's,
+also for a type checker. What no class here uses is refused: a field that is no argument or that hash or text leave out,
+an `__init__` or `__setattr__` of its own, and parents or children that the standard library froze.
 """
 
 from __future__ import annotations
@@ -28,16 +29,25 @@ else:
             raise TypeError("only frozen classes are alike: take the standard library's")
 
         def made(cls: type[_T]) -> type[_T]:
+            if own := {"__init__", "__setattr__", "__delattr__"} & set(vars(cls)):
+                raise TypeError(f"{cls.__name__} has {', '.join(sorted(own))}: take the standard library's dataclass")
             cls.__doc__ = cls.__doc__ or cls.__name__  # else the standard library describes its parameters there
             out = dataclasses.dataclass(init=False, repr=False, eq=False, kw_only=kw_only)(cls)
             out.__init__ = _Init(out)
             out.__setattr__, out.__delattr__ = _assigned, _deleted
             for name, method in _METHODS.items():
-                if name not in vars(out):
+                if vars(out).get(name) is None:  # Python sets None for the hash of a class that compares by itself
                     setattr(out, name, method)
             return out
 
         return made
+
+
+class _Factory:
+    """The default of a field that is made anew for every object."""
+
+    def __repr__(self) -> str:
+        return "<factory>"
 
 
 class _Init:
@@ -54,10 +64,12 @@ class _Init:
 
 def _init_of(cls: type) -> Callable[..., None]:
     """`def __init__(self, a, b=default, *, c=default)` of the fields, which go past `__setattr__`."""
-    known: dict[str, Any] = {"_NOT_GIVEN": MISSING}
+    known: dict[str, Any] = {"_NOT_GIVEN": _Factory()}
     by_place, by_name = ["self"], list[str]()
     body = ["    _of = self.__dict__"]
     for field in dataclasses.fields(cls):
+        if not field.init or not field.repr or field.hash is not None:
+            raise TypeError(f"field {field.name!r} of {cls.__name__}: take the standard library's dataclass")
         parameter = value = field.name
         if field.default is not MISSING:
             known[f"_default_{field.name}"] = field.default
@@ -73,7 +85,8 @@ def _init_of(cls: type) -> Callable[..., None]:
     parameters = ", ".join([*by_place, *(["*", *by_name] if by_name else [])])
     exec("\n".join([f"def __init__({parameters}):", *body]), known)
     init: Callable[..., None] = known["__init__"]
-    init.__qualname__ = f"{cls.__qualname__}.__init__"
+    init.__qualname__, init.__module__ = f"{cls.__qualname__}.__init__", cls.__module__
+    init.__annotations__ = {field.name: field.type for field in dataclasses.fields(cls)} | {"return": None}
     return init
 
 

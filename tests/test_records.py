@@ -1,4 +1,4 @@
-"""Quickly defined dataclasses are those of the standard library in everything that anybody can see."""
+"""Quickly defined dataclasses are those of the standard library, but for what they refuse."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_the_signature_is_told() -> None:
         a: int
         b: str = "b"
 
-    assert str(inspect.signature(Fresh)) == "(*, a, b='b')"
+    assert str(inspect.signature(Fresh)) == "(*, a: 'int', b: 'str' = 'b') -> None"
 
 
 def test_a_class_below_that_is_no_dataclass() -> None:
@@ -138,3 +138,43 @@ def test_a_class_below_that_is_no_dataclass() -> None:
 
     assert Below(1.0).x == 1.0
     assert Below(1.0) != Point(1.0)
+
+
+def test_its_arguments_are_told_with_types_and_defaults() -> None:
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class UsualNamed(Usual):
+        name: str
+        parts: dict[str, Named] = field(default_factory=dict)
+
+    assert str(inspect.signature(Named)) == str(inspect.signature(UsualNamed))
+    assert Named.__init__.__module__ == __name__
+
+
+def test_a_class_that_compares_by_itself_has_a_hash() -> None:
+    @dataclass(frozen=True)
+    class Compared:
+        number: int
+
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, Compared) and other.number % 2 == self.number % 2
+
+    assert Compared(1) == Compared(3)
+    assert hash(Compared(1)) == hash((1,))
+
+
+def test_what_it_does_not_do_is_refused() -> None:
+    with pytest.raises(TypeError, match="__init__"):
+
+        @dataclass(frozen=True)
+        class Initialised:
+            x: int
+
+            def __init__(self) -> None:
+                """Nothing."""
+
+    @dataclass(frozen=True)
+    class Hidden:
+        x: int = field(default=1, repr=False)
+
+    with pytest.raises(TypeError, match="field 'x' of Hidden"):
+        Hidden()

@@ -213,7 +213,7 @@ def estimate_joints(
         nodes=tuple(nodes),
         noise=noise,
         served=float(np.trace(inverse @ sum(parts))),
-        iterations=steps,
+        iterations=near.evaluations + steps,
         seconds=seconds + time.perf_counter() - began,
         converged=converged,
         message=message,

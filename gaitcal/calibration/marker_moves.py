@@ -125,6 +125,8 @@ def _product_squares(left: Array, right: Array) -> Array:
     for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
         part = right[:, start : start + COLUMNS_AT_ONCE]
         rows = np.flatnonzero(part.any(axis=1))
+        if not len(rows):
+            continue
         kept = slice(rows[0], rows[-1] + 1)
         for first in range(0, len(left), ROWS_AT_ONCE):
             some = slice(first, first + ROWS_AT_ONCE)

@@ -94,7 +94,7 @@ class Descent(Generic[Point, AnyFactor]):
     evaluation: Point
     """The last one; where the last step was taken on its promise alone, that of the point before it."""
     factor: AnyFactor | None
-    """Of the last step; None where it was not kept."""
+    """Of the last step; None where it was not kept, or damped."""
     promise: float
     """What the last step promised to gain, if it was taken on its promise alone; else 0."""
     steps: int
@@ -159,7 +159,7 @@ class _Iteration(Generic[Point, AnyFactor]):
         return Descent(
             x=self.x,
             evaluation=self.here,
-            factor=self.factor,
+            factor=self.factor if self.damping == 0.0 else None,
             promise=self.unseen,
             steps=steps,
             curved=self.curved,

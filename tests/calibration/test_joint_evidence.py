@@ -97,3 +97,35 @@ def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
     *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
     assert body.severity is Severity.ERROR and "does not show the body" in body.cause
     assert [f.severity for f in arms] == [Severity.INFO]
+
+
+def walk_with_a_knee_that_rolls() -> tuple[TrialProblem, TrialProblem]:
+    """What the right knee carries moves 60 mm forward for every rad that it bends; all else is as the model has it."""
+    rng = np.random.default_rng(21)
+    body, nodes = random_trial(rng, perturbed_parameters(rng, 0.0, 0.0), frames=120, nodes=10)
+    knee = body.basis.evaluate(nodes)[:, body.chain.coordinates.index("knee_angle_r")]
+    beyond = np.array([body.chain.segments[s] in ("shank_r", "talus_r", "foot_r") for s in body.data.segment])
+    rolled = body.data.measured + rng.normal(0, 0.2 * WHITE, body.data.measured.shape)
+    rolled[beyond, 0] += 0.06 * (knee - knee.mean())
+    still = body.with_measured(np.repeat(body.data.measured[:, :, :1], 120, axis=2))
+    return replace(body.with_measured(rolled), name="walk"), replace(still, name="static")
+
+
+def test_joints_that_are_quiet_by_themselves_are_not_pushed_by_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    walk, still = walk_with_a_knee_that_rolls()
+    truth = perturbed_parameters(np.random.default_rng(21), 0.0, 0.0)
+    nominal = perturbed_parameters(np.random.default_rng(22), 0.01, 0.03)
+    trials = [EvidenceTrial(walk, walk, None)]
+    quiet = calibrate_by_evidence(trials, nominal, still, JointSettings(), ("r", "l"))
+    monkeypatch.setattr("gaitcal.calibration.leg_evidence.QUIET", 0.0)
+    pushed = calibrate_by_evidence(trials, nominal, still, JointSettings(), ("r", "l"))
+    alone = {name.removeprefix("walk, ").removesuffix(" alone") for name in quiet.phases[0].noise} - {"walk"}
+    assert {"hip_l", "knee_l", "ankle_l"} <= alone
+    assert "knee_r" not in alone
+    assert quiet.phases[0].trials == ("walk",), "a joint of a walk is not another recording"
+    assert set(pushed.phases[0].noise) == {"walk"}
+    left = [k for k, name in enumerate(JP_NAMES) if name.split(".")[0] in ("hip_l", "knee_l")]
+    error, without = (np.abs(c.parameters.joint - truth.joint)[left].max() for c in (quiet, pushed))
+    assert error < 0.7 * without
+    bars, wider = ([c.influence.standard_errors[JP_NAMES[k]] for k in left] for c in (quiet, pushed))
+    assert np.mean(bars) < 0.5 * np.mean(wider)

@@ -13,7 +13,13 @@ from gaitcal.calibration import marker_moves as moves_module
 from gaitcal.calibration import torque_errors
 from gaitcal.calibration.influence import Influence, influence_of, nominal_influence
 from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.marker_moves import MarkerMoves, coordinate_standard_errors, marker_moves, source_of
+from gaitcal.calibration.marker_moves import (
+    MarkerMoves,
+    _product_squares,
+    coordinate_standard_errors,
+    marker_moves,
+    source_of,
+)
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
@@ -198,6 +204,15 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
         assert after.shape[1] <= len(names)
     assert moves.sources[0] is Source.MOTION
     np.testing.assert_array_equal(moves.shift[:, 0], influence.parameters[:, 0])
+
+
+def test_unknowns_that_nothing_moves_have_no_part() -> None:
+    """A whole block of columns of zeros among the sources, as of parameters that are known exactly."""
+    rng = np.random.default_rng(54)
+    left, right = rng.normal(size=(5, 80)), np.zeros((80, 80))
+    right[:10, :10] = rng.normal(size=(10, 10))
+    np.testing.assert_allclose(_product_squares(left, right), ((left @ right) ** 2).sum(axis=1))
+    np.testing.assert_array_equal(_product_squares(left, np.zeros((80, 80))), 0.0)
 
 
 def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
