@@ -60,9 +60,21 @@ def ended_by_signals() -> Iterator[None]:
         for number in before:
             signal.signal(number, _arrived)
         yield
+    except Exception as error:
+        if ending := _signal_behind(error):
+            raise ending from None
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _signal_behind(error: BaseException) -> KeyboardInterrupt | Stopped | None:
+    """What a library that was loading made an error of its own from."""
+    behind = error.__cause__ or error.__context__
+    while behind is not None and not isinstance(behind, (KeyboardInterrupt, Stopped)):
+        behind = behind.__cause__ or behind.__context__
+    return behind
 
 
 @contextmanager

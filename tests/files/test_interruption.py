@@ -55,6 +55,21 @@ def test_what_must_not_be_broken_is_finished_first() -> None:
     assert (ending.value.name, ending.value.exit_code) == ("SIGTERM", 143)
 
 
+@pytest.mark.parametrize("number", KINDS)
+def test_a_signal_that_a_loading_library_makes_an_error_of_is_still_that_signal(number: int) -> None:
+    def load() -> None:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(5.0)
+        except BaseException as error:
+            raise ImportError("initialization failed") from error
+
+    with pytest.raises(KINDS[signal.Signals(number)]), ended_by_signals():
+        load()
+    with pytest.raises(ImportError, match="no such"), ended_by_signals():
+        raise ImportError("no such module")
+
+
 def test_nohup_is_respected() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
