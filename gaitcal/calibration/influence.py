@@ -38,7 +38,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointFit
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -95,8 +95,9 @@ class Influence:
 
 
 def nominal_influence(names: Sequence[str] = JP_NAMES) -> Influence:
-    """How far nominal joint parameters may be wrong, each by itself (`joint_prior.py`)."""
-    return Influence(tuple(names), np.diag(prior_deviations(names)), tuple(f"nominal/{name}" for name in names))
+    """How far nominal joint parameters may be wrong (`joint_prior.py`)."""
+    root = np.linalg.cholesky(prior_of(names, None)[1])
+    return Influence(tuple(names), root, tuple(f"nominal/{name}" for name in names))
 
 
 def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influence | None = None) -> Influence:

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
+from gaitcal.calibration.soft_tissue_artefact import TissuePrior
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
@@ -22,6 +24,8 @@ from gaitcal.study.joint_prior import JointPrior
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
+TISSUE_SCALE = 10.0
+"""Standard deviations of a column of soft tissue that are one unit inside the solver: one moves markers by a few mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +65,7 @@ class JointFit:
 
     free: tuple[str, ...]
     values: Array
-    """(np,) m, rad."""
+    """(np,) m, rad; then those of the soft tissue, m."""
     parameters: Parameters
     nodes: tuple[Array, ...]
     """Per trial (nn, nq)."""
@@ -119,8 +123,14 @@ class JointSearch:
         *,
         nominal: Parameters | None = None,
         information: Array | None = None,
+        tissue: TissuePrior | None = None,
+        expected: tuple[Array, Array] | None = None,
     ) -> None:
-        """As `calibrate_joints`."""
+        """As `calibrate_joints`.
+
+        `tissue`: prior of the soft tissue that the problems have; `expected`: (np,) m, rad and (np, np) mean and
+        precision of the joint parameters `free` before any trial, instead of the settings' priors.
+        """
         self.parameters, self.settings = parameters, settings or JointSettings()
         passed = {name for problem in problems for name in problem.with_free(free).chain.free}
         self.free = tuple(name for name in free if name in passed)
@@ -129,17 +139,29 @@ class JointSearch:
         self.middle, self.present = (nominal or parameters).joint[index], parameters.joint[index]
         self.reach = np.where(position, self.settings.position_bound, self.settings.orientation_bound)
         self.scale = np.where(position, POSITION_SCALE, 1.0)
+        if expected is None:
+            rows = _prior_rows(
+                self.settings.marker_noise / self.settings.prior_deviation(self.free),
+                None if information is None else information[np.ix_(index, index)],
+            )
+            centre = self.present
+        else:
+            centre, rows = expected[0], np.linalg.cholesky(expected[1]).T
+        if tissue is not None:
+            of_tissue = np.linalg.inv(np.linalg.cholesky(tissue.covariance))
+            rows, nz = block_diag(rows, of_tissue), len(tissue.keys)
+            centre, self.present = np.append(centre, np.zeros(nz)), np.append(self.present, np.zeros(nz))
+            self.middle, self.reach = np.append(self.middle, np.zeros(nz)), np.append(self.reach, np.full(nz, np.inf))
+            self.scale = np.append(self.scale, TISSUE_SCALE * np.sqrt(np.diag(tissue.covariance)))
         self.problem = ReducedProblem(
             problems,
             parameters,
             self.free,
             starts,
             self.settings.tracking,
-            prior=_prior_rows(
-                self.settings.marker_noise / self.settings.prior_deviation(self.free),
-                None if information is None else information[np.ix_(index, index)],
-            ),
-            centre=self.present,
+            prior=rows,
+            centre=centre,
+            tissue=tissue.keys if tissue is not None else (),
         )
 
     def weigh(self, shares: Sequence[float]) -> None:
@@ -149,14 +171,14 @@ class JointSearch:
     def run(self, start_values: Array | None = None) -> JointFit:
         """Fit to the end, from where the last search ended unless told otherwise."""
         began = time.perf_counter()
-        result = self._least_squares(self._first(start_values), self.settings.tolerance)
+        result = self._least_squares(self.first(start_values), self.settings.tolerance)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)
         edge = bounded & (np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0))
         return JointFit(
             free=self.free,
             values=result.x,
-            parameters=self.parameters.with_joint(self.free, result.x),
+            parameters=self.problem.linkage(result.x),
             nodes=tuple(trial.nodes for trial in state.trials),
             state=state,
             prior=self.problem.prior,
@@ -165,14 +187,15 @@ class JointSearch:
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
             message=ending(result),
-            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
+            at_bound=tuple(name for name, on_edge in zip(self.free, edge[: len(self.free)], strict=True) if on_edge),
         )
 
     def approach(self, tolerance: float, start_values: Array | None = None) -> ReducedState:
         """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
-        return self.problem.at(self._least_squares(self._first(start_values), tolerance).x)
+        return self.problem.at(self._least_squares(self.first(start_values), tolerance).x)
 
-    def _first(self, start_values: Array | None) -> Array:
+    def first(self, start_values: Array | None = None) -> Array:
+        """Where a search begins: at the best point so far, unless told otherwise."""
         best = self.problem.best
         return start_values if start_values is not None else self.present if best is None else best.p
 

@@ -1,61 +1,93 @@
-"""One estimate of all joint parameters: every trial, every parameter that a trial can move, the skin, and the motions.
+"""One estimate of all joint parameters: every trial, every parameter that a trial can move, soft tissue, the motions.
 
-    min  sum_t C_t(p, z, N_t) / nu_t^2  +  |(p - p_0) / sigma|^2  +  z^T Sigma^-1 z
+    min  sum_t C_t(p, z, N_t) / (f_t nu_t^2)  +  |(p - p_0)|^2_Sigma_p  +  |z|^2_Sigma_z
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
-about p_0, their nominal values, sigma^2 the default prior's variance or p_0 and sigma^2 those that a cohort expects
-(`joint_prior.py`), z the skin's movement where there is evidence of it
-(`skin_evidence.py`), nu_t the noise of the trial's independent samples (`joint_noise.py`). Trials meet by their full
-information, each in units of its own noise. Without skin the motions are eliminated (`reduced_problem.py`), which
-follows the narrow valleys of ankles; skin is then found by steps of `descend` on the arrow of `motion/arrow.py`.
+with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft tissue of every kind of task with what
+people show (`soft_tissue_artefact.py`). The motions are eliminated (`reduced_problem.py`), (p, z) found by SciPy.
+
+nu_t is the noise of the trial's independent samples (`joint_noise.py`), from a fit of its own kind of task alone: what
+gait disagrees with is no noise of an isolated trial. Trials of one task repeat their errors. With g_t and H_t the
+reduced gradients and matrices by p at the common estimate, in units of each trial's own noise, K trials err
+independently if
+
+    chi^2 = sum_t g_t^T H_t^-1 g_t - (sum g_t)^T (sum H_t)^-1 (sum g_t)
+
+has (K - 1) n degrees of freedom, over the n directions that they determine. A smaller share s of that says that they
+have 1 - s of their variance in common, so that together they count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
 
-    -H^-1 ( sum_t S_t^1/2 n_t  -  sigma^-1 e_p  -  Sigma^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
+    -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1/2 e_p  -  Sigma_z^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
 
-columns of an `Influence` by source: markers of each trial, nominal values, skin. Their squares sum to H^-1.
+columns of an `Influence` by source: markers of each trial, nominal values, soft tissue. Their squares sum to H^-1.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.noise_search import NearJoints, expected_joints, near_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
+from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
+from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.calibration.skin_movement import unit_covariance
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.cores import each
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.arrow import ArrowEquations, ArrowFactor, SharedPrior, SharedTrials
-from gaitcal.motion.descent import DescentSettings, descend
-from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.roughness import frame_rate
+from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
-WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, goes_further=True, most_steps=60)
-"""Costs are squares of standard errors here: what is then left to gain moves nothing by a fiftieth of its own."""
+BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-9)
+"""Costs are in units of the noise already."""
+FIRST_NOISE, MEMORY_S = 0.010, 0.1
+"""m, s: noise before any is known, and how long it lasts."""
+ROUNDS = 3
+"""Fits after which the noise of every trial is found anew."""
+NEAR = 1e-4
+"""Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 % of where searches
+to the end have them, and a noise that is taken from a hundred samples is itself known to 7 %."""
+WIDE_MM, WIDE_RAD = 0.020, np.deg2rad(10.0)
+"""m, rad: how far joints may lie from nominal places where noise is sought: further than anatomy has them."""
+DETERMINED = 4.0
+"""Information of trials over that of the prior from which they determine a direction."""
+
+
+@dataclass(frozen=True)
+class TaskTrials:
+    """The trials of one kind of task."""
+
+    kind: str
+    """`gait`, or the joint that isolated trials move."""
+    problems: tuple[TrialProblem, ...]
+    """With the soft tissue that may move their markers, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointEstimate:
-    """Joint parameters, skin and motions found together."""
+    """Joint parameters, soft tissue and motions found together."""
 
     free: tuple[str, ...]
     """Joint parameters."""
     keys: tuple[str, ...]
-    """Columns of the skin, `coordinate/marker/axis`."""
+    """Columns of the soft tissue, `kind/regressor/segment/component`."""
     values: Array
-    """(np + nz,) m, rad; m/rad."""
+    """(np + nz,) m, rad."""
     parameters: Parameters
     nodes: tuple[Array, ...]
     """Per trial (nn, nq)."""
     noise: tuple[float, ...]
-    """m, nu of every trial."""
+    """m, sqrt(f) nu of every trial."""
+    repeated: dict[str, float]
+    """Kind of task -> f, where several trials have it."""
     served: float
     """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
     iterations: int
@@ -64,94 +96,9 @@ class JointEstimate:
     message: str
 
     @property
-    def skin(self) -> Array:
-        """(nz,) m/rad."""
+    def tissue(self) -> Array:
+        """(nz,) m, rad."""
         return self.values[len(self.free) :]
-
-
-@dataclass(frozen=True)
-class SkinPrior:
-    """The columns of the skin that have evidence, and how large they may be."""
-
-    keys: tuple[str, ...]
-    covariance: Array
-    """(nz, nz) m^2/rad^2."""
-
-
-NO_SKIN = SkinPrior((), np.zeros((0, 0)))
-
-
-def skin_prior(trials: Sequence[TrialProblem], sizes: Mapping[tuple[str, str], float]) -> SkinPrior:
-    """The prior of the columns that trials have, for sizes by (segment, coordinate)."""
-    keys: list[str] = []
-    blocks: list[Array] = []
-    for problem in trials:
-        for group in problem.tissue.groups if problem.tissue else ():
-            segment, labels = problem.chain.segments[group.segment], problem.labels[group.markers]
-            unit = unit_covariance(segment, problem.data.local[group.markers])
-            for name in group.names:
-                own = [f"{name}/{label}/{axis}" for label in labels for axis in "xyz"]
-                if not set(own) <= set(keys):
-                    new = [k for k, key in enumerate(own) if key not in keys]
-                    keys += [own[k] for k in new]
-                    blocks.append(sizes[segment, name] ** 2 * unit[np.ix_(new, new)])
-    return SkinPrior(tuple(keys), block_diag(*blocks) if blocks else np.zeros((0, 0)))
-
-
-class _MarkersAndPriors(SharedTrials):
-    """The cost by x = (joint parameters, skin, nodes of each trial)."""
-
-    def __init__(
-        self,
-        problems: Sequence[TrialProblem],
-        nominal: Parameters,
-        free: tuple[str, ...],
-        skin: SkinPrior,
-        noise: Sequence[float],
-        learnt: JointPrior | None,
-    ) -> None:
-        super().__init__(problems, nominal, free, skin.keys)
-        self.share = [1.0 / nu**2 for nu in noise]
-        self.nothing_left = 0.0
-        expected, own = expected_joints(nominal, free, learnt)
-        self.centre = np.concatenate([expected, np.zeros(len(skin.keys))])
-        self.precision = block_diag(own, np.linalg.inv(skin.covariance)) if skin.keys else own
-
-    def at(self, x: Array) -> tuple[list[TrialProblem], Parameters, Array, list[Array]]:
-        """The trials with their skin, the linkage, (p, z) and the nodes at x."""
-        theta, nodes = self.parted(x)
-        moved = self.parameters.with_joint(self.free, theta[: len(self.free)])
-        trials = [
-            problem.displaced(theta[places[len(problem.chain.free) :]])
-            for problem, places in zip(self.open, self.columns, strict=True)
-        ]
-        return trials, moved, theta, nodes
-
-    def evaluate(self, x: Array) -> Evaluation:
-        return self.linearise(x, curved=False).evaluation
-
-    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
-        trials, moved, theta, nodes = self.at(x)
-        equations = [
-            problem.equations(n, problem.constants(moved)).scaled(share)
-            for problem, n, share in zip(trials, nodes, self.share, strict=True)
-        ]
-        off = theta - self.centre
-        pull = self.precision @ off
-        return ArrowEquations(equations, self.columns, self.size, SharedPrior(float(off @ pull), pull, self.precision))
-
-    def factor(self, x: Array) -> ArrowFactor:
-        """The matrix at x with the motions eliminated."""
-        return self.linearise(x, curved=False).factor(0.0)
-
-    def placed(self, hessians: Sequence[Array]) -> list[Array]:
-        """Per trial S_t among all (np + nz) unknowns, from those of its own (np_t, np_t)."""
-        out = []
-        for hessian, places in zip(hessians, self.columns, strict=True):
-            whole = np.zeros((self.size, self.size))
-            whole[np.ix_(places, places)] = hessian
-            out.append(whole)
-        return out
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -169,60 +116,142 @@ def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[st
 
 
 def estimate_joints(
-    problems: Sequence[TrialProblem],
+    tasks: Sequence[TaskTrials],
     nominal: Parameters,
     free: tuple[str, ...],
     *,
-    skin: SkinPrior = NO_SKIN,
-    near: NearJoints | None = None,
+    tissue: TissuePrior = NO_TISSUE,
     learnt: JointPrior | None = None,
 ) -> tuple[JointEstimate, Influence]:
-    """Fit the joint parameters `free` and the skin to all trials together, and tell their errors by source.
+    """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
 
     Parameters
     ----------
-    problems : trials with the soft tissue that `skin` is the prior of; without any where that has no columns.
-    nominal : centre of the prior, and values of all that is not free.
-    near : the same trials without skin, not far from the end; found here unless given. Its noise is kept: skin that is
-        free explains noise, too.
-    learnt : prior of a cohort, about `nominal`; the default prior unless given.
+    nominal : what the prior is about, and values of all that is not free.
+    tissue : prior of the columns that the problems have.
+    learnt : prior of a cohort, about `nominal`; anatomy's unless given.
     """
     began = time.perf_counter()
-    found_here = near is None
-    near = near or near_joints([replace(p, tissue=None) for p in problems], nominal, free, learnt)
-    noise, seconds = near.noise, 0.0 if found_here else near.seconds
-    shared = _MarkersAndPriors(problems, nominal, free, skin, noise, learnt)
-    if skin.keys:
-        theta = np.concatenate([near.state.p, np.zeros(len(skin.keys))])
-        end = descend(shared, shared.joined(theta, [trial.nodes for trial in near.state.trials]), WITH_SKIN)
-        theta, nodes = shared.parted(end.x)
-        parts = shared.placed([trial.hessian for trial in (end.factor or shared.factor(end.x)).trials])
-        steps, converged, message = end.steps, end.converged, end.ending.value
-    else:
-        fit = near.search.run()
-        theta, nodes = fit.values, list(fit.nodes)
-        left = zip(shared.share, fit.state.trials, strict=True)
-        parts = shared.placed([share * trial.matrices.hessian for share, trial in left])
-        steps, converged, message = fit.iterations, fit.converged, fit.message
-    inverse = np.linalg.inv(sum(parts) + shared.precision)
+    problems = [problem for task in tasks for problem in task.problems]
+    noises = each(lambda task: noise_of(task, nominal, free), tasks)
+    noise = [nu for of_task in noises for nu in of_task]
+    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    expected = _expected(nominal, free, learnt)
+    search = JointSearch(
+        problems, nominal, free, starts, BY_EVIDENCE, tissue=tissue if tissue.keys else None, expected=expected
+    )
+    search.weigh([1.0 / nu**2 for nu in noise])
+    repeated: dict[str, float] = {}
+    if any(len(task.problems) > 1 for task in tasks):
+        search.approach(NEAR)
+        repeated = _repeated(tasks, search, noise, expected[1])
+        kinds = [task.kind for task in tasks for _ in task.problems]
+        noise = [nu * float(np.sqrt(repeated.get(kind, 1.0))) for nu, kind in zip(noise, kinds, strict=True)]
+        search.weigh([1.0 / nu**2 for nu in noise])
+    fit = search.run()
+    parts = _placed(search, fit, noise)
+    precision = search.problem.prior.T @ search.problem.prior
+    inverse = np.linalg.inv(sum(parts) + precision)
     estimate = JointEstimate(
         free=free,
-        keys=skin.keys,
-        values=theta,
-        parameters=nominal.with_joint(free, theta[: len(free)]),
-        nodes=tuple(nodes),
-        noise=noise,
+        keys=tissue.keys,
+        values=fit.values,
+        parameters=fit.parameters,
+        nodes=fit.nodes,
+        noise=tuple(noise),
+        repeated=repeated,
         served=float(np.trace(inverse @ sum(parts))),
-        iterations=near.evaluations + steps,
-        seconds=seconds + time.perf_counter() - began,
-        converged=converged,
-        message=message,
+        iterations=search.problem.evaluations,
+        seconds=time.perf_counter() - began,
+        converged=fit.converged,
+        message=fit.message,
     )
-    return estimate, _influence([p.name for p in problems], estimate, shared, parts, inverse)
+    return estimate, _influence([p.name for p in problems], estimate, precision, parts, inverse)
+
+
+def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tuple[float, ...]:
+    """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
+    explains, wherever it may lie.
+    """
+    problems = [replace(problem, tissue=None) for problem in task.problems]
+    own = free_of(problems, free)
+    least = [least_noise(p.basis) for p in problems]
+    noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
+    if not own:
+        return tuple(noise)
+    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    wide = np.array([WIDE_MM if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in own])
+    expected = nominal.joint[[JP_INDEX[n] for n in own]], np.diag(1.0 / wide**2)
+    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, expected=expected)
+    for _ in range(ROUNDS):
+        search.weigh([1.0 / nu**2 for nu in noise])
+        state = search.approach(NEAR)
+        served = float(np.trace(np.linalg.solve(state.hessian + expected[1], state.hessian)))
+        moved = nominal.with_joint(own, state.p)
+        seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]
+        noise = trial_noises(seen, least, served)
+    return tuple(noise)
+
+
+def _expected(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None) -> tuple[Array, Array]:
+    """(np,) expected values and (np, np) precision of joint parameters before any trial."""
+    mean, covariance = prior_of(free, learnt)
+    return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(np.linalg.inv(covariance), float)
+
+
+def _repeated(
+    tasks: Sequence[TaskTrials], search: JointSearch, noise: Sequence[float], precision: Array
+) -> dict[str, float]:
+    """Kind of task -> f, of those with several trials."""
+    state, first, out = search.problem.at(search.first()), 0, dict[str, float]()
+    count = len(precision)
+    for task in tasks:
+        members = range(first, first + len(task.problems))
+        first = members.stop
+        if len(members) < 2:
+            continue
+        scores, informations = [], []
+        for k in members:
+            places = search.problem.columns[k]
+            own = places < count
+            score, information = np.zeros(count), np.zeros((count, count))
+            score[places[own]] = state.trials[k].reduced_gradient[own] / noise[k] ** 2
+            information[np.ix_(places[own], places[own])] = state.trials[k].matrices.hessian[np.ix_(own, own)]
+            scores.append(score)
+            informations.append(information / noise[k] ** 2)
+        share = _independent_share(scores, informations, precision)
+        out[task.kind] = share + len(members) * (1.0 - share)
+    return out
+
+
+def _independent_share(scores: Sequence[Array], informations: Sequence[Array], precision: Array) -> float:
+    """S = chi^2 over its degrees of freedom, at most 1, of K scores (n,) with matrices (n, n)."""
+    root = np.linalg.inv(np.linalg.cholesky(precision)).T
+    values, vectors = np.linalg.eigh(root.T @ sum(informations) @ root)
+    base = root @ vectors[:, values > DETERMINED]
+    if not base.shape[1]:
+        return 1.0
+    total, chi2 = base.T @ sum(scores), 0.0
+    for score, information in zip(scores, informations, strict=True):
+        part, along = base.T @ information @ base, base.T @ score
+        part += 1e-9 * np.trace(part) / len(part) * np.eye(len(part))
+        chi2 += float(along @ np.linalg.solve(part, along))
+    chi2 -= float(total @ np.linalg.solve(base.T @ sum(informations) @ base, total))
+    return min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0)
+
+
+def _placed(search: JointSearch, fit: JointFit, noise: Sequence[float]) -> list[Array]:
+    """Per trial S_t among all (np + nz) unknowns."""
+    out, size = [], len(fit.values)
+    for trial, places, nu in zip(fit.state.trials, search.problem.columns, noise, strict=True):
+        whole = np.zeros((size, size))
+        whole[np.ix_(places, places)] = trial.matrices.hessian / nu**2
+        out.append(whole)
+    return out
 
 
 def _influence(
-    names: Sequence[str], estimate: JointEstimate, shared: _MarkersAndPriors, parts: Sequence[Array], inverse: Array
+    names: Sequence[str], estimate: JointEstimate, precision: Array, parts: Sequence[Array], inverse: Array
 ) -> Influence:
     """The errors of (p, z) by source."""
     columns, sources = [], []
@@ -232,9 +261,9 @@ def _influence(
         columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
     count = len(estimate.free)
-    columns.append(inverse[:, :count] @ np.linalg.cholesky(shared.precision[:count, :count]))
+    columns.append(inverse[:, :count] @ np.linalg.cholesky(precision[:count, :count]))
     sources += [f"nominal/{name}" for name in estimate.free]
     if estimate.keys:
-        columns.append(inverse[:, count:] @ np.linalg.cholesky(shared.precision[count:, count:]))
+        columns.append(inverse[:, count:] @ np.linalg.cholesky(precision[count:, count:]))
         sources += [f"skin/{key}" for key in estimate.keys]
     return Influence((*estimate.free, *estimate.keys), np.hstack(columns), tuple(sources))

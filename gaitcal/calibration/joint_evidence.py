@@ -1,4 +1,4 @@
-"""All joint parameters of a person by the evidence of all trials: the legs with their skin, then trunk and arms.
+"""All joint parameters of a person by the evidence of all trials: the legs with their soft tissue, then trunk and arms.
 
 An isolated trial is fitted by its joint alone, whose proximal segment is free in the laboratory: neighbours neither
 push nor are pushed. Gait is fitted by pelvis and legs. Every joint parameter that a trial can move is free; what the
@@ -8,82 +8,228 @@ single spine joint make errors of another size, are fitted by themselves in gait
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration.evidence_part import EvidenceTrial, Part, phase_of, segments_of
-from gaitcal.calibration.identifiability import LEG_JOINTS, beyond_bounds, in_words
+from gaitcal.arrays import Array
+from gaitcal.calibration.identifiability import LEG_JOINTS, Turns, beyond_bounds, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_estimate import estimate_joints, free_of
-from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints, free_of
+from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
-from gaitcal.calibration.leg_evidence import JointAlone, joints_alone, legs_of, plain_legs, with_quiet_joints, with_skin
-from gaitcal.calibration.skin_evidence import skin_in_words
+from gaitcal.calibration.soft_tissue_artefact import (
+    SQUARES,
+    SoftTissueScale,
+    soft_tissue_scale,
+    task_regressors,
+    tissue_of,
+    tissue_prior,
+)
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
-from gaitcal.cores import beside
+from gaitcal.cores import beside, each
+from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.bandwidth import with_bandwidth
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
+LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
+GAIT = "gait"
+"""Kind of task of a trial that is no isolated one."""
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
+LEAST_SQUARES = 1e-4
+"""E[s^2] below which columns of squares would move nothing: a hundredth of what people show."""
+
+
+@dataclass(frozen=True)
+class EvidenceTrial:
+    """A trial that takes part."""
+
+    body: TrialProblem
+    """The whole body."""
+    fitted: TrialProblem
+    """An isolated trial on the segments of its joint; gait on the whole body."""
+    joint: str | None
+    """The joint of an isolated trial; None for gait."""
+
+    @property
+    def name(self) -> str:
+        """Of the recording, whatever part of the body is fitted to it."""
+        return self.body.name
+
+    @property
+    def kind(self) -> str:
+        """Of task."""
+        return self.joint or GAIT
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """What the fit of one part of the body gives."""
+
+    estimate: JointEstimate
+    errors: Influence
+    trials: tuple[EvidenceTrial, ...]
+    name: str
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    turned: Turns = field(default_factory=dict)
+    """How far isolated trials move their joints."""
+    tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
+    """Trial -> the columns of its soft tissue on the markers of the whole body."""
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return self.estimate.free
+
+    @property
+    def phase(self) -> Phase:
+        names, estimate = [t.name for t in self.trials], self.estimate
+        return Phase(
+            name=self.name,
+            trials=tuple(dict.fromkeys(names)),
+            parameters=len(estimate.free) + len(estimate.keys),
+            iterations=estimate.iterations,
+            seconds=estimate.seconds,
+            converged=estimate.converged,
+            message=estimate.message,
+            noise=dict(zip(names, estimate.noise, strict=True)),
+        )
 
 
 def calibrate_by_evidence(
-    trials: Sequence[EvidenceTrial],
-    nominal: Parameters,
-    standing: TrialProblem,
-    settings: JointSettings,
-    sides: Sequence[str],
+    trials: Sequence[EvidenceTrial], nominal: Parameters, settings: JointSettings, sides: Sequence[str]
 ) -> JointCalibration:
-    """Joint parameters of the legs of `sides`, of the trunk and of the arms.
-
-    `standing`: the whole body in the static trial, where every marker is in its place.
-    """
-    learnt = settings.learnt
-    with beside(partial(_besides, trials, nominal, sides, learnt)) as besides:
-        plain = plain_legs(trials, nominal, sides, learnt)
-        skin = None if plain is None else with_skin(plain, trials, nominal, standing, learnt)
-        upper, alone = besides()
-    parts = [] if upper is None else [upper]
-    if plain is not None and skin is not None:
-        if quiet := [joint for joint in alone if plain.quiet(joint)]:
-            plain = with_quiet_joints(plain, quiet, nominal, learnt)
-            skin = with_skin(plain, trials, nominal, standing, learnt)
-        parts.insert(0, legs_of(plain, skin))
-    return _calibration(parts, nominal, settings)
+    """Joint parameters of the legs of `sides`, of the trunk and of the arms."""
+    with beside(partial(_trunk_and_arms, trials, nominal, settings.learnt)) as trunk_and_arms:
+        legs = _legs(trials, nominal, sides, settings.learnt)
+        upper = trunk_and_arms()
+    return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
 
 
-def _besides(
+def _legs(
     trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], learnt: JointPrior | None
-) -> tuple[Part | None, list[JointAlone]]:
-    """What does not wait for the legs."""
-    return _trunk_and_arms(trials, nominal, learnt), joints_alone(trials, nominal, sides)
-
-
-def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> Part | None:
-    """Gait by itself above the pelvis; None where nothing is free."""
-    walks = [t for t in trials if t.joint is None]
-    parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
-    # the pelvis' markers once more: what they do here has a name of its own among the sources of error
-    problems = [replace(part, name=f"{part.name}, trunk and arms") for part in parts]
-    free = free_of(problems, UPPER_PARAMETERS)
+) -> _Part | None:
+    """Isolated trials of `sides` and gait together; None where nothing is free."""
+    used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
+    kinds = list(dict.fromkeys(t.kind for t in used))
+    used.sort(key=lambda t: kinds.index(t.kind))
+    still = {t.name: t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal) for t in used}
+    free = free_of(list(still.values()), [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     if not free:
         return None
-    trunk, errors = estimate_joints(problems, nominal, free, learnt=learnt)
-    if turned := turned_arms(problems, trunk.nodes, nominal):
+    angles = dict(zip([t.name for t in used], each(partial(_angles, nominal), [t.body for t in used]), strict=True))
+    tasks, scales, tissue = list[TaskTrials](), dict[str, SoftTissueScale](), dict[str, SoftTissue]()
+    for kind in kinds:
+        own = [t for t in used if t.kind == kind]
+        regressors = task_regressors([angles[t.name] for t in own], squares=True)
+        moving = [_with_tissue(still[t.name], kind, psi) for t, psi in zip(own, regressors, strict=True)]
+        scales[kind] = soft_tissue_scale(moving)
+        if scales[kind].squares < LEAST_SQUARES:
+            regressors = [{n: psi for n, psi in of.items() if not n.endswith(SQUARES)} for of in regressors]
+            moving = [_with_tissue(still[t.name], kind, psi) for t, psi in zip(own, regressors, strict=True)]
+        tasks.append(TaskTrials(kind, tuple(moving)))
+        for t, psi in zip(own, regressors, strict=True):
+            if (columns := tissue_of(t.body, kind, psi)) is not None:
+                tissue[t.name] = columns
+    problems = [problem for task in tasks for problem in task.problems]
+    prior = tissue_prior(problems, scales)
+    estimate, errors = estimate_joints(tasks, nominal, free, tissue=prior, learnt=learnt)
+    pieces = list(zip(used, problems, estimate.nodes, strict=True))
+    small = [finding for t, problem, nodes in pieces if t.joint for finding in small_turns(problem, nodes, t.joint)]
+    return _Part(
+        estimate=estimate,
+        errors=_with_found_tissue(errors, estimate),
+        trials=tuple(used),
+        name="joint parameters of the legs",
+        findings=tuple(dict.fromkeys(small)),
+        notes=_in_words(scales, estimate),
+        turned=turns_of(problems, estimate.nodes, [t.joint for t in used]),
+        tissue={
+            name: columns
+            for name, columns in ((name, _only(columns, prior.keys)) for name, columns in tissue.items())
+            if columns is not None
+        },
+    )
+
+
+def _angles(nominal: Parameters, body: TrialProblem) -> dict[str, Array]:
+    """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
+    q = tracked_motion(body, nominal).q
+    return {name: values for name, values, on in zip(body.chain.coordinates, q.T, body.active, strict=True) if on}
+
+
+def _with_tissue(problem: TrialProblem, kind: str, regressors: Mapping[str, Array]) -> TrialProblem:
+    return replace(problem, tissue=tissue_of(problem, kind, regressors))
+
+
+def _only(tissue: SoftTissue, keys: Sequence[str]) -> SoftTissue | None:
+    """The groups of a whole body whose columns were fitted: those of the segments of its task."""
+    groups = tuple(group for group in tissue.groups if set(SoftTissue((group,)).keys) <= set(keys))
+    return SoftTissue(groups) if groups else None
+
+
+def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:
+    """Motions are tracked with markers in their places: the soft tissue found is an error of theirs, all of it."""
+    if not estimate.keys:
+        return errors
+    column = np.zeros((len(errors.free), 1))
+    column[len(estimate.free) :, 0] = estimate.tissue
+    return Influence(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
+
+
+def _in_words(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
+    """What soft tissue was found, and how far repeated trials repeat their errors."""
+    told = ", ".join(
+        f"{kind} {np.sqrt(scale.linear):.2g}"
+        + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
+        for kind, scale in scales.items()
+    )
+    out = [
+        "soft tissue moves the markers with the joints beside them, by this much of what people show in such a task: "
+        f"{told}; the joint parameters were fitted together with it"
+    ]
+    out += [
+        f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} that say the same"
+        for kind, repeated in estimate.repeated.items()
+        if repeated > 1.05
+    ]
+    return tuple(out)
+
+
+def segments_of(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
+    """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
+    part = body.part(segments[0], segments)
+    return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
+
+
+def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> _Part | None:
+    """Gait by itself above the pelvis; None where nothing is free."""
+    walks = tuple(t for t in trials if t.joint is None)
+    parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
+    # the pelvis' markers once more: what they do here has a name of its own among the sources of error
+    task = TaskTrials(GAIT, tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts))
+    free = free_of(task.problems, UPPER_PARAMETERS)
+    if not free:
+        return None
+    trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+    if turned := turned_arms(task.problems, trunk.nodes, nominal):
         free = without_arms(free, turned)
-        trunk, errors = estimate_joints(problems, nominal, free, learnt=learnt)
-    phase = phase_of("joint parameters of trunk and arms", walks, [t.name for t in walks], trunk)
-    return Part(free=free, parameters=trunk.parameters, errors=errors, phase=phase, findings=told(turned))
+        trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+    return _Part(
+        estimate=trunk, errors=errors, trials=walks, name="joint parameters of trunk and arms", findings=told(turned)
+    )
 
 
 def _joined(known: Influence, errors: Influence) -> Influence:
@@ -98,7 +244,7 @@ def _joined(known: Influence, errors: Influence) -> Influence:
     return Influence(free, parameters, (*(known.clusters[c] for c in own), *errors.clusters))
 
 
-def _calibration(parts: Sequence[Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
+def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
     """All parts together."""
     influence = nominal_influence()
     for part in parts:
@@ -106,7 +252,8 @@ def _calibration(parts: Sequence[Part], nominal: Parameters, settings: JointSett
     free = tuple(name for part in parts for name in part.free)
     parameters = nominal
     for part in parts:
-        parameters = parameters.with_joint(part.free, part.parameters.joint[[JP_INDEX[n] for n in part.free]])
+        fitted = part.estimate.parameters
+        parameters = parameters.with_joint(part.free, fitted.joint[[JP_INDEX[n] for n in part.free]])
     expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
@@ -115,8 +262,6 @@ def _calibration(parts: Sequence[Part], nominal: Parameters, settings: JointSett
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
-    sizes = {pair: size for part in parts for pair, size in part.skin.believed.sizes.items()}
-    hidden = frozenset(segment for part in parts for segment in part.skin.believed.hidden)
     return JointCalibration(
         parameters=parameters,
         phases=tuple(part.phase for part in parts),
@@ -133,9 +278,8 @@ def _calibration(parts: Sequence[Part], nominal: Parameters, settings: JointSett
             ),
             *beyond_bounds(beyond),
         ),
-        notes=(*(settings.learnt.notes if settings.learnt else ()), *skin_in_words(sizes, hidden)),
+        notes=(*(settings.learnt.notes if settings.learnt else ()), *(note for part in parts for note in part.notes)),
         at_bound=beyond,
-        skin=sizes,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
     )
 

@@ -100,11 +100,8 @@ class JointCalibration:
     """What the user should know and need not act upon."""
     fits: tuple[JointFit, ...] = ()
     """One a phase, where phases follow each other and trials keep the parameters of their own."""
-    skin: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """(segment, coordinate) -> how much skin moves with it, of the spread that skin has; what there is evidence of,
-    or what was assumed where no marker shows it."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
-    """Trial -> the columns of that skin on the markers of the whole body."""
+    """Trial -> the columns of its soft tissue on the markers of the whole body."""
 
 
 class _Run:

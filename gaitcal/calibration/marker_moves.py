@@ -140,7 +140,7 @@ def source_of(name: str) -> Source:
     first, _, rest = name.partition("/")
     if first == "nominal" and rest in JP_INDEX:
         return Source.JOINT_NOMINAL
-    if first == "skin" and (rest == "found" or rest.split("/")[0] in COORDINATES):
+    if first == "skin" and (rest == "found" or not frozenset(COORDINATES).isdisjoint(rest.split("/"))):
         return Source.SKIN
     return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
 

@@ -1,14 +1,14 @@
-"""Joint parameters alone: the motions of all trials eliminated (variable projection).
+"""What trials share, alone: the motions of all trials eliminated (variable projection).
 
-For given joint parameters p every trial's nodes N(p) minimise that trial's marker cost C_t. What is left is a small
-problem in p with gradient g = sum_t g_p and Gauss-Newton matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and
+Trials share the joint parameters and the columns of soft tissue, together p. For given p every trial's nodes N(p)
+minimise that trial's marker cost C_t. What is left is a small problem in p with gradient g = sum_t g_p and Gauss-Newton matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and
 Pereyra 1973; Kaufman 1975). With S = V diag(s) V^T it is handed to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
 the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows.
 A singular S is no obstacle: its null directions are parameters that these trials cannot see, and p does not move
-along them. Priors add one row each, (p - p0) / sigma.
+along them. Priors add their cost, gradient and matrix to C, g and S first.
 
 On the way, a motion is predicted from the last point by dN/dp and solved no further than the next step needs
 (`CORRECTOR`); while parameters and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and dN/dp are
@@ -20,13 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.open_motion import KEPT_WITHIN, Matrices, OpenMotion, TrialState
-from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.track import track_nodes
@@ -56,15 +54,11 @@ class ReducedState:
     gradient: Array
     """(np,) half gradient of the markers."""
 
-    @cached_property
-    def spectrum(self) -> tuple[Array, Array]:
-        """Eigenvalues of S (those that count as zero set to zero) and eigenvectors."""
-        values, vectors = np.linalg.eigh(self.hessian)
-        return np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0), vectors
-
 
 class ReducedProblem:
-    """The trials' common problem in the joint parameters `free`; remembers the best point as a warm start."""
+    """The trials' common problem in the joint parameters `free` and the soft tissue's columns `tissue`; remembers the
+    best point as a warm start.
+    """
 
     def __init__(
         self,
@@ -75,24 +69,27 @@ class ReducedProblem:
         settings: DescentSettings,
         prior: Array | None = None,
         centre: Array | None = None,
+        tissue: tuple[str, ...] = (),
     ) -> None:
         """`prior`: (n, np) weights in m per unit of p of the rows prior (p - centre); none unless given."""
-        self.free = free
+        self.free, self.shared = free, (*free, *tissue)
         self.parameters = parameters
         self.settings = settings
         self.shares = [1.0] * len(problems)
         """What the cost of each trial counts."""
-        self.fixed = [problem.with_free(()) for problem in problems]
+        self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
-        self.columns = [problem.places_in(free) for problem in self.open]
+        self.columns = [problem.places_in(self.shared) for problem in self.open]
         self.starts = list(starts)
-        self.prior = np.zeros((0, len(free))) if prior is None else prior
-        self.centre = np.zeros(len(free)) if centre is None else centre
+        self.prior = np.zeros((0, len(self.shared))) if prior is None else prior
+        self.centre = np.zeros(len(self.shared)) if centre is None else centre
         self.state: ReducedState | None = None
         self.best: ReducedState | None = None
         """The point of least cost so far: where SciPy steps from, and motions are predicted from. A point that it
         refused may have motions that folded up, and they would lead into valleys of their own.
         """
+        self._known: tuple[ReducedState, Array, Array] | None = None
+        """The last matrix that was taken apart."""
         self.evaluations = 0
         self.slow_at = [np.inf] * len(self.open)
         """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than they held."""
@@ -103,12 +100,24 @@ class ReducedProblem:
             if known is not None and np.array_equal(known.p, p):
                 return known
         self.evaluations += 1
-        parameters = self.parameters.with_joint(self.free, p)
+        parameters = self.linkage(p)
         return self._keep(p, tuple(self._solve(k, p, parameters) for k in range(len(self.open))))
+
+    def linkage(self, p: Array) -> Parameters:
+        """All joint parameters at p."""
+        return self.parameters.with_joint(self.free, p[: len(self.free)])
+
+    def _placed(self, k: int, values: Array) -> tuple[TrialProblem, TrialProblem]:
+        """A trial with its soft tissue where its own part of p has it: for motions alone, and with all of p open."""
+        opened = self.open[k]
+        if opened.tissue is None:
+            return self.fixed[k], opened
+        shift = opened.tissue.shift(values[len(opened.chain.free) :], len(opened.labels))
+        return self.fixed[k].shifted(shift), opened.shifted(shift)
 
     def settle(self, p: Array) -> ReducedState:
         """The same with every motion solved to the end, and nothing kept from other points."""
-        state, parameters = self.at(p), self.parameters.with_joint(self.free, p)
+        state, parameters = self.at(p), self.linkage(p)
         return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
 
     def weigh(self, shares: Sequence[float]) -> None:
@@ -137,43 +146,47 @@ class ReducedProblem:
 
     def _solve(self, k: int, p: Array, parameters: Parameters) -> TrialState:
         """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
-        problem, values = self.open[k], p[self.columns[k]]
+        values = p[self.columns[k]]
+        fixed, problem = self._placed(k, values)
         constants = problem.constants(parameters)
         near = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(self.fixed[k], constants.without_parameters(), self.starts[k], about).nodes
+            predicted = track_nodes(fixed, constants.without_parameters(), self.starts[k], about).nodes
         else:
             last = self.best.trials[k]
             ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
             predicted, kept = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
         if self._curved(k):
-            return self._tracked(k, predicted, values, constants, self.settings)
+            return self._tracked(k, predicted, values, parameters, self.settings)
         motion = OpenMotion(problem, constants, values)
         serving = kept if kept is not None and kept.serve(values, predicted) else None
         end = descend(motion, predicted.ravel(), CORRECTOR, serving)
-        return motion.ended(end) if end.converged else self._tracked(k, predicted, values, constants, near)
+        return motion.ended(end) if end.converged else self._tracked(k, predicted, values, parameters, near)
 
     def _settled(self, k: int, trial: TrialState, p: Array, parameters: Parameters) -> TrialState:
         """One trial, solved as far as the settings of tracking ask."""
-        problem, values = self.open[k], p[self.columns[k]]
+        values = p[self.columns[k]]
+        _, problem = self._placed(k, values)
         constants = problem.constants(parameters)
         stepped, share = OpenMotion(problem, constants, values).stepped(trial.nodes, converged=trial.converged)
         if share <= self.settings.gain:
             return stepped
-        return self._tracked(k, trial.nodes, values, constants, self.settings)
+        return self._tracked(k, trial.nodes, values, parameters, self.settings)
 
     def _tracked(
-        self, k: int, nodes: Array, values: Array, constants: ChainConstants, settings: DescentSettings
+        self, k: int, nodes: Array, values: Array, parameters: Parameters, settings: DescentSettings
     ) -> TrialState:
         """The motion found by tracking, and one step of the open equations from there."""
+        fixed, problem = self._placed(k, values)
+        constants = problem.constants(parameters)
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
-        tracked = track_nodes(self.fixed[k], constants.without_parameters(), nodes, settings)
+        tracked = track_nodes(fixed, constants.without_parameters(), nodes, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        motion = OpenMotion(self.open[k], constants, values)
+        motion = OpenMotion(problem, constants, values)
         return motion.stepped(tracked.nodes, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
@@ -181,14 +194,22 @@ class ReducedProblem:
         return self.best is not None and self.best.trials[k].cost > MUCH_NEARER * self.slow_at[k]
 
     def residual(self, p: Array) -> Array:
-        """Compressed residuals f, followed by the prior's rows; m."""
-        state = self.at(p)
-        values, vectors = state.spectrum
-        projected = np.where(values > 0, vectors.T @ state.gradient / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-        rest = np.sqrt(max(state.cost - float(projected @ projected), 0.0))
-        return np.concatenate([projected, [rest], self.prior @ (p - self.centre)])
+        """(np + 1,) compressed residuals f, m."""
+        state, pull = self.at(p), self.prior @ (p - self.centre)
+        values, vectors = self._spectrum(state)
+        along = vectors.T @ (state.gradient + self.prior.T @ pull)
+        projected = np.where(values > 0, along / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        rest = state.cost + float(pull @ pull) - float(projected @ projected)
+        return np.append(projected, np.sqrt(max(rest, 0.0)))
 
     def jacobian(self, p: Array) -> Array:
-        """Compressed Jacobian of `residual`."""
-        values, vectors = self.at(p).spectrum
-        return np.vstack([np.sqrt(values)[:, None] * vectors.T, np.zeros((1, len(p))), self.prior])
+        """(np + 1, np) compressed Jacobian of `residual`."""
+        values, vectors = self._spectrum(self.at(p))
+        return np.vstack([np.sqrt(values)[:, None] * vectors.T, np.zeros((1, len(p)))])
+
+    def _spectrum(self, state: ReducedState) -> tuple[Array, Array]:
+        """Eigenvalues of S with the prior (those that count as zero set to zero) and eigenvectors."""
+        if self._known is None or self._known[0] is not state:
+            values, vectors = np.linalg.eigh(state.hessian + self.prior.T @ self.prior)
+            self._known = state, np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0), vectors
+        return self._known[1:]

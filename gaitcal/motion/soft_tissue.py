@@ -1,22 +1,19 @@
-"""Markers that leave the place where the static trial shows them: skin movement as unknowns of a trial.
+"""Markers that leave the place where the static trial shows them: soft tissue that moves as unknowns of a trial.
 
-Marker m sits in its segment at
+The markers of a segment shift and turn together about their middle c, in proportion to some functions psi of time:
 
-    l_m + sum_c z_c e_c phi_c(f)        (c: columns of this marker; e_c one of the segment's axes)
+    marker m at   l_m + sum_r psi_r(t) B_m z_r,      B_m = [1, -(l_m - c) x]  (3, 6),
 
-phi_c an angle of a joint beside the segment, counted from the static pose: skin that moves in proportion to it. The
-unknowns z are shared by all frames, and those of the same key by all trials. With R the segment's axes, x_m the marker
-and v_k the velocity that variable k gives it, the column's half gradient and its entries of the Gauss-Newton matrix are
+z_r three shifts (m) and three turns (rad). They are shared by all frames, and those of the same key by all trials. With
+R the segment's axes, x_m the marker and v_k the velocity that variable k gives it, the half gradient and the entries of
+the Gauss-Newton matrix are
 
-    g_c = sum_f w phi_c (R^T r)_c,    H_kc = sum_f w phi_c (R^T v_k)_c,    H_cd = sum_f w phi_c phi_d
-
-for d of the same marker and axis, else 0: R^T R = 1. That the markers of a segment move together is told by the prior,
-which lets their columns move together (`calibration/skin_movement.py`), not by columns of its own.
+    g_r = sum_t psi_r sum_m w B_m^T R^T r_m,    H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,    H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,52 +24,59 @@ from gaitcal.model.kinematics import forward, jacobian, segment_transforms
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.spline import SplineBasis, basis_matrix
-from gaitcal.records import dataclass
+
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+"""Of z_r: shifts along and turns about the segment's axes."""
+WIDTH = len(COMPONENTS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SegmentTissue:
     """What moves the markers of one segment against it."""
 
     segment: int
     """Index into the chain's segments."""
+    carrier: str
+    """Name of the segment."""
     markers: slice
     """Its markers."""
+    pattern: Array
+    """(nm, 3, 6) B of its markers."""
     names: tuple[str, ...]
-    """(nr,) `hip_flexion_r`: the same name in two trials is the same unknown."""
+    """(nr,) `gait/hip_flexion_r`: the same name on the same segment of two trials is the same unknown."""
     regressors: Array
-    """(nr, nf) phi."""
+    """(nr, nf) psi."""
 
 
 @dataclass(frozen=True)
 class SoftTissue:
-    """The columns of a trial, marker by marker, of each regressor by regressor, of each x, y, z."""
+    """The columns of a trial: segment by segment, regressor by regressor, shifts before turns."""
 
     groups: tuple[SegmentTissue, ...]
-    labels: tuple[str, ...]
-    """(nm,) of all markers of the trial."""
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """(nz,) `regressor/marker/axis`."""
-        return tuple(
-            f"{name}/{self.labels[m]}/{axis}"
-            for group in self.groups
-            for m in range(group.markers.start, group.markers.stop)
-            for name in group.names
-            for axis in "xyz"
-        )
+        """(nz,) `regressor/segment/component`."""
+        return tuple(f"{n}/{group.carrier}/{c}" for group in self.groups for n in group.names for c in COMPONENTS)
 
-    def shift(self, z: Array) -> Array:
-        """(nm, 3, nf) m, displacement of every marker in its segment."""
-        nf = self.groups[0].regressors.shape[1]
-        out, at = np.zeros((len(self.labels), 3, nf)), 0
+    def shift(self, z: Array, markers: int) -> Array:
+        """(markers, 3, nf) m, displacement of every marker of the trial in its segment."""
+        out, at = np.zeros((markers, 3, self.groups[0].regressors.shape[1])), 0
         for group in self.groups:
-            count, nr = group.markers.stop - group.markers.start, len(group.names)
-            own = z[at : at + 3 * nr * count].reshape(count, nr, 3)
-            out[group.markers] = np.einsum("mri,rf->mif", own, group.regressors)
+            own = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
+            out[group.markers] = group.pattern @ (own.T @ group.regressors)
             at += own.size
         return out
+
+
+def together(arms: Array) -> Array:
+    """(nm, 3, 6) B of markers at `arms` (nm, 3) m from their middle."""
+    out = np.zeros((len(arms), 3, WIDTH))
+    out[:, :, :3] = np.eye(3)
+    for i in range(3):  # e_j x arm, for e_j the axis turned about
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[:, i, 3 + j], out[:, i, 3 + k] = arms[:, k], -arms[:, j]
+    return out
 
 
 def with_tissue_columns(
@@ -86,38 +90,55 @@ def with_tissue_columns(
 ) -> NormalEquations:
     """The normal equations of a trial at `nodes` with the columns of its soft tissue after its joint parameters."""
     q = basis.evaluate(nodes)
-    nf, nq = q.shape
+    nq, nz, n_free = q.shape[1], len(tissue.keys), len(chain.free)
     poses = forward(chain, constants, q)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
     position = marker_positions(chain, constants, data.placed, q, data.shift)
-    nz, n_free = len(tissue.keys), len(chain.free)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, own, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis_matrix(basis).T.tocsr(), 0
     for group in tissue.groups:
-        axes = segments[group.segment, :3]  # (3 axes, 3, nf)
+        axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
         moved = np.flatnonzero(chain.support[:, group.segment])
         turning = moved < nq
         velocity, spin = columns[moved, :3], columns[moved, 3:]
-        phi, nr = group.regressors, len(group.names)
-        for m in range(group.markers.start, group.markers.stop):
+        pull, met = np.zeros((WIDTH, psi.shape[1])), np.zeros((len(moved), WIDTH, psi.shape[1]))
+        inertia = np.zeros((WIDTH, WIDTH, psi.shape[1]))
+        for m, pattern in zip(range(group.markers.start, group.markers.stop), group.pattern, strict=True):
             weight, x = data.weight[m], position[m]
-            here = slice(at, at + 3 * nr)
-            gradient[here] = (phi @ (weight * _in_axes(axes, x - data.measured[m])).T).ravel()
-            own[here, here] = np.kron((phi * weight) @ phi.T, np.eye(3))
-            local = weight * _in_axes(axes, velocity + _cross(spin, x))
-            shaped = local[:, None] * phi[:, None]  # (nk, nr, 3, nf)
-            by_parameter[moved[~turning] - nq, here] = shaped[~turning].sum(axis=-1).reshape(-1, 3 * nr)
-            rows = shaped[turning].reshape(-1, nf)
-            mixed[:, moved[turning], here] = (spread @ rows.T).reshape(basis.nodes, -1, 3 * nr)
-            at += 3 * nr
+            pull += pattern.T @ (weight * _in_axes(axes, x - data.measured[m]))
+            met += pattern.T @ (weight * _in_axes(axes, velocity + _cross(spin, x)))
+            inertia += weight * (pattern.T @ pattern)[:, :, None]
+        here = slice(at, at + WIDTH * len(psi))
+        gradient[here] = (psi @ pull.T).ravel()
+        own[here, here] = np.einsum("rf,sf,ijf->risj", psi, psi, inertia, optimize=True).reshape(
+            WIDTH * len(psi), WIDTH * len(psi)
+        )
+        shaped = met[:, None] * psi[:, None]  # (nk, nr, 6, nf)
+        by_parameter[moved[~turning] - nq, here] = shaped[~turning].sum(axis=-1).reshape(-1, WIDTH * len(psi))
+        rows = shaped[turning].reshape(-1, psi.shape[1])
+        mixed[:, moved[turning], here] = (spread @ rows.T).reshape(basis.nodes, -1, WIDTH * len(psi))
+        at = here.stop
     return replace(
         equations,
         mixed=np.hstack([equations.mixed, mixed.reshape(-1, nz)]),
         parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, own]]),
         parameter_gradient=np.concatenate([equations.parameter_gradient, gradient]),
     )
+
+
+def tissue_gradient(chain: Chain, data: MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants) -> Array:
+    """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
+    segments = segment_transforms(chain, constants, forward(chain, constants, q))
+    position = marker_positions(chain, constants, data.placed, q, data.shift)
+    out = []
+    for group in tissue.groups:
+        axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))
+        for m, pattern in zip(range(group.markers.start, group.markers.stop), group.pattern, strict=True):
+            pull += pattern.T @ (data.weight[m] * _in_axes(axes, position[m] - data.measured[m]))
+        out.append((group.regressors @ pull.T).ravel())
+    return np.concatenate(out)
 
 
 def _in_axes(axes: Array, vectors: Array) -> Array:

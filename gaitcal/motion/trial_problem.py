@@ -25,7 +25,7 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
-from gaitcal.motion.soft_tissue import SoftTissue, with_tissue_columns
+from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_columns
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trunk_support import telling
 from gaitcal.recording.recording import Recording, seen_mask
@@ -80,7 +80,11 @@ class TrialProblem:
         """The same trial with its soft tissue at z (nz,), m or m/rad."""
         if self.tissue is None or not len(z):
             return self
-        other = replace(self, data=replace(self.data, shift=self.tissue.shift(z)))
+        return self.shifted(self.tissue.shift(z, len(self.labels)))
+
+    def shifted(self, shift: Array) -> TrialProblem:
+        """The same trial with its markers (nm, 3, nf) m from their places."""
+        other = replace(self, data=replace(self.data, shift=shift))
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
@@ -176,7 +180,7 @@ class TrialProblem:
         return cost, by_nodes
 
     def both_gradients(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
-        """Cost (m^2) and half gradients by the nodes (nn, nq) and the free joint parameters (np,)."""
+        """Cost (m^2) and half gradients by the nodes (nn, nq) and by `unknowns` (np,)."""
         q = self.basis.evaluate(nodes)
         nq = len(self.chain.coordinates)
         cost, by_nodes, by_values = 0.0, np.zeros_like(nodes), np.zeros(len(self.chain.free))
@@ -191,6 +195,9 @@ class TrialProblem:
         if self.penalty is not None:
             more, gradient = self.penalty.both(nodes)
             cost, by_nodes = cost + more, by_nodes + gradient
+        if self.tissue is not None:
+            by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
+            by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
-from gaitcal.calibration.evidence_part import EvidenceTrial
-from gaitcal.calibration.joint_evidence import calibrate_by_evidence
+from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,
@@ -20,15 +19,13 @@ from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
-from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.hold_out import HeldOut, hold_out
-from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial, standing_problem
+from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.records import dataclass
 from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
-from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study
 
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
@@ -58,8 +55,7 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
         lambda trial: prepare_trial(trial, nominal, settings), study.moving, longest=lambda t: t.joint is None
     )
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
-    standing = standing_problem(nominal, completed_static(study).static) if by_evidence else None
-    fit = partial(joint_parameters, nominal=nominal, settings=settings, standing=standing, learnt=study.joint_prior)
+    fit = partial(joint_parameters, nominal=nominal, settings=settings, learnt=study.joint_prior)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
@@ -80,22 +76,18 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
 
 
 def joint_parameters(
-    trials: list[PreparedTrial],
-    nominal: SubjectModel,
-    settings: CalibrationSettings,
-    standing: TrialProblem | None,
-    learnt: JointPrior | None = None,
+    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, learnt: JointPrior | None = None
 ) -> tuple[JointCalibration | None, Parameters]:
     """The joint parameters that the settings ask for, fitted to prepared trials.
 
-    `standing`: the static posture; asked for where the evidence decides. `learnt`: prior of a cohort, the same.
+    `learnt`: prior of a cohort; asked for where the evidence decides.
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
-    if standing is not None:
+    if settings.decided_by is Protocol.EVIDENCE:
         taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
         with_prior = replace(joint_settings(settings), learnt=learnt)
-        by_evidence = calibrate_by_evidence(taking_part, nominal.parameters, standing, with_prior, SIDES[settings.legs])
+        by_evidence = calibrate_by_evidence(taking_part, nominal.parameters, with_prior, SIDES[settings.legs])
         return by_evidence, by_evidence.parameters
     calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously
     calibration = calibrate(

@@ -11,9 +11,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_evidence import UPPER_PARAMETERS
+from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations
-from gaitcal.calibration.leg_evidence import LEG_PARAMETERS
 from gaitcal.records import dataclass
 from gaitcal.study.people_design import Person
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.leg_evidence import LEG_PARAMETERS
+from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
 from gaitcal.study.people_design import units
 from priors.people import Fit

@@ -1,0 +1,335 @@
+"""Soft tissue artefact as people have it: sized by the task, with one scale for each person and kind of task.
+
+A marker of a segment lies, in the segment's axes, at
+
+    l + sum_c z_c psi_c(t),        psi_c = (phi_c - mean phi_c) / max(sd phi_c, 2 deg),
+
+phi_c the angles of the joints beside the segment, mean and sd over all trials of one kind of task (gait, or the
+isolated trials of one joint), and with them psi_c |psi_c| where there is evidence. Each kind has unknowns z of its own.
+All markers of a segment shift together, turn together about their middle, and move each by itself:
+
+    z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
+
+What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, independent of it, which
+turns and shifts no segment. A fit therefore has six unknowns a regressor and segment (`motion/soft_tissue.py`), of
+covariance s^2 (diag(shift^2, turn^2) + own^2 (B^T B)^-1), and leaves the deformation among its residuals.
+
+So the artefact has the size that people show *in the task*, whichever angle it goes with, and not so many millimetres a
+degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are those of bone
+pins, fluoroscopy and magnetic resonance in walking (Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait
+Posture 31:1-8, 2010; Barre et al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
+
+One scale s says how soft this person is in this kind of task. It is learnt from how the markers of all segments deform
+*together*, joints left out: what the rigid fit of a segment leaves of its markers, e, is
+
+    e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
+    2 log L(s) = sum over segments of  b^T (Q + Sigma^-1 / s^2)^-1 b - log det(1 + s^2 Sigma Q),      ln s ~ N(0, 0.7^2),
+
+P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
+counted as far as they are independent (`joint_noise.py`). Pooling is the point: a cluster that slides as a whole shows
+no deformation itself. s is integrated over: z has the variance E[s^2] Sigma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.model.linkage import JOINTS, Source
+from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.motion.soft_tissue import COMPONENTS, WIDTH, SegmentTissue, SoftTissue, together
+from gaitcal.motion.trial_problem import TrialProblem
+
+
+@dataclass(frozen=True)
+class ArtefactSize:
+    """Standard deviations over a task, of each component."""
+
+    shift: float
+    """m, of all markers together."""
+    turn: float
+    """rad, of all markers together."""
+    own: float
+    """m, of every marker by itself."""
+
+
+SIZES: Mapping[str, ArtefactSize] = {
+    "pelvis": ArtefactSize(2.0e-3, np.deg2rad(1.0), 0.7e-3),
+    "thigh": ArtefactSize(3.0e-3, np.deg2rad(1.5), 1.0e-3),
+    "shank": ArtefactSize(2.0e-3, np.deg2rad(1.0), 0.7e-3),
+    "foot": ArtefactSize(1.0e-3, np.deg2rad(0.7), 0.5e-3),
+}
+"""Segments by the first word of their names."""
+LEAST_SPREAD = np.deg2rad(2.0)
+"""rad: an angle that moves less in a task moves no more tissue than one that moves so much."""
+LOG_SPREAD = 0.7
+"""Standard deviation of ln s among people: their sizes are known to a factor of two."""
+SCALES = np.geomspace(0.005, 4.0, 41)
+"""Values of s looked at."""
+SQUARES = "^2"
+"""Ends the name of a regressor psi |psi|."""
+TRUSTED = 0.5
+"""Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
+aside where three others are seen more often."""
+SEEN_RANK = 1e-9
+"""Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
+
+
+# ------------------------------------------------------------------------------------------------- columns of a trial
+
+
+def beside(segment: str) -> tuple[str, ...]:
+    """Coordinates of the joints of the legs at both ends of a segment; the talus carries no skin."""
+    through = (segment, segment.replace("shank", "talus").replace("foot", "talus"))
+    return tuple(
+        e.name
+        for joint in JOINTS
+        if joint.name.startswith(("hip", "knee", "talocrural", "subtalar"))
+        and (joint.parent in through or joint.child in through)
+        and segment in _carriers(joint.name, joint.parent, joint.child)
+        for e in joint.elements
+        if e.source is Source.COORDINATE
+    )
+
+
+def _carriers(joint: str, parent: str, child: str) -> tuple[str, ...]:
+    """The segments whose skin a joint moves: shank and foot for both joints of the ankle."""
+    side = joint[-1]
+    if joint.startswith("talocrural"):
+        return (parent, f"foot_{side}")
+    return (f"foot_{side}",) if joint.startswith("subtalar") else (parent, child)
+
+
+def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = False) -> list[dict[str, Array]]:
+    """Per trial of one kind of task, coordinate -> (nf,) psi, from coordinate -> (nf,) rad."""
+    names = dict.fromkeys(name for of_trial in angles for name in of_trial)
+    out: list[dict[str, Array]] = [{} for _ in angles]
+    for name in names:
+        every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial])
+        mean, spread = float(every.mean()), max(float(every.std()), LEAST_SPREAD)
+        for of_trial, own in zip(angles, out, strict=True):
+            if name in of_trial:
+                own[name] = (of_trial[name] - mean) / spread
+    if squares:
+        for own in out:
+            own.update({name + SQUARES: psi * np.abs(psi) for name, psi in own.items()})
+    return out
+
+
+def tissue_of(problem: TrialProblem, kind: str, regressors: Mapping[str, Array]) -> SoftTissue | None:
+    """The columns of the artefact on the markers of a trial; None where no segment of it has any."""
+    groups = []
+    for s, markers in problem.data.placed.groups:
+        segment = problem.chain.segments[s]
+        if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
+            continue
+        near = beside(segment)
+        names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
+        if names:
+            groups.append(
+                SegmentTissue(
+                    segment=s,
+                    carrier=segment,
+                    markers=markers,
+                    pattern=together(problem.data.local[markers] - _middle(problem, markers)),
+                    names=tuple(f"{kind}/{name}" for name in names),
+                    regressors=np.array([regressors[name] for name in names]),
+                )
+            )
+    return SoftTissue(tuple(groups)) if groups else None
+
+
+def _middle(problem: TrialProblem, markers: slice) -> Array:
+    """(3,) m, of the markers of a segment that pull at all."""
+    pulls = (problem.data.weight[markers] > 0).any(axis=1)
+    out: Array = problem.data.local[markers][pulls].mean(axis=0)
+    return out
+
+
+def marker_covariance(segment: str, local: Array) -> Array:
+    """(3 nm, 3 nm) m^2, Sigma of one regressor for markers at `local` (nm, 3) m."""
+    size = SIZES[segment.split("_")[0]]
+    rigid = together(local - local.mean(axis=0)).reshape(-1, WIDTH) * np.repeat([size.shift, size.turn], 3)
+    out: Array = rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
+    return out
+
+
+def rigid_covariance(segment: str, pattern: Array) -> Array:
+    """(6, 6) m^2, m rad, rad^2, of what markers with `pattern` (nm, 3, 6) do together."""
+    size, flat = SIZES[segment.split("_")[0]], pattern.reshape(-1, WIDTH)
+    out: Array = np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
+    out += size.own**2 * np.linalg.pinv(flat.T @ flat, rcond=1e-6, hermitian=True)
+    return out
+
+
+# ------------------------------------------------------------------------------------------ how soft is this person?
+
+
+@dataclass(frozen=True)
+class SoftTissueScale:
+    """What the deformation of all segments says of one person in one kind of task, as E[s^2]."""
+
+    linear: float
+    squares: float = 0.0
+
+    def variance(self, regressor: str) -> float:
+        """E[s^2] of the columns of a regressor."""
+        return self.squares if regressor.endswith(SQUARES) else self.linear
+
+
+@dataclass
+class _Deformation:
+    """Q and b of one segment over all trials of a kind, by columns of unit variance."""
+
+    names: list[str] = field(default_factory=list)
+    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    right: Array = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, names: Sequence[str], information: Array, right: Array) -> None:
+        width = len(right) // len(names)
+        new = [name for name in names if name not in self.names]
+        self.names += new
+        grown, before = np.zeros((width * len(self.names),) * 2), len(self.right)
+        grown[:before, :before] = self.information
+        place = np.concatenate([width * self.names.index(name) + np.arange(width) for name in names])
+        grown[np.ix_(place, place)] += information
+        self.information = grown
+        self.right = np.concatenate([self.right, np.zeros(width * len(new))])
+        self.right[place] += right
+
+    def of(self, *, squares: bool) -> Array:
+        """Places of the columns of linear regressors, or of squares."""
+        width = len(self.right) // max(len(self.names), 1)
+        return np.repeat([name.endswith(SQUARES) is squares for name in self.names], width)
+
+
+def soft_tissue_scale(trials: Sequence[TrialProblem]) -> SoftTissueScale:
+    """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be."""
+    found: dict[tuple[str, tuple[str, ...]], _Deformation] = {}
+    for problem in trials:
+        for group in problem.tissue.groups if problem.tissue else ():
+            information, right = _deformation(problem, group)
+            if information.any():
+                segment, labels = group.carrier, problem.labels[group.markers]
+                root = np.linalg.cholesky(marker_covariance(segment, problem.data.local[group.markers]))
+                every = np.kron(np.eye(len(group.names)), root)
+                names = [name.split("/")[-1] for name in group.names]
+                found.setdefault((segment, labels), _Deformation()).add(
+                    names, every.T @ information @ every, every.T @ right
+                )
+    plain, bent = [], []
+    for seen in found.values():
+        linear = seen.of(squares=False)
+        plain.append((seen.information[np.ix_(linear, linear)], seen.right[linear]))
+    first = _mean_square(plain, SCALES)
+    if not any(seen.of(squares=True).any() for seen in found.values()):
+        return SoftTissueScale(first)
+    for seen in found.values():
+        # what is left for the squares once the linear columns are integrated out
+        linear, squares = seen.of(squares=False), seen.of(squares=True)
+        inner = seen.information[np.ix_(linear, linear)] + np.eye(int(linear.sum())) / first
+        mixed = seen.information[np.ix_(squares, linear)]
+        left = np.linalg.solve(inner, np.column_stack([mixed.T, seen.right[linear]]))
+        own = seen.information[np.ix_(squares, squares)] - mixed @ left[:, :-1]
+        bent.append((own, seen.right[squares] - mixed @ left[:, -1]))
+    return SoftTissueScale(first, _mean_square(bent, SCALES, possibly_none=True))
+
+
+def _mean_square(parts: Sequence[tuple[Array, Array]], scales: Array, *, possibly_none: bool = False) -> float:
+    """E[s^2] from Q and b of every segment, by columns of unit variance; if `possibly_none`, s is 0 with odds of one to
+    one before anything is seen.
+    """
+    log = -0.5 * (np.log(scales) / LOG_SPREAD) ** 2
+    prior = np.exp(log)
+    for information, right in parts:
+        values, vectors = np.linalg.eigh(information)
+        values, along = np.maximum(values, 0.0), (vectors.T @ right) ** 2
+        square = scales[:, None] ** 2
+        log += 0.5 * (square * along / (1.0 + square * values) - np.log1p(square * values)).sum(axis=1)
+    top = max(float(log.max()), 0.0)
+    weight = np.exp(log - top)
+    total = float(weight.sum())
+    if possibly_none:
+        total += float(prior.sum()) * float(np.exp(-top))
+    return float(weight @ scales**2) / total
+
+
+def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Array]:
+    """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
+    from the markers that have weight in it. Zero where fewer than three show how they deform.
+    """
+    data, psi = problem.data, group.regressors
+    width = 3 * (group.markers.stop - group.markers.start)
+    nothing = np.zeros((len(psi) * width,) * 2), np.zeros(len(psi) * width)
+    given = data.weight[group.markers]
+    trusted = (given > 0) & (given > TRUSTED * given.max(axis=1, keepdims=True))
+    often = trusted.sum(axis=1)
+    third = np.sort(often)[-FEWEST_MARKERS] if len(often) >= FEWEST_MARKERS else 0
+    used = group.markers.start + np.flatnonzero((often > 0) & (often >= min(third, TRUSTED * often.max(initial=0))))
+    local, weight = data.local[used], data.weight[used]
+    fit = rigid_fit(local, data.measured[used], weight)
+    whole = fit.determined & trusted[used - group.markers.start].all(axis=0)
+    """Frames that show all of them and trust them: in others the projector is another."""
+    psi = psi[:, whole]
+    if whole.sum() <= len(psi):
+        return nothing
+    followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
+    left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
+    errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
+    errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
+    psi = psi - psi.mean(axis=1, keepdims=True)
+    rigid = np.linalg.qr(together(local - local.mean(axis=0)).reshape(-1, WIDTH))[0]
+    noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis))
+    columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
+    projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
+    projector[np.ix_(columns, columns)] = np.eye(len(columns)) - rigid @ rigid.T
+    seen[:, columns] = errors
+    information, right = np.kron(psi @ psi.T, projector), (psi @ seen @ projector).ravel()
+    return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
+
+
+def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
+    """m, nu of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
+    q, r = np.linalg.qr(psi.T)
+    own = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
+    unexplained = errors - own @ (own.T @ errors)
+    tau = frames_per_sample(unexplained)
+    samples = len(errors) / tau
+    spent = samples / max(samples - own.shape[1], LEAST_SAMPLES * samples)
+    variance = spent * tau * float((unexplained**2).sum()) / (max(directions, 1) * len(errors))
+    return max(float(np.sqrt(variance)), least)
+
+
+# ------------------------------------------------------------------------------------------------------------- prior
+
+
+@dataclass(frozen=True)
+class TissuePrior:
+    """The columns of all kinds of task, and how large they may be."""
+
+    keys: tuple[str, ...]
+    """`kind/regressor/segment/component`."""
+    covariance: Array
+    """(nz, nz) m^2, m rad, rad^2."""
+
+
+NO_TISSUE = TissuePrior((), np.zeros((0, 0)))
+
+
+def tissue_prior(trials: Sequence[TrialProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
+    """The prior of the columns that trials have; `scales` by kind of task."""
+    blocks = dict[tuple[str, str], Array]()
+    """(name of a regressor, segment) -> (6, 6)."""
+    for problem in trials:
+        for group in problem.tissue.groups if problem.tissue else ():
+            own = rigid_covariance(group.carrier, group.pattern)
+            for name in group.names:
+                kind, _, regressor = name.partition("/")
+                blocks.setdefault((name, group.carrier), scales[kind].variance(regressor) * own)
+    keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in COMPONENTS)
+    return TissuePrior(keys, block_diag(*blocks.values()) if blocks else np.zeros((0, 0)))
