@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.model.kinematics import forward, segment_transforms
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue
+from gaitcal.motion.soft_tissue import COMPONENTS, SegmentTissue, SoftTissue, together
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, assert_derivative, central_differences, perturbed_parameters, random_trial
 
@@ -23,17 +24,24 @@ def trial_with_tissue(seed: int) -> tuple[TrialProblem, Array, Array]:
     parameters = perturbed_parameters(rng)
     problem, nodes = random_trial(rng, parameters, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
     groups = tuple(
-        SegmentTissue(s, markers, ("hip_flexion_r", "knee_angle_r"), rng.normal(size=(2, 20)))
+        SegmentTissue(
+            segment=s,
+            carrier=problem.chain.segments[s],
+            markers=markers,
+            pattern=together(problem.data.local[markers] - problem.data.local[markers].mean(axis=0)),
+            names=("gait/hip_flexion_r", "gait/knee_angle_r"),
+            regressors=rng.normal(size=(2, 20)),
+        )
         for s, markers in problem.data.placed.groups
         if s > 0
     )
-    problem = replace(problem, tissue=SoftTissue(groups, problem.labels))
+    problem = replace(problem, tissue=SoftTissue(groups))
     weight = rng.uniform(0.0, 1.0, problem.data.weight.shape)
     problem = problem.with_weight(weight).with_measured(
         problem.data.measured + rng.normal(0, 0.01, (len(weight), 3, 20))
     )
-    assert problem.tissue is not None
-    return problem, nodes, rng.normal(0, 0.01, len(problem.tissue.keys))
+    z = rng.normal(size=(4, 6)) * np.repeat([0.01, 0.1], 3)  # m, rad: markers lie some 0.1 m from their middle
+    return problem, nodes, z.ravel()
 
 
 def test_gradient_and_matrix_are_those_of_the_displaced_markers() -> None:
@@ -60,23 +68,32 @@ def test_gradient_and_matrix_are_those_of_the_displaced_markers() -> None:
     np.testing.assert_allclose(corner, dense[:, nodes.size :], atol=SECOND_ORDER * np.abs(dense).max())
     band = BandFactor(equations.band).solve(dense[: nodes.size, : nodes.size])
     np.testing.assert_allclose(band, np.eye(nodes.size), atol=1e-4)
+    cost, by_nodes, by_unknowns = at.both_gradients(nodes, at.constants(parameters))
+    np.testing.assert_allclose(cost, equations.cost, rtol=1e-12)
+    np.testing.assert_allclose(np.append(by_nodes, by_unknowns), gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
     assert_derivative(2.0 * gradient[None], lambda y: np.array([residual(y) @ residual(y)]), x, relative=SECOND_ORDER)
 
 
-def test_a_marker_goes_along_the_axes_of_its_segment() -> None:
+def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> None:
     problem, nodes, z = trial_with_tissue(4)
     tissue = problem.tissue
-    assert tissue is not None
-    shift, by_hand = tissue.shift(z), np.zeros((len(problem.labels), 3, 20))
+    assert tissue is not None and len(tissue.keys) == len(set(tissue.keys)) == len(z)
+    shift, by_hand = tissue.shift(z, len(problem.labels)), np.zeros((len(problem.labels), 3, 20))
     for key, value in zip(tissue.keys, z, strict=True):
-        name, label, axis = key.split("/")
-        m = problem.labels.index(label)
-        group = next(g for g in tissue.groups if g.markers.start <= m < g.markers.stop)
-        by_hand[m, "xyz".index(axis)] += value * group.regressors[group.names.index(name)]
+        name, carrier, component = key.rpartition("/")[0].rpartition("/")[0], key.split("/")[-2], key.split("/")[-1]
+        (group,) = [g for g in tissue.groups if g.carrier == carrier]
+        axis = value * np.eye(3)[COMPONENTS.index(component) % 3]
+        arms = problem.data.local[group.markers] - problem.data.local[group.markers].mean(axis=0)
+        way = np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
+        by_hand[group.markers] += way[:, :, None] * group.regressors[group.names.index(name)]
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
     constants = problem.constants(perturbed_parameters(np.random.default_rng(4)))
+    segments = segment_transforms(
+        problem.chain, constants, forward(problem.chain, constants, problem.basis.evaluate(nodes))
+    )
     moved = problem.displaced(z).positions(nodes, constants) - problem.positions(nodes, constants)
-    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), np.linalg.norm(shift, axis=1), atol=1e-12)
+    in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
+    np.testing.assert_allclose(moved, in_laboratory, atol=1e-12)
 
 
 def test_a_part_of_a_trial_has_its_markers_alone() -> None:

@@ -1,0 +1,288 @@
+"""Soft tissue by the task: its regressors, rigid columns instead of every marker, and the scale of a person."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from gaitcal.calibration import soft_tissue_artefact
+from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.soft_tissue_artefact import (
+    LEAST_SPREAD,
+    LOG_SPREAD,
+    SCALES,
+    SIZES,
+    SQUARES,
+    SoftTissueScale,
+    beside,
+    marker_covariance,
+    rigid_covariance,
+    soft_tissue_scale,
+    task_regressors,
+    tissue_of,
+    tissue_prior,
+)
+from gaitcal.model.joint_parameters import isolated_parameters
+from gaitcal.model.kinematics import forward, jacobian, segment_transforms
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.arrow import eliminate
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.soft_tissue import SegmentTissue, together
+from gaitcal.motion.spline import basis_matrix
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+from tests.derivatives import Array, perturbed_parameters, random_trial
+
+HIP = isolated_parameters("hip_r")
+SEGMENTS = ("pelvis", "thigh_r")
+KIND = "gait"
+EXACT = 1e-8
+"""Relative: what rounding leaves of dense equations."""
+FLOOR = 2e-7
+"""Relative: what 1e-13 of its largest entry, added to the matrix of the nodes, leaves of a step."""
+NOISE = 5e-4
+"""m, white, of every marker coordinate."""
+Moves = Mapping[tuple[str, str], Array]
+"""(segment, regressor) -> (3 nm,) m, what its markers do."""
+
+
+def person(
+    seed: int, moves: Moves, *, squares: bool = False, frames: int = 200, noise: float = NOISE
+) -> list[TrialProblem]:
+    """Two trials of pelvis and thigh, with every column that their soft tissue may have."""
+    rng = np.random.default_rng(seed)
+    parameters = perturbed_parameters(rng)
+    first, nodes = random_trial(rng, parameters, segments=SEGMENTS, frames=frames, nodes=9)
+    motions = (nodes, nodes[::-1] + rng.normal(0, 0.1, nodes.shape))
+    angles = [dict(zip(first.chain.coordinates, first.basis.evaluate(n).T, strict=True)) for n in motions]
+    trials = []
+    for k, (motion, psi) in enumerate(zip(motions, task_regressors(angles, squares=True), strict=True)):
+        shift = np.zeros(first.data.measured.shape)
+        for s, markers in first.data.placed.groups:
+            for (segment, name), z in moves.items():
+                if segment == first.chain.segments[s]:
+                    shift[markers] += z.reshape(-1, 3, 1) * psi[name]
+        seen = first.shifted(shift).positions(motion, first.constants(parameters))
+        trial = first.with_measured(seen + rng.normal(0, noise, seen.shape))
+        used = psi if squares else {name: values for name, values in psi.items() if not name.endswith(SQUARES)}
+        trials.append(replace(trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used)))
+    return trials
+
+
+def places(seed: int) -> dict[str, Array]:
+    """Segment -> (nm, 3) m."""
+    problem = person(seed, {})[0]
+    return {problem.chain.segments[s]: problem.data.local[markers] for s, markers in problem.data.placed.groups}
+
+
+def drawn(seed: int, size: float, segments: Sequence[str] = SEGMENTS, ending: str = "") -> dict[tuple[str, str], Array]:
+    """What markers of some segments do with every angle beside them, of `size` times the spread of people."""
+    rng = np.random.default_rng([seed, 1])
+    return {
+        (segment, name + ending): size
+        * rng.multivariate_normal(np.zeros(3 * len(local)), marker_covariance(segment, local))
+        for segment, local in places(seed).items()
+        if segment in segments
+        for name in beside(segment)
+        if name.endswith("_r") and name.startswith("hip")
+    }
+
+
+def groups_of(problem: TrialProblem) -> tuple[SegmentTissue, ...]:
+    assert problem.tissue is not None
+    return problem.tissue.groups
+
+
+def test_soft_tissue_moves_with_the_joints_at_both_ends_of_its_segment() -> None:
+    assert beside("thigh_r") == ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r", "knee_angle_r")
+    assert beside("shank_l") == ("knee_angle_l", "ankle_angle_l")
+    assert beside("foot_r") == ("ankle_angle_r", "subtalar_angle_r")
+    assert set(beside("pelvis")) == {f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"}
+    assert beside("talus_r") == ()
+
+
+def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> None:
+    rng = np.random.default_rng(1)
+    flexion, still = [rng.normal(0.3, 0.4, 50), rng.normal(0.5, 0.2, 80)], rng.normal(0.1, 0.2 * LEAST_SPREAD, 80)
+    first, second = task_regressors([{"flexion": flexion[0]}, {"flexion": flexion[1], "still": still}], squares=True)
+    assert set(first) == {"flexion", "flexion" + SQUARES} and {"still", "still" + SQUARES} < set(second)
+    every = np.concatenate([first["flexion"], second["flexion"]])
+    np.testing.assert_allclose([every.mean(), every.std()], [0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(np.diff(first["flexion"]), np.diff(flexion[0]) / np.concatenate(flexion).std())
+    np.testing.assert_allclose(second["still"], (still - still.mean()) / LEAST_SPREAD)
+    np.testing.assert_array_equal(second["flexion" + SQUARES], np.sign(second["flexion"]) * second["flexion"] ** 2)
+    assert set(task_regressors([{"flexion": flexion[0]}])[0]) == {"flexion"}
+
+
+def velocities(problem: TrialProblem, nodes: Array, parameters: Parameters) -> tuple[Array, Array]:
+    """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
+    constants, q = problem.constants(parameters), problem.basis.evaluate(nodes)
+    poses, nq = forward(problem.chain, constants, q), nodes.shape[1]
+    spatial, x = jacobian(problem.chain, constants, poses), problem.positions(nodes, constants)
+    slope = np.zeros((*x.shape, len(spatial)))
+    for m, segment in enumerate(problem.data.segment):
+        moved = problem.chain.support[:, segment][:, None, None] * (
+            spatial[:, :3] + np.cross(spatial[:, 3:], x[m][None], axis=1)
+        )
+        slope[m] = moved.transpose(1, 2, 0)
+    by_nodes = slope[..., None, :nq] * basis_matrix(problem.basis).toarray()[:, :, None]
+    flat = np.concatenate([by_nodes.reshape(*x.shape, -1), slope[..., nq:]], axis=-1).reshape(x.size, -1)
+    axes = segment_transforms(problem.chain, constants, poses)[problem.data.segment, :3]
+    return flat, axes.transpose(0, 2, 1, 3)
+
+
+def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do() -> None:
+    """A dense model of three numbers a marker and regressor against six a segment: the same posterior of the joints."""
+    seed, scale = 3, SoftTissueScale(0.6, 0.2)
+    parameters = perturbed_parameters(np.random.default_rng(seed))
+    (problem, _) = person(seed, drawn(seed, 1.0), squares=True, frames=30, noise=0.004)
+    problem = problem.with_free(HIP)
+    nodes = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+    precision = np.linalg.inv(prior_of(HIP, None)[1])
+    prior = tissue_prior([problem], {KIND: scale})
+    eliminated = eliminate(equations := problem.equations(nodes, problem.constants(parameters)))
+    hessian = eliminated.hessian / NOISE**2 + block_diag(precision, np.linalg.inv(prior.covariance))
+    pull = eliminated.reduced(equations.node_gradient, equations.parameter_gradient) / NOISE**2
+    found, count = np.linalg.inv(hessian), len(HIP)
+
+    slope, axes = velocities(problem, nodes, parameters)
+    columns, weights = [slope], [np.zeros((slope.shape[1] - count,) * 2), precision]
+    for group in groups_of(problem):
+        covariance = marker_covariance(group.carrier, problem.data.local[group.markers])
+        for name, psi in zip(group.names, group.regressors, strict=True):
+            moved = np.zeros((*problem.data.measured.shape, len(problem.labels), 3))
+            for m in range(group.markers.start, group.markers.stop):
+                moved[m, :, :, m] = (axes[m] * psi).transpose(0, 2, 1)
+            columns.append(moved[..., group.markers, :].reshape(len(slope), -1))
+            weights.append(np.linalg.inv(scale.variance(name) * covariance))
+    whole = np.hstack(columns)
+    gap = (problem.positions(nodes, problem.constants(parameters)) - problem.data.measured).ravel()
+    dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
+    own = slice(slope.shape[1] - count, slope.shape[1])
+    unit = np.sqrt(np.outer(np.diag(dense[own, own]), np.diag(dense[own, own])))
+    np.testing.assert_allclose(found[:count, :count] / unit, dense[own, own] / unit, rtol=0, atol=EXACT)
+    step, wanted = (found @ pull)[:count], (dense @ (whole.T @ gap) / NOISE**2)[own]
+    np.testing.assert_allclose(step, wanted, rtol=0, atol=FLOOR * np.abs(wanted).max())
+
+
+def dense_density(trials: Sequence[TrialProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
+    """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear columns, and of squares."""
+    parts, psis, local = [], [], places_of(trials[0], segment)
+    rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
+    free = np.linalg.svd(rigid)[0][:, 6:]
+    for problem in trials:
+        (group,) = [g for g in groups_of(problem) if g.carrier == segment]
+        data, frames = problem.data, problem.data.weight.shape[1]
+        fit = rigid_fit(local, data.measured[group.markers], data.weight[group.markers])
+        error = np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - fit.origin.T) - local[:, :, None]
+        changing = np.linalg.svd(np.ones((frames, 1)))[0][:, 1:]  # where a marker lies is not how it moves
+        parts.append(changing.T @ error.reshape(-1, frames).T @ free)
+        psis.append(group.regressors @ changing)
+        names = group.names
+    left, shape, out = np.concatenate(parts), free.T @ marker_covariance(segment, local) @ free, []
+    blocks = {
+        bent: np.kron(
+            sum(np.outer(p, p) for n, p in zip(names, np.hstack(psis), strict=True) if n.endswith(SQUARES) is bent),
+            shape,
+        )
+        for bent in (False, True)
+    }
+    for variance in variances:
+        covariance = NOISE**2 * np.eye(left.size) + sum(variance[bent] * block for bent, block in blocks.items())
+        root = np.linalg.cholesky(covariance)
+        out.append(-0.5 * np.sum(np.linalg.solve(root, left.ravel()) ** 2) - np.log(np.diag(root)).sum())
+    return np.array(out)
+
+
+def places_of(problem: TrialProblem, segment: str) -> Array:
+    (local,) = [problem.data.local[g.markers] for g in groups_of(problem) if g.carrier == segment]
+    return local
+
+
+@pytest.mark.parametrize("ending", ["", SQUARES])
+def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
+    ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Integrated over ln s; that of squares given the linear one, and with even odds that there are none."""
+    monkeypatch.setattr(soft_tissue_artefact, "_noise", lambda *_: NOISE)
+    trials = person(6, drawn(6, 0.05, ending=ending), squares=True, frames=16)
+    found = soft_tissue_scale(trials)
+    s = np.geomspace(SCALES[0], SCALES[-1], 161)
+    prior = np.exp(-0.5 * (np.log(s) / LOG_SPREAD) ** 2)
+
+    def likelihood(variances: Sequence[Mapping[bool, float]]) -> Array:
+        log = sum(dense_density(trials, segment, variances) for segment in SEGMENTS)
+        return np.exp(log - log.max())
+
+    weight = prior * likelihood([{False: x**2, True: 0.0} for x in s])
+    linear = float(weight @ s**2 / weight.sum())
+    assert found.linear == pytest.approx(linear, rel=0.01)  # of sums over 41 values of s, and over 161
+    *bent, none = likelihood([*({False: found.linear, True: x**2} for x in s), {False: found.linear, True: 0.0}])
+    weight = prior * np.array(bent)
+    assert found.squares == pytest.approx(float(weight @ s**2 / (weight.sum() + none * prior.sum())), rel=0.01)
+
+
+def test_clean_markers_have_a_small_scale_and_soft_ones_their_own() -> None:
+    clean = [soft_tissue_scale(person(seed, {}, noise=1e-5)).linear for seed in range(3)]
+    soft = [soft_tissue_scale(person(seed, drawn(seed, 1.0))).linear for seed in range(3)]
+    assert np.sqrt(clean).max() < 0.05
+    assert 0.6 < np.sqrt(np.mean(soft)) < 1.6  # six regressors, of which four markers each show six numbers
+
+
+def test_squares_are_there_where_markers_show_them() -> None:
+    both = drawn(7, 0.5) | drawn(7, 0.5, ending=SQUARES)
+    none, some = (soft_tissue_scale(person(7, moves, squares=True)) for moves in (drawn(7, 0.5), both))
+    assert none.squares < 0.01 * none.linear
+    assert 0.2 < np.sqrt(some.squares) < 1.2
+    assert none.variance("hip_flexion_r" + SQUARES) == none.squares != none.variance("hip_flexion_r") == none.linear
+
+
+def test_a_cluster_that_slides_as_a_whole_borrows_the_scale_of_one_that_deforms() -> None:
+    pelvis = places(8)["pelvis"]
+    slide = together(pelvis - pelvis.mean(axis=0)).reshape(-1, 6) @ [0.0, 0.004, 0.004, 0.0, 0.0, 0.0]
+    sliding = {("pelvis", "hip_adduction_r"): slide}
+    still, alone, pooled = (
+        soft_tissue_scale(person(8, moves)).linear for moves in ({}, sliding, sliding | drawn(8, 1.0, ("thigh_r",)))
+    )
+    assert alone == pytest.approx(still, rel=0.05), "what moves together shows no deformation"
+    assert pooled > 20 * alone
+    trials = person(8, sliding)
+    prior = tissue_prior(trials, {KIND: SoftTissueScale(pooled)})
+    at = [k for k, key in enumerate(prior.keys) if key.startswith(f"{KIND}/hip_adduction_r/pelvis/")]
+    (group,) = [g for g in groups_of(trials[0]) if g.carrier == "pelvis"]
+    own = prior.covariance[np.ix_(at, at)]
+    np.testing.assert_allclose(own, pooled * rigid_covariance("pelvis", group.pattern))
+    assert own[1, 1] > pooled * SIZES["pelvis"].shift ** 2
+
+
+@pytest.mark.parametrize("seen", [0.2, 0.0])
+def test_a_marker_that_is_seldom_seen_hides_nothing(seen: float) -> None:
+    """A fourth marker of the thigh, seen in a few frames or never: the other three tell."""
+    trials = []
+    for problem in person(9, drawn(9, 1.0, ("thigh_r",))):
+        weight = problem.data.weight.copy()
+        weight[-1, int(seen * weight.shape[1]) :] = 0.0
+        trials.append(problem.with_weight(weight))
+    assert 0.3 < np.sqrt(soft_tissue_scale(trials).linear) < 2.0
+
+
+def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of_kinds() -> None:
+    first, second = person(1, {}, squares=True)
+    regressors = {
+        n.split("/")[-1]: psi for g in groups_of(second) for n, psi in zip(g.names, g.regressors, strict=True)
+    }
+    other = replace(second, tissue=tissue_of(second, "hip_r", regressors))
+    scales = {KIND: SoftTissueScale(0.4, 0.1), "hip_r": SoftTissueScale(0.2, 0.3)}
+    alike, apart = tissue_prior([first, second], scales), tissue_prior([first, other], scales)
+    count = len(alike.keys)
+    assert len(set(apart.keys)) == len(apart.keys) == 2 * count == 2 * 2 * 6 * 6  # segments, regressors, components
+    np.testing.assert_array_equal(apart.covariance[:count, :count], alike.covariance)
+    assert not apart.covariance[:count, count:].any()
+    for key, variance in zip(apart.keys, np.diag(apart.covariance), strict=True):
+        kind, name, segment, _ = key.split("/")
+        there = np.diag(alike.covariance)[alike.keys.index(key.replace(kind, KIND, 1))]
+        assert variance == pytest.approx(there * scales[kind].variance(name) / scales[KIND].variance(name)), segment
