@@ -19,6 +19,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.influence import Influence, TrialScores, trial_scores
+from gaitcal.calibration.soft_tissue_artefact import SQUARES
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES
@@ -140,7 +141,8 @@ def source_of(name: str) -> Source:
     first, _, rest = name.partition("/")
     if first == "nominal" and rest in JP_INDEX:
         return Source.JOINT_NOMINAL
-    if first == "skin" and (rest == "found" or not frozenset(COORDINATES).isdisjoint(rest.split("/"))):
+    parts = {part.removesuffix(SQUARES) for part in rest.split("/")}
+    if first == "skin" and (rest == "found" or not parts.isdisjoint(COORDINATES)):
         return Source.SKIN
     return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
 

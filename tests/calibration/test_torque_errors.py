@@ -180,7 +180,8 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
         "nominal/R.Knee/z": Source.JOINT_MARKERS,
         "bandwidth/R.Knee/z": Source.JOINT_MARKERS,
         "nominal/hip_r.pelvis.ant": Source.JOINT_NOMINAL,
-        "skin/knee_angle_r/R.Knee/x": Source.SKIN,
+        "skin/gait/knee_angle_r/shank_r/tx": Source.SKIN,
+        "skin/gait/knee_angle_r^2/shank_r/rz": Source.SKIN,
         "skin/found": Source.SKIN,
         "bandwidth/walk": Source.BANDWIDTH,
     }
