@@ -19,13 +19,14 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
-from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
+from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 KNEE = isolated_parameters("knee_r")
 PART = ("thigh_r", "shank_r")
@@ -69,7 +70,7 @@ def test_from_absolute_zero_gait_is_found() -> None:
     np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
 
 
-def test_reduced_problem_has_the_cost_gradient_and_minimum_of_the_whole() -> None:
+def test_reduced_problem_has_the_cost_and_minimum_of_the_whole() -> None:
     """Nodes and parameters in one dense least-squares problem, by SciPy."""
     problem, truth = knee_trial(3, noise=0.004, frames=40)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
@@ -86,11 +87,66 @@ def test_reduced_problem_has_the_cost_gradient_and_minimum_of_the_whole() -> Non
     assert found.state.cost == pytest.approx(2 * dense.cost, rel=1e-8)
     np.testing.assert_allclose(found.values, dense.x[nodes.size :], atol=2e-5)
 
-    reduced = ReducedProblem([problem], start, KNEE, [nodes], DescentSettings(gain=1e-14))
-    p = values(start, KNEE)
+
+def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]) -> TrialProblem:
+    """A trial of the knee, with columns on the markers of some segments."""
+    problem, _ = knee_trial(seed, noise=0.004, frames=30)
+    rng, local = np.random.default_rng(seed), problem.data.local
+    return replace(
+        problem,
+        tissue=SoftTissue(
+            tuple(
+                SegmentTissue(
+                    segment=s,
+                    carrier=problem.chain.segments[s],
+                    markers=markers,
+                    pattern=together(local[markers] - local[markers].mean(axis=0)),
+                    names=names,
+                    regressors=rng.normal(size=(len(names), 30)),
+                )
+                for s, markers in problem.data.placed.groups
+                if problem.chain.segments[s] in segments
+            )
+        ),
+    )
+
+
+def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue() -> None:
+    """Two trials that count differently and share some columns of soft tissue, against all their rows: cost, gradient
+    and Gauss-Newton matrix with the motions eliminated.
+    """
+    trials = [soft_knee_trial(3, ("gait/a", "gait/b"), PART), soft_knee_trial(4, ("gait/b",), PART[1:])]
+    keys, shares, rng, start = trials[0].unknowns, (4.0, 0.5), np.random.default_rng(5), published_subject()
+    assert set(trials[1].unknowns) < set(keys)
+    size = len(KNEE) + len(keys)
+    rows, centre = rng.normal(0, 0.2, (size, size)), rng.normal(0, 0.01, size)
+    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
+    settings = DescentSettings(gain=1e-14)
+    reduced = ReducedProblem(trials, start, KNEE, starts, settings, prior=rows, centre=centre, tissue=keys)
+    reduced.weigh(shares)
+    p = np.concatenate([values(start, KNEE), np.zeros(len(keys))]) + rng.normal(0, 0.005, size)
+    state = reduced.settle(p)
     f, jacobian = reduced.residual(p), reduced.jacobian(p)
-    assert f @ f == pytest.approx(reduced.at(p).cost, rel=1e-12)
-    assert_derivative(2 * (jacobian.T @ f)[None], lambda x: np.array([reduced.at(x).cost]), p, relative=1e-5)
+
+    def residual(x: Array) -> Array:
+        out, at = [rows @ (x[:size] - centre)], size
+        for problem, share, trial in zip(trials, shares, state.trials, strict=True):
+            nodes = x[at : at + trial.nodes.size].reshape(trial.nodes.shape)
+            z = [x[len(KNEE) + keys.index(key)] for key in problem.unknowns]
+            here = problem.displaced(np.array(z))
+            gap = here.positions(nodes, here.constants(start.with_joint(KNEE, x[: len(KNEE)]))) - here.data.measured
+            out.append(np.sqrt(share) * gap.ravel())
+            at += nodes.size
+        return np.concatenate(out)
+
+    x = np.concatenate([p, *(trial.nodes.ravel() for trial in state.trials)])
+    r, slope = residual(x), central_differences(residual, x)
+    along = np.linalg.solve(slope[:, size:].T @ slope[:, size:], slope[:, size:].T @ slope[:, :size])
+    left = slope[:, :size] - slope[:, size:] @ along
+    assert f @ f == pytest.approx(r @ r, rel=1e-9)
+    matrix, pull = left.T @ left, left.T @ r
+    np.testing.assert_allclose(jacobian.T @ jacobian, matrix, rtol=0, atol=1e-6 * matrix.max())
+    np.testing.assert_allclose(jacobian.T @ f, pull, rtol=0, atol=1e-6 * np.abs(pull).max())
 
 
 def test_a_free_parameter_more_never_raises_the_cost() -> None:

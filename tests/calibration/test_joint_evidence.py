@@ -1,4 +1,4 @@
-"""Evidence of all trials: whose every error is, what each phase was fitted to, and what is said of skin."""
+"""Evidence of all trials: whose every error is, what each phase was fitted to, and what is said of soft tissue."""
 
 from __future__ import annotations
 
@@ -8,52 +8,53 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gaitcal.calibration.evidence_part import EvidenceTrial
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import calibrate_by_evidence
+from gaitcal.calibration.joint_evidence import GAIT, LEG_PARAMETERS, EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.marker_moves import source_of
-from gaitcal.calibration.skin_evidence import skin_in_words
-from gaitcal.calibration.skin_movement import SIZES, only, skin_columns
+from gaitcal.calibration.soft_tissue_artefact import beside, marker_covariance, task_regressors
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.linkage import joint_segments
+from gaitcal.model.parameters import Parameters
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
 
-MOVING = ("thigh_r", "hip_flexion_r")
-"""The one segment whose skin moves, and with what."""
 WHITE = 0.001
 """m: noise of every marker."""
 
 
-def walk_with_skin() -> tuple[TrialProblem, TrialProblem]:
-    """A whole body that moves at random, and its first posture held: markers of the thigh drift with the hip."""
-    rng = np.random.default_rng(11)
-    body, nodes = random_trial(rng, perturbed_parameters(rng, 0.0, 0.0), frames=120, nodes=10)
-    q = body.basis.evaluate(nodes)
-    angles = {MOVING[1]: q[:, body.chain.coordinates.index(MOVING[1])] - q[0, body.chain.coordinates.index(MOVING[1])]}
-    sliding = only(skin_columns(body, angles), body.chain.segments, {MOVING: 1.0})
-    assert sliding is not None
-    drifting = replace(body, tissue=sliding).displaced(rng.normal(0, 2.0 * SIZES["thigh"].own, 12))
+def soft_walk(seed: int, name: str, softness: float) -> TrialProblem:
+    """A whole body that moves at random, on markers of `softness` times the soft tissue that people have."""
+    rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
-    seen = drifting.positions(nodes, drifting.constants(parameters))
-    still = body.with_measured(np.repeat(body.data.measured[:, :, :1], 120, axis=2))
-    walk = body.with_measured(seen + rng.normal(0, WHITE, seen.shape))
-    return replace(walk, name="nominal"), replace(still, name="static")
+    body, nodes = random_trial(rng, parameters, frames=120, nodes=10)
+    (psi,) = task_regressors([dict(zip(body.chain.coordinates, body.basis.evaluate(nodes).T, strict=True))])
+    shift = np.zeros(body.data.measured.shape)
+    for s, markers in body.data.placed.groups:
+        for angle in beside(segment := body.chain.segments[s]):
+            covariance = softness**2 * marker_covariance(segment, body.data.local[markers])
+            moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
+            shift[markers] += moved.reshape(-1, 3, 1) * psi[angle]
+    seen = body.shifted(shift).positions(nodes, body.constants(parameters))
+    return replace(body.with_measured(seen + rng.normal(0, WHITE, seen.shape)), name=name)
 
 
 @cache
-def calibrated() -> JointCalibration:
+def calibrated(softness: float) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
-    walk, still = walk_with_skin()
-    nominal = perturbed_parameters(np.random.default_rng(12), 0.005, 0.03)
-    return calibrate_by_evidence([EvidenceTrial(walk, walk, None)], nominal, still, JointSettings(), ("r", "l"))
+    walk = soft_walk(11, "nominal", softness)
+    return calibrate_by_evidence([EvidenceTrial(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
+
+
+def nominal() -> Parameters:
+    return perturbed_parameters(np.random.default_rng(12), 0.005, 0.03)
 
 
 def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
-    found = calibrated()
+    found = calibrated(1.0)
     by_source: dict[Source, set[str]] = {}
     for name in found.influence.clusters:
         by_source.setdefault(source_of(name), set()).add(name)
@@ -68,23 +69,36 @@ def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
 
 
 def test_phases_name_the_recordings_and_tell_their_noise() -> None:
-    legs, upper = calibrated().phases
+    legs, upper = calibrated(0.0).phases
     assert legs.trials == upper.trials == ("nominal",)
-    assert set(upper.noise) == {"nominal"}
-    assert "nominal" in legs.noise and all(name.split(", ")[0] == "nominal" for name in legs.noise)
+    assert set(legs.noise) == set(upper.noise) == {"nominal"}
     # white noise, whose tail of correlation at 100 Hz is floored at 0.25 s of the cameras' own
     assert upper.noise["nominal"] == pytest.approx(WHITE, rel=0.5)
 
 
-def test_skin_that_was_found_is_said_and_none_is_not() -> None:
-    found = calibrated()
-    assert {segment for segment, _ in found.skin} == {MOVING[0]}
-    (said,) = found.notes
-    assert "thigh_r" in said and "%" in said
-    assert set(found.tissue) == {"nominal"}
-    assert skin_in_words({}) == ()
-    (said,) = skin_in_words({("thigh_r", "a"): 0.1, ("thigh_r", "b"): 0.5, ("shank_l", "a"): 0.2})
-    assert "thigh_r by 10 to 50 %, shank_l by 20 %" in said
+def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_error_of_theirs() -> None:
+    """Every kind of task with columns of its own; an isolated trial's on the segments of its joint alone."""
+    walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
+    segments = joint_segments("knee_r")
+    trials = [EvidenceTrial(knee, knee.part(segments[0], segments), "knee_r"), EvidenceTrial(walk, walk, None)]
+    found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
+    assert set(found.tissue) == {"walk", "bends"}
+    assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)
+    assert {key.split("/")[0] for key in found.tissue["walk"].keys} == {GAIT}
+    assert {key.split("/")[0] for key in found.tissue["bends"].keys} == {"knee_r"}
+    errors = found.influence
+    assert {*found.tissue["walk"].keys, *found.tissue["bends"].keys} == set(errors.free) - set(JP_NAMES)
+    column = errors.parameters[:, errors.clusters.index("skin/found")]
+    joints = np.array([name in JP_NAMES for name in errors.free])
+    assert not column[joints].any() and column[~joints].all()
+    said = found.notes[-1]
+    assert "knee_r 0." in said and GAIT in said
+    assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.free) - len(JP_NAMES)
+
+
+def test_soft_markers_are_said_to_be_soft_and_stiff_ones_stiff() -> None:
+    stiff, soft = (float(calibrated(s).notes[-1].split(f"{GAIT} ")[1].split()[0].strip(";,")) for s in (0.0, 1.0))
+    assert stiff < 0.2 < 0.5 < soft < 2.0
 
 
 def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
@@ -97,35 +111,3 @@ def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
     *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
     assert body.severity is Severity.ERROR and "does not show the body" in body.cause
     assert [f.severity for f in arms] == [Severity.INFO]
-
-
-def walk_with_a_knee_that_rolls() -> tuple[TrialProblem, TrialProblem]:
-    """What the right knee carries moves 60 mm forward for every rad that it bends; all else is as the model has it."""
-    rng = np.random.default_rng(21)
-    body, nodes = random_trial(rng, perturbed_parameters(rng, 0.0, 0.0), frames=120, nodes=10)
-    knee = body.basis.evaluate(nodes)[:, body.chain.coordinates.index("knee_angle_r")]
-    beyond = np.array([body.chain.segments[s] in ("shank_r", "talus_r", "foot_r") for s in body.data.segment])
-    rolled = body.data.measured + rng.normal(0, 0.2 * WHITE, body.data.measured.shape)
-    rolled[beyond, 0] += 0.06 * (knee - knee.mean())
-    still = body.with_measured(np.repeat(body.data.measured[:, :, :1], 120, axis=2))
-    return replace(body.with_measured(rolled), name="walk"), replace(still, name="static")
-
-
-def test_joints_that_are_quiet_by_themselves_are_not_pushed_by_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    walk, still = walk_with_a_knee_that_rolls()
-    truth = perturbed_parameters(np.random.default_rng(21), 0.0, 0.0)
-    nominal = perturbed_parameters(np.random.default_rng(22), 0.01, 0.03)
-    trials = [EvidenceTrial(walk, walk, None)]
-    quiet = calibrate_by_evidence(trials, nominal, still, JointSettings(), ("r", "l"))
-    monkeypatch.setattr("gaitcal.calibration.leg_evidence.QUIET", 0.0)
-    pushed = calibrate_by_evidence(trials, nominal, still, JointSettings(), ("r", "l"))
-    alone = {name.removeprefix("walk, ").removesuffix(" alone") for name in quiet.phases[0].noise} - {"walk"}
-    assert {"hip_l", "knee_l", "ankle_l"} <= alone
-    assert "knee_r" not in alone
-    assert quiet.phases[0].trials == ("walk",), "a joint of a walk is not another recording"
-    assert set(pushed.phases[0].noise) == {"walk"}
-    left = [k for k, name in enumerate(JP_NAMES) if name.split(".")[0] in ("hip_l", "knee_l")]
-    error, without = (np.abs(c.parameters.joint - truth.joint)[left].max() for c in (quiet, pushed))
-    assert error < 0.7 * without
-    bars, wider = ([c.influence.standard_errors[JP_NAMES[k]] for k in left] for c in (quiet, pushed))
-    assert np.mean(bars) < 0.5 * np.mean(wider)

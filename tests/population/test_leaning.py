@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.cli import app
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.fingerprint import fingerprint
@@ -35,7 +35,7 @@ from gaitcal.results.sessions import load_session
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from tests.calibration.test_joint_estimate import HIP, hip_trial
+from tests.calibration.test_joint_estimate import HIP, gait, hip_trial
 from tests.derivatives import perturbed_parameters
 from tests.synthetic_studies import write_synthetic_study
 
@@ -60,9 +60,9 @@ def prior(mean: np.ndarray, covariance: np.ndarray) -> JointPrior:
 def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     problem, _ = hip_trial(1)
     nominal = perturbed_parameters(np.random.default_rng(2))
-    default = prior(np.zeros(len(HIP)), np.diag(prior_deviations(HIP) ** 2))
+    default = prior(*prior_of(HIP, None))
     (plain, errors), (same, as_learnt) = (
-        estimate_joints([problem], nominal, HIP, learnt=learnt) for learnt in (None, default)
+        estimate_joints(gait(problem), nominal, HIP, learnt=learnt) for learnt in (None, default)
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
     np.testing.assert_allclose(as_learnt.covariance, errors.covariance, rtol=1e-6, atol=1e-15)
@@ -77,7 +77,7 @@ def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(0.0, 0.001, (len(HIP), len(HIP)))
     learnt = prior(off, root @ root.T + 1e-8 * np.eye(len(HIP)))
-    estimate, errors = estimate_joints([still], nominal, HIP, learnt=learnt)
+    estimate, errors = estimate_joints(gait(still), nominal, HIP, learnt=learnt)
     np.testing.assert_allclose(estimate.values, truth, atol=2e-4)
     assert (np.diag(learnt.covariance) - np.diag(errors.covariance) > -1e-12).all()
 
