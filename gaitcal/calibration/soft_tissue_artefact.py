@@ -218,9 +218,8 @@ def soft_tissue_scale(trials: Sequence[TrialProblem]) -> SoftTissueScale:
                 segment, labels = group.carrier, problem.labels[group.markers]
                 root = np.linalg.cholesky(marker_covariance(segment, problem.data.local[group.markers]))
                 every = np.kron(np.eye(len(group.names)), root)
-                names = [name.split("/")[-1] for name in group.names]
                 found.setdefault((segment, labels), _Deformation()).add(
-                    names, every.T @ information @ every, every.T @ right
+                    group.names, every.T @ information @ every, every.T @ right
                 )
     plain, bent = [], []
     for seen in found.values():
