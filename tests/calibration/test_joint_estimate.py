@@ -105,7 +105,7 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     count = len(estimate.values)
     dense = np.linalg.inv(slope.T @ slope)[:count, :count]
     unit = np.sqrt(np.diag(dense))
-    assert np.abs(step[:count] / unit).max() < 1e-3
+    assert np.abs(step[:count] / unit).max() < 0.01
     np.testing.assert_allclose(errors.covariance / np.outer(unit, unit), dense / np.outer(unit, unit), atol=1e-4)
     expected = {f"nominal/{name}" for name in HIP} | {f"skin/{key}" for key in prior.keys}
     assert {c for c in errors.clusters if not c.startswith("markers/random/")} == expected
@@ -190,24 +190,24 @@ def test_directions_that_the_prior_holds_say_nothing_of_repeated_errors() -> Non
     assert _independent_share(drawn[0], alike, 1e3 * precision) == 1.0, "where nothing is determined"
 
 
-def test_one_trial_told_twice_counts_as_one() -> None:
+def test_one_trial_told_three_times_counts_as_one() -> None:
     problem, _ = hip_trial(13)
     rng = np.random.default_rng(14)
-    noisy = problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
-    other = problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
-    wrong = perturbed_parameters(np.random.default_rng(15), 0.01, 0.0)
-    (one, bars), (twice, same), (two, smaller) = (
-        estimate_joints(gait(*(replace(t, name=f"walk {k}") for k, t in enumerate(trials))), wrong, HIP)
-        for trials in ((noisy,), (noisy, noisy), (noisy, other))
+    noisy, second, third = (
+        problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
+        for _ in range(3)
     )
-    assert twice.repeated == {"gait": pytest.approx(2.0, abs=1e-3)}
-    assert one.repeated == {} and 1.0 <= two.repeated["gait"] < 1.8
-    np.testing.assert_allclose(twice.values, one.values, atol=1e-4)
-    for name in HIP:
-        assert same.standard_errors[name] == pytest.approx(
-            bars.standard_errors[name], rel=0.1
-        )  # twice the samples for as many parameters
-    assert np.mean([smaller.standard_errors[n] / bars.standard_errors[n] for n in HIP]) < 0.95
+    wrong = perturbed_parameters(np.random.default_rng(15), 0.01, 0.0)
+    (one, bars), (thrice, same), (three, smaller) = (
+        estimate_joints(gait(*(replace(t, name=f"walk {k}") for k, t in enumerate(trials))), wrong, HIP)
+        for trials in ((noisy,), (noisy,) * 3, (noisy, second, third))
+    )
+    assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
+    assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
+    np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)
+    for name in HIP:  # three times the samples for as many parameters: a smaller noise
+        assert same.standard_errors[name] == pytest.approx(bars.standard_errors[name], rel=0.15)
+    assert np.mean([smaller.standard_errors[n] / bars.standard_errors[n] for n in HIP]) < 0.9
 
 
 # ------------------------------------------------------------------------------------------------------ soft tissue

@@ -91,8 +91,6 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     column = errors.parameters[:, errors.clusters.index("skin/found")]
     joints = np.array([name in JP_NAMES for name in errors.free])
     assert not column[joints].any() and column[~joints].all()
-    said = found.notes[-1]
-    assert "knee_r 0." in said and GAIT in said
     assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.free) - len(JP_NAMES)
 
 
