@@ -34,6 +34,7 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.soft_tissue import together
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 HIP = isolated_parameters("hip_r")
@@ -86,9 +87,10 @@ def with_tissue(rng: np.random.Generator, frames: int) -> tuple[TrialProblem, Ti
 
 def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_minimum() -> None:
     problem, prior = with_tissue(np.random.default_rng(4), 40)
-    wrong = perturbed_parameters(np.random.default_rng(5), 0.005, 0.0)
-    estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior)
-    mean, covariance = prior_of(HIP, None)
+    rng, wrong = np.random.default_rng(5), perturbed_parameters(np.random.default_rng(5), 0.005, 0.0)
+    mean, covariance = rng.normal(0, 0.002, 6), 1e-6 * np.cov(rng.normal(size=(6, 30)))
+    learnt = JointPrior(names=HIP, mean=mean, covariance=covariance, file="p", people=9, left_out=0, notes=())
+    estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior, learnt=learnt)
     centre = wrong.joint[[JP_INDEX[n] for n in HIP]] + mean
     whiten_p, whiten_z = (np.linalg.inv(np.linalg.cholesky(c)) for c in (covariance, prior.covariance))
 
@@ -203,6 +205,8 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
         for trials in ((noisy,), (noisy,) * 3, (noisy, second, third))
     )
     assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
+    mixed, _ = estimate_joints([TaskTrials("hip_r", (second,)), *gait(noisy, noisy, noisy)], wrong, HIP)
+    assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, "whatever other kinds of task there are"
     assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)
     for name in HIP:  # three times the samples for as many parameters: a smaller noise

@@ -9,7 +9,6 @@ import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.far_start import step_together
-from gaitcal.calibration.open_motion import OpenMotion
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
@@ -19,7 +18,6 @@ from gaitcal.motion.arrow import SharedTrials
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
@@ -223,27 +221,3 @@ def test_a_re_fit_says_so(uphill: tuple[TrialProblem, Array]) -> None:
     problem, start = uphill
     found = refit(problem, problem.constants(published_model().parameters), start, RefitSettings())
     assert found.failure == Ending.NO_DESCENT.value
-
-
-def test_what_an_open_motion_evaluates_is_what_its_equations_hold() -> None:
-    rng = np.random.default_rng(13)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
-    opened = problem.with_free(KNEE)
-    motion = OpenMotion(opened, opened.constants(parameters), opened.values(parameters))
-    x = true.ravel() + 0.01
-    plain, linear = motion.evaluate(x), motion.linearise(x, curved=False).evaluation
-    assert plain.cost == pytest.approx(linear.cost, rel=1e-12)
-    np.testing.assert_allclose(plain.gradient, linear.gradient, atol=1e-12)
-    np.testing.assert_allclose(plain.by_parameter, linear.by_parameter, atol=1e-12)
-
-
-def test_starting_nodes_are_a_start() -> None:
-    """Tracking from rigid fits ends at the truth where there is no noise."""
-    rng = np.random.default_rng(14)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
-    constants = problem.constants(parameters)
-    found = track_nodes(problem, constants, starting_nodes(problem.chain, constants, problem.data, problem.basis))
-    assert found.converged
-    np.testing.assert_allclose(found.nodes, true, atol=1e-9)
