@@ -46,7 +46,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
-BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-9)
+BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-7)
 """Costs are in units of the noise already."""
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
