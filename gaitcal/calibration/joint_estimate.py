@@ -35,6 +35,7 @@ from gaitcal.motion.arrow import ArrowEquations, ArrowFactor, SharedPrior, Share
 from gaitcal.motion.descent import DescentSettings, descend
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.undetermined import joints_left_open
 from gaitcal.study.joint_prior import JointPrior
 
 WITH_SKIN = DescentSettings(gain=1e-6, keep_within=0.0, goes_further=True, most_steps=60)
@@ -155,7 +156,9 @@ class _MarkersAndPriors(SharedTrials):
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows."""
+    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows, and
+    its markers determine the joint's angles.
+    """
     passed = set()
     for problem in problems:
         opened = problem.with_free(tuple(wanted))
@@ -164,7 +167,8 @@ def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[st
         count = len(opened.chain.coordinates)
         beyond = opened.chain.support[count:] * shown
         before = (1.0 - opened.chain.support[count:]) * shown
-        passed |= {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
+        found = {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
+        passed |= {name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)}
     return tuple(name for name in wanted if name in passed)
 
 
