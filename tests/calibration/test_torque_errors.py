@@ -183,6 +183,8 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
         "skin/knee_angle_r/R.Knee/x": Source.SKIN,
         "skin/found": Source.SKIN,
         "bandwidth/walk": Source.BANDWIDTH,
+        "posture/walk/12": Source.POSTURE,
+        "posture/R.Knee/x": Source.JOINT_MARKERS,
     }
     assert {name: source_of(name) for name in cases} == cases
 
