@@ -80,34 +80,38 @@ def hip_figures(fits: Sequence[Fit]) -> dict[str, float]:
     return out
 
 
-def halves(settings: Mapping[str, object], name: str = "uf3") -> dict[str, tuple[Fit, Fit]]:
-    """A person's isolated trials alone and gait alone, as told and with hips that no prior holds."""
+def halves(name: str, settings: Mapping[str, object]) -> dict[str, tuple[Fit, Fit]]:
+    """Isolated trials alone and gait alone, as told and with hips that no prior holds; empty without both."""
     study = changed(study_of_person(name), settings)
     parts = [only(study, role) for role in ("joint", "gait")]
-    out = {}
-    for words, of in (("default", parts), ("no hip prior", [wide_hips(p, WIDE_MM) for p in parts])):
-        one, other = (fitted(name, part) for part in of)
-        out[words] = one, other
-    return out
+    if not all(part.moving for part in parts):
+        return {}
+    cases = {"as told": parts, "no hip prior": [wide_hips(part, WIDE_MM) for part in parts]}
+    return {words: (fitted(name, of[0]), fitted(name, of[1])) for words, of in cases.items()}
 
 
 def gap_scores(one: Fit, other: Fit) -> tuple[Array, Array]:
     """(4, 3) mm: second less first of right and left hip in pelvis and thigh; (4, 3) in standard errors."""
     gaps, errors = [], []
     for side in SIDES:
-        gaps.append(1e3 * (other.leg(side, other.parameters.joint) - one.leg(side, one.parameters.joint))[BOTH])
+        gaps.append(1e3 * (other.moved(side) - one.moved(side))[BOTH])
         errors.append(1e3 * np.hypot(one.leg_errors(side), other.leg_errors(side))[BOTH])
     gap = np.array(gaps).reshape(-1, 3)
     return gap, gap / np.array(errors).reshape(-1, 3)
 
 
-def half_lines(found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]:
+def largest_score(one: Fit, other: Fit) -> float:
+    """Of all coordinates of the hips that trials of both kinds tell."""
+    return float(np.nanmax(np.abs(gap_scores(one, other)[1])))
+
+
+def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]:
     """How far gait's hips lie from those of isolated trials."""
     for words, (one, other) in found.items():
         gaps, scores = gap_scores(one, other)
-        yield f"uf3, gait less isolated trials, {words}: mm (standard errors)"
+        yield f"{name}, gait less isolated trials, {words}: mm (standard errors)"
         places = [f"hip_{side} in {segment}" for side in SIDES for segment in ("pelvis", "thigh")]
         for place, gap, score in zip(places, gaps, scores, strict=True):
             told = "".join(f"{g:8.1f} ({z:+.1f})" for g, z in zip(gap, score, strict=True))
             yield f"  {place:18}{np.linalg.norm(gap):7.1f}  {told}"
-        yield f"  largest z {np.nanmax(np.abs(scores)):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"
+        yield f"  largest z {largest_score(one, other):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"

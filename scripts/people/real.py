@@ -9,10 +9,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from clinics.folders import CLINICS, Clinic
+from attacks.bases import recorded
+from clinics.folders import CLINICS
 
 from gaitcal import Study, SubjectModel
 from gaitcal.arrays import Array
+from gaitcal.calibration.influence import Influence
 from gaitcal.commands.console import Talk
 from gaitcal.commands.init import options_of, study_or_draft
 from gaitcal.intake.draft_text import study_of
@@ -25,20 +27,25 @@ from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 
-_MORE = (
-    Clinic(
-        "one_frame",
-        tuple(f"more_labs/one_frame_static/{file}.c3d" for file in ("static", "walk")),
-        ("--mass", "67", "--height", "1.655", "--sex", "male"),
+_MARKER_SETS = Path(__file__).parent / "marker_sets"
+_LABS = "more_labs"
+OTHERS = {
+    "one_frame": recorded(
+        (67.0, 1.655, "male"),
+        str(_MARKER_SETS / "one_frame.toml"),
+        (f"{_LABS}/one_frame_static/walk.c3d", None),
+        f"{_LABS}/one_frame_static/static.c3d",
     ),
-    Clinic(
-        "mt_feet",
-        tuple(f"more_labs/mt_feet/{file}" for file in ("static.trc", "walk.trc", "walk_grf.mot")),
-        ("--mass", "65", "--height", "1.65", "--sex", "female"),  # nobody tells them: by force plates and markers
+    "mt_feet": recorded(
+        (68.0, 1.65, "female"),  # nobody tells them: by force plates and markers
+        str(_MARKER_SETS / "mt_feet.toml"),
+        (f"{_LABS}/mt_feet/walk.trc", f"{_LABS}/mt_feet/walk_grf.mot"),
+        f"{_LABS}/mt_feet/static.trc",
     ),
-)
-PEOPLE = {c.name: c for c in (*CLINICS.values(), *_MORE) if c.name != "multi2"}
-"""Name -> folder; `multi2` is `multi` again."""
+}
+"""People whose folders no study follows from."""
+PEOPLE = (*(name for name in CLINICS if name != "multi2"), *OTHERS)
+"""`multi2` is `multi` again."""
 CHILDREN = ("HC002D", "HC030A", "HC031A", "HC032A")
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""
@@ -58,6 +65,7 @@ class Fit:
     parameters: Parameters
     errors: Array
     """(98,) m, rad: standard errors; NaN of what is not fitted."""
+    influence: Influence
 
     def leg(self, side: str, values: Array) -> Array:
         """(27,) of a (98,) array, as of a right leg, in the order of `LEG`."""
@@ -87,18 +95,28 @@ class Fit:
         return nominal, fitted, float(np.hypot(self.errors[at[0][2]], self.errors[at[1][2]]))
 
 
+@lru_cache(maxsize=1)
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    """Where copies of recordings lie as long as the process does: curves are read from them again."""
+    return tempfile.TemporaryDirectory()
+
+
 @lru_cache(maxsize=32)
 def study_of_person(name: str) -> Study:
-    """All recordings of a person, drafted from the bare folder."""
-    person, talk = PEOPLE[name], Talk(quiet=True, verbose=False)
-    told = dict(zip(person.options[::2], person.options[1::2], strict=True)) | dict(
-        zip(person.facts[::2], person.facts[1::2], strict=True)
-    )
+    """All recordings of a person, drafted from the bare folder; or the study file of that path."""
+    if name not in PEOPLE:
+        return Study.load(name)
+    folder = Path(_folder().name) / name
+    folder.mkdir()
+    if name in OTHERS:
+        return Study.load(OTHERS[name](folder))
+    person = CLINICS[name]
+    words = (*person.options, *person.facts)
+    told = dict(zip(words[::2], words[1::2], strict=True))
+    person.copy(folder)
     options = options_of(float(told["--mass"]), float(told["--height"]), told.get("--sex"), None)
-    with tempfile.TemporaryDirectory() as folder:
-        person.copy(Path(folder))
-        draft = study_or_draft(Path(folder), options, talk)
-        return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
+    draft = study_or_draft(folder, options, Talk(quiet=True, verbose=False))
+    return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
 
 
 def changed(study: Study, settings: Mapping[str, object]) -> Study:
@@ -131,4 +149,10 @@ def fitted(name: str, study: Study) -> Fit:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
     known = stage.joint.influence.standard_errors
     errors = np.array([known.get(jp, np.nan) for jp in JP_NAMES])
-    return Fit(name=name, nominal=nominal, parameters=stage.parameters, errors=np.where(errors > 0, errors, np.nan))
+    return Fit(
+        name=name,
+        nominal=nominal,
+        parameters=stage.parameters,
+        errors=np.where(errors > 0, errors, np.nan),
+        influence=stage.joint.influence,
+    )

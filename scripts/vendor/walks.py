@@ -19,8 +19,10 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.person.prepare import measured_reactions, prepare_trial
+from gaitcal.person.result import Calibration, Stage
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import StudyTrial
 from vendor.curves import Quantity, vendor_curves
 
 LABS = {
@@ -92,8 +94,6 @@ def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
     prepared = prepare_trial(chosen, model, study.settings)
     motion = tracked_motion(prepared.body, model.parameters)
     reactions = measured_reactions(prepared, model, model.parameters, motion, study.settings)
-    theirs = vendor_curves(chosen.recording.source)
-    theirs = {key: curve for key, curve in theirs.items() if len(curve) == len(motion.time)}
     return Walk(
         name=name,
         mass=model.subject.mass,
@@ -101,9 +101,32 @@ def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
         moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
         kinetics=kinetics_of(model.parameters, motion, reactions.wrench),
         reactions=reactions,
-        theirs=theirs,
+        theirs=_theirs(chosen, len(motion.time)),
         events=prepared.recording.events,
     )
+
+
+def calibrated_walk(calibration: Calibration, trial: str, stage: Stage) -> Walk | None:
+    """A trial of a calibration, its moments with the model of that stage; None without forces, or without moments."""
+    found = calibration.trial(trial)
+    if found.loads is None or found.loads.kinetics is None or stage not in found.loads.moments:
+        return None
+    recorded = next(t for t in calibration.study.trials if t.name == trial)
+    return Walk(
+        name=f"{calibration.study.subject.name} {trial}",
+        mass=calibration.model.subject.mass,
+        motion=found.body,
+        moments=found.loads.moments[stage],
+        kinetics=found.loads.kinetics,
+        reactions=found.loads.reactions,
+        theirs=_theirs(recorded, len(found.body.time)),
+        events=found.recording.events,
+    )
+
+
+def _theirs(trial: StudyTrial, frames: int) -> dict[str, Array]:
+    curves = vendor_curves(trial.recording.source)
+    return {key: curve for key, curve in curves.items() if len(curve) == frames}
 
 
 def walks_of(lab: str) -> tuple[Walk, ...]:
