@@ -67,7 +67,9 @@ def halves_part(chosen: argparse.Namespace) -> Figures:
     for name in chosen.only:
         found = hips.halves(name, chosen.settings)
         say(*hips.half_lines(name, found))
-        out |= {f"{name}, {words}: largest z": hips.largest_score(*pair) for words, pair in found.items()}
+        for case, pair in found.items():
+            out[f"{name}, {case}: largest z"] = hips.largest_score(*pair)
+            out[f"{name}, {case}: farthest, mm"] = hips.farthest(*pair)
     return out
 
 

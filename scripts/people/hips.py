@@ -105,6 +105,11 @@ def largest_score(one: Fit, other: Fit) -> float:
     return float(np.nanmax(np.abs(gap_scores(one, other)[1])))
 
 
+def farthest(one: Fit, other: Fit) -> float:
+    """Largest distance of the hips of two fits, mm."""
+    return float(np.nanmax(np.linalg.norm(gap_scores(one, other)[0], axis=1)))
+
+
 def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]:
     """How far gait's hips lie from those of isolated trials."""
     for words, (one, other) in found.items():
