@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
 from vendor.agreement import agreement, unit_of_walks
 from vendor.curves import QUANTITIES
-from vendor.walks import Walk, calibrated_walk
+from vendor.walks import LABS, Walk, calibrated_walk
 
 import gaitcal
 from gaitcal import Calibration
 from gaitcal.person.result import Stage
-from people.real import CHILDREN, changed, study_of_person
+from people.real import changed, study_of_person
 
 STAGES = {"nominal": Stage.NOMINAL, "hips": Stage.JP, "final": Stage.JP_IP}
 """Column -> model."""
@@ -53,7 +53,8 @@ def fit_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) 
 
 def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
     """RMS difference of moments (N·m/kg) to the vendor's in stance, with the models of each stage."""
-    for lab, members in laboratories(people).items():
+    for lab, of_lab in LABS.items():
+        members = [person for person in of_lab if person in people]
         walks = {words: list(_walks(members, settings, stage)) for words, stage in STAGES.items()}
         if not all(walks.values()):
             continue
@@ -64,16 +65,6 @@ def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float
             told = "".join(f"{a.rms['leg']:8.3f}" for a in found.values())
             yield f"  {quantity.words:24}{told}{found['final'].frames['leg']:8}"
             out |= {f"{lab} {quantity.words}, {words}": a.rms["leg"] for words, a in found.items()}
-
-
-def laboratories(people: Sequence[str]) -> Mapping[str, list[str]]:
-    """Laboratory -> its people with the vendor's moments."""
-    named = {person: "children" if person in CHILDREN else person for person in people}
-    out: dict[str, list[str]] = {}
-    for person, lab in named.items():
-        if lab in ("children", "kad", "multi", "pig"):
-            out.setdefault(lab, []).append(person)
-    return out
 
 
 def _walks(people: Sequence[str], settings: Settings, stage: Stage) -> Iterator[Walk]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from attacks.bases import EVERY, WALK
+from people.real import CHILDREN, study_of_person
 
 from gaitcal import Study
 from gaitcal.arrays import Array, BoolArray
@@ -25,17 +25,8 @@ from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import StudyTrial
 from vendor.curves import Quantity, vendor_curves
 
-LABS = {
-    "kad": ("kad",),
-    "multi": ("multi", *(f"multi walk{k:02d}" for k in (4, 5, 6, 7))),
-    "children": (
-        "child",
-        "child HC002D turn",
-        *(f"child {child} {walk}" for child in ("HC030A", "HC031A", "HC032A") for walk in ("straight", "turn")),
-    ),
-    "pig": ("pig",),
-}
-"""Laboratory -> its walks, by the names of `attacks/bases.py`."""
+LABS = {"kad": ("kad",), "multi": ("multi",), "children": CHILDREN, "pig": ("pig",)}
+"""Laboratory -> its people."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +78,7 @@ class Walk:
         return np.asarray((time >= begin) & (time <= end))
 
 
-def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
+def walk_of(study: Study, name: str, trial: str) -> Walk:
     """A gait trial of a study through its nominal model."""
     model = nominal_of(study)
     chosen = next(t for t in study.trials if t.name == trial)
@@ -131,4 +122,5 @@ def _theirs(trial: StudyTrial, frames: int) -> dict[str, Array]:
 
 def walks_of(lab: str) -> tuple[Walk, ...]:
     """The walks of a laboratory."""
-    return tuple(walk_of(EVERY[name].study, name) for name in LABS[lab])
+    studies = {person: study_of_person(person) for person in LABS[lab]}
+    return tuple(walk_of(study, f"{person} {walk}", walk) for person, study in studies.items() for walk in study.walks)
