@@ -58,7 +58,7 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
             raise SystemExit(f"part {part} needs the environment variable GAITCAL_DATA with opensim_truth in it")
         for person in chosen.people:
             if part == "isolated":
-                _made(person, data, chosen.cache)
+                made(person, data, chosen.cache)
             for kind in chosen.kinds or KINDS[part]:
                 skin = SKIN_MM if part == "isolated" or kind in OF_PEOPLE else GAIT_SKIN_MM
                 size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
@@ -69,13 +69,6 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
                     else:
                         out.append(partial(isolated.run, *common, chosen.cache, chosen.with_gait))
     return out
-
-
-def _made(person: str, data: Path, cache: Path) -> None:
-    try:
-        made(person, data, cache)
-    except ImportError as missing:
-        raise SystemExit("part isolated needs OpenSim (extra `peers`), or a --cache with its trials") from missing
 
 
 def words(allowed: tuple[str, ...] | None) -> Callable[[str], list[str]]:

@@ -5,12 +5,13 @@ Made people and real ones, men, women and a child, with and without medial marke
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+
+from clinics.folders import data
 
 from gaitcal import Recording, Study, synthesize
 from gaitcal.study.settings import CalibrationSettings
@@ -42,14 +43,6 @@ def loaded(name: str) -> Study:
     base = EVERY[name]
     with tempfile.TemporaryDirectory() as folder:
         return Study.load(base.make(Path(folder)))
-
-
-def data() -> Path:
-    """The folder of real recordings; SystemExit where the environment does not name it."""
-    named = os.environ.get("GAITCAL_DATA")
-    if not named:
-        raise SystemExit("real recordings are needed: set the environment variable GAITCAL_DATA to their folder")
-    return Path(named).resolve()
 
 
 def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ...] = ()) -> Callable[[Path], Path]:

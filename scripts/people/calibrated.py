@@ -52,18 +52,18 @@ def fit_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) 
 
 
 def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
-    """RMS difference of moments (N·m/kg) to the vendor's in stance, with the models of each stage."""
+    """RMS difference of moments (N·m/kg) to the vendor's, with the models of each stage: in stance; in swing too."""
     for lab, of_lab in LABS.items():
         members = [person for person in of_lab if person in people]
         walks = {words: list(_walks(members, settings, stage)) for words, stage in STAGES.items()}
         if not all(walks.values()):
             continue
         unit = unit_of_walks(walks["nominal"])
-        yield f"{lab}: moments less the vendor's, N·m/kg RMS: {', '.join(STAGES)}; frames"
+        yield f"{lab}: moments less the vendor's, N·m/kg RMS: {', '.join(STAGES)} in stance; the same, swing too"
         for quantity in (q for q in QUANTITIES if q.is_moment):
             found = {words: agreement(quantity, of, unit) for words, of in walks.items()}
-            told = "".join(f"{a.rms['leg']:8.3f}" for a in found.values())
-            yield f"  {quantity.words:24}{told}{found['final'].frames['leg']:8}"
+            columns = ["".join(f"{a.rms[f]:8.3f}" for a in found.values()) for f in ("leg", "swing too")]
+            yield f"  {quantity.words:24}{'   '.join(columns)}"
             out |= {f"{lab} {quantity.words}, {words}": a.rms["leg"] for words, a in found.items()}
 
 

@@ -23,7 +23,7 @@ class Agreement:
     """The vendor's is multiplied by it."""
     correlation: float
     rms: dict[str, float]
-    """`raw` and `even` (without offset) of an angle; `whole`, `leg` and `new` of a moment or power: by which frames."""
+    """`raw` and `even` (without offset) of an angle; `whole`, `leg`, `new`, `swing too` of a moment or power."""
     frames: dict[str, int]
     """Of each."""
 
@@ -73,4 +73,5 @@ def _frames(quantity: Quantity, walk: Walk, foot: int) -> dict[str, BoolArray]:
         every = np.ones(len(reactions.valid), dtype=bool)
         return {"raw": every, "even": every}
     leg = reactions.valid_legs[:, foot] & reactions.loaded[:, foot]
-    return {"whole": leg & reactions.valid, "leg": leg, "new": leg & ~reactions.valid}
+    every = reactions.valid_legs[:, foot]
+    return {"whole": leg & reactions.valid, "leg": leg, "new": leg & ~reactions.valid, "swing too": every}
