@@ -95,14 +95,15 @@ def _told(lines: Callable[..., object]) -> Callable[[argparse.Namespace], Figure
 
 def skin_part(chosen: argparse.Namespace) -> Figures:
     """Simulated people with people's skin."""
-    found, out = [], Figures()
+    out: Figures = {}
     folder = data() / "opensim_truth"
-    for person in SIMULATED:
-        made(person, folder, chosen.cache)
-        for kind in chosen.kinds:
+    for kind in chosen.kinds:
+        found = []
+        for person in SIMULATED:
+            made(person, folder, chosen.cache)
             for seed in range(1 if kind is Kind.NONE else chosen.seeds):
                 found += simulated.hips_of(person, kind, seed, chosen.settings, folder, chosen.cache)
-    say(*simulated.lines(found, out))
+        say(*simulated.lines(found, out))
     return out
 
 

@@ -60,9 +60,9 @@ def population_lines(fits: Sequence[Fit]) -> Iterator[str]:
     for k, name in enumerate(LEG):
         cells = ""
         for column in (t[:, k][np.isfinite(t[:, k])] for t in tables):
-            few = len(column) < 2
-            spread = float("nan") if few else column.std(ddof=1)
-            cells += f"{column.mean():13.1f}{spread:6.1f}{np.sqrt(np.mean(column**2)):6.1f}" if len(column) else ""
+            spread = column.std(ddof=1) if len(column) > 1 else np.nan
+            told = f"{column.mean():.1f}{spread:6.1f}{np.sqrt(np.mean(column**2)):6.1f}" if len(column) else ""
+            cells += f"{told:>25}"
         yield f"{name:24}{cells}{np.nanmedian(errors[:, k]):7.1f}"
     cells = ", ".join(f"{name} {x:.1f}" for name, x in hip_figures(fits).items() if "RMS" in name)
     yield f"hips in pelvis, mm: {cells}"
