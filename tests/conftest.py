@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 from collections import Counter
 from pathlib import Path
 
@@ -19,9 +20,22 @@ settings.load_profile("patient")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes of `-n` take files in the order below, not those of fewest tests last."""
+    """Processes of `-n` take files in the order below, not those of fewest tests last; children hear signals."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+    _let_children_hear()
+
+
+def _let_children_hear() -> None:
+    """Programs that tests start have the usual dispositions of signals, however the tests themselves were started.
+
+    `nohup`, cron, a CI system, and a shell for what it runs in the background let Ctrl-C or SIGHUP be ignored, which
+    is inherited. A handler is not: here SIGHUP and SIGTERM stay without effect, in a new program they end it.
+    """
+    for name in ("SIGINT", "SIGHUP", "SIGTERM"):
+        number = getattr(signal, name, None)  # not every system has SIGHUP
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if name == "SIGINT" else lambda *_: None)
 
 
 @pytest.hookimpl(trylast=True)

@@ -30,7 +30,7 @@ RARELY = (200_000, 20, 20)
 def set_up() -> None:
     """Prepare the process, before any library is loaded."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
+        os.environ[name] = "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
     gc.set_threshold(*RARELY)
     # as it ends, Python else looks twice through all that libraries made, a fifth of a second
     atexit.register(gc.freeze)
