@@ -111,7 +111,7 @@ def _leave(before: tuple[int, ...]) -> None:
 
 
 def _set_threads(library: Any, number: int) -> None:
-    """Set it whichever thread did so before, which threadpoolctl 3.8.0 does not do by itself: `_entering` orders them."""
+    """Set it whichever thread did so before, which threadpoolctl 3.8 refuses by itself; `_entering` orders them."""
     let_all = getattr(library, "clear_controlling_thread", lambda **_: None)
     let_all(force=True)
     library.set_num_threads(number)

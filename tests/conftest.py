@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import signal
@@ -38,12 +39,45 @@ def _let_children_hear() -> None:
             signal.signal(number, signal.default_int_handler if name == "SIGINT" else lambda *_: None)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--skipped-in", metavar="CHECKOUT", help="only the tests that the last run in CHECKOUT skipped")
+
+
+_skipped: set[str] = set()
+"""Tests of this run that were, and files that could not be read for want of an extra."""
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note what was skipped."""
+    if report.skipped and not hasattr(report, "wasxfail"):
+        _skipped.add(report.nodeid)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Note files that were skipped."""
+    if report.skipped:
+        _skipped.add(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep it for `--skipped-in`."""
+    if not hasattr(session.config, "workerinput") and session.config.cache is not None:
+        session.config.cache.set("gaitcal/skipped", sorted(_skipped))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Among several processes, files with slow tests come first, so that none is left to one process at the end.
+    """Those that another run skipped, where they are asked for.
+
+    Among several processes, files with slow tests come first, so that none is left to one process at the end.
 
     Of the others, those with many tests come first.
     """
+    if checkout := config.getoption("--skipped-in"):
+        wanted = set(json.loads((Path(checkout) / ".pytest_cache/v/gaitcal/skipped").read_text(encoding="utf-8")))
+        left = [item for item in items if not wanted & {item.nodeid, item.nodeid.partition("::")[0]}]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in set(left)]
     if not hasattr(config, "workerinput"):
         return
     slow, count = Counter[Path](), Counter[Path]()
