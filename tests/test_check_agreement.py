@@ -15,6 +15,7 @@ EXACT_M = 1e-3
 """m: markers without noise, of which each half tells the hips."""
 
 
+@pytest.mark.slow
 def test_hips_of_a_person_without_noise_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check = script("check_agreement")
     gaps, ratios = check.main([str(write_synthetic_study(tmp_path, ("hip_r",)))])

@@ -169,6 +169,7 @@ def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path)
     assert failed["ip"].tolist() == [0]
 
 
+@pytest.mark.slow
 def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = monte_carlo(case, tmp_path, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
     assert found.plan.draws > 20

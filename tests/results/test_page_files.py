@@ -218,6 +218,7 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     assert not any(reason["cause"] == OTHER_MODEL for reason in reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [SHEET, SCENE])
 def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     result = folder / "result"

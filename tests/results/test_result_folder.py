@@ -42,6 +42,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "made"))
 
 
+@pytest.mark.slow
 def test_a_study_is_never_replaced_by_its_result(folder: Path, tmp_path: Path) -> None:
     for out in (folder / "study", folder):
         before = content(out)
@@ -105,6 +106,7 @@ def test_another_calibration_keeps_draws_and_further_trials_and_says_so(folder: 
             run("montecarlo", result, *words)
 
 
+@pytest.mark.slow
 def test_further_trials_join_those_that_are_there(folder: Path) -> None:
     result, first = folder / "result", folder / "study/walk.csv"
     for name in ("walk2", "walk3"):

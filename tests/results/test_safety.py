@@ -25,15 +25,19 @@ from gaitcal.results.page_files import read_page
 from tests.synthetic_studies import write_synthetic_study
 
 SUBJECTS = [
-    "<script>alert(1)</script>",
     "../../../etc/passwd",
     "x" * 200,
-    "Zoë 测试 \U0001f9b5",
-    '"><img src=x onerror=alert(1)>',
-    "'; DROP TABLE gait; --",
-    "{{ 7 * 7 }} {% raw %} ${x} </title></style>",
-    "[bold red]markup[/]",
-    "<!--<script> \u05d0\u05d1 --> \\u003c & ]]>",
+    " ".join(
+        [
+            "<script>alert(1)</script>",
+            "Zoë 测试 \U0001f9b5",
+            '"><img src=x onerror=alert(1)>',
+            "'; DROP TABLE gait; --",
+            "{{ 7 * 7 }} {% raw %} ${x} </title></style>",
+            "[bold red]markup[/]",
+            "<!--<script> \u05d0\u05d1 --> \\u003c & ]]>",
+        ]
+    ),
 ]
 MARKERS = {
     "R.Bicep": "<script>alert(2)</script>",
