@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
+from typer.testing import CliRunner
 
 import gaitcal as gc
+from gaitcal.cli import app
 from gaitcal.runtime import one_blas_thread, with_one_blas_thread
 from tests.synthetic_studies import write_synthetic_study
 
@@ -79,6 +81,14 @@ def test_every_numerical_function_asks_for_it() -> None:
     asking = {name for name, f in functions.items() if inspect.unwrap(f) is not f}
     assert asking == functions.keys() - NOT_NUMERICAL
     assert inspect.unwrap(gc.calibrate).__globals__["with_one_blas_thread"] is with_one_blas_thread
+
+
+def test_a_command_called_by_a_program_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[set[int]] = []
+    monkeypatch.setattr("gaitcal.commands.view.run", lambda *_, **__: seen.append(threads()))
+    with threadpool_limits(limits=2, user_api="blas"):
+        CliRunner().invoke(app, ["view", "."], catch_exceptions=False)
+    assert seen == [{1}]
 
 
 @pytest.mark.slow

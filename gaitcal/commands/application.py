@@ -3,7 +3,9 @@
 import atexit
 import gc
 import os
+import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from inspect import Signature, signature
 
 import typer
@@ -36,13 +38,23 @@ def set_up() -> None:
     atexit.register(gc.freeze)
 
 
+def _one_blas_thread() -> AbstractContextManager[None]:
+    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too late."""
+    if "numpy" not in sys.modules:
+        return nullcontext()
+    from gaitcal.runtime import one_blas_thread
+
+    return one_blas_thread()
+
+
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """Register a command. Its first parameter, `talk`, stands for the two options that end every command's list."""
 
     def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
         from gaitcal.commands.console import Talk
 
-        function(Talk(quiet=quiet, verbose=verbose), **arguments)
+        with _one_blas_thread():
+            function(Talk(quiet=quiet, verbose=verbose), **arguments)
 
     _, *of_command = signature(function).parameters.values()
     *of_all, _ = signature(run).parameters.values()
