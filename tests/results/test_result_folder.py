@@ -14,7 +14,7 @@ from gaitcal.errors import InputError
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.study.study import Study
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_result
 
 RUNNER = CliRunner()
 DRAWS = ("--vary", "jp", "--levels", 100, "--draws", 4, "--jobs", 1)
@@ -29,12 +29,9 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(kept: Path) -> Path:
     """A study and its result."""
-    folder = tmp_path_factory.mktemp("made")
-    study = write_synthetic_study(folder / "study")
-    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
-    return folder
+    return kept_result(kept)
 
 
 @pytest.fixture
