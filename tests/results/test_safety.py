@@ -162,8 +162,7 @@ def test_trial_names_that_could_be_paths_are_refused(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-@pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGINT])
-@pytest.mark.parametrize("former", [False, True])
+@pytest.mark.parametrize("kill, former", [(signal.SIGKILL, True), (signal.SIGINT, False)])
 def test_killed_while_writing_leaves_the_old_result_or_none(kill: signal.Signals, former: bool, tmp_path: Path) -> None:
     study = write_synthetic_study(tmp_path / "study")
     result = tmp_path / "result"
