@@ -30,6 +30,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import Recording, still_window
+from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 
@@ -64,6 +65,7 @@ _SEGMENT_OF = {
 }
 
 
+@with_one_blas_thread
 def nominal_model(
     static: Recording,
     marker_set: MarkerSet,
@@ -231,6 +233,7 @@ def _landmarks(
 PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
 
 
+@with_one_blas_thread
 def published_model(*, static_only: bool = False) -> SubjectModel:
     """The published nominal subject with the published markers (`models/nominal_subject.json`).
 
