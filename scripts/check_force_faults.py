@@ -1,6 +1,6 @@
 """Are faults of force plates named, with their size, and clean recordings left in peace?
 
-    python scripts/check_force_faults.py [--cases 360] [--seed N] [--people subject01,pig_c3d,...] [--track] [--verbose]
+    python scripts/check_force_faults.py [--cases 360] [--seed N] [--people subject01,pig,...] [--track] [--verbose]
 
 Single faults, drawn at random (sizes log-uniform; in one plate or all, in one trial or all of a session; centre of
 pressure or moments kept), are put into the recordings of people whose joint parameters were calibrated once; their

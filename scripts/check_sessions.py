@@ -2,8 +2,8 @@
 
     python scripts/check_sessions.py [--parts real,made-up,angles] [--people 10] [--seed 0] [--out DIR]
 
-real      every walk of the folders `children` and `labs_c3d/multi` calibrated by itself, straight against turn, walk
-          against walk: how many differences of joint parameters and curves are inside bars of 68 and 95 %
+real      every walk of `labs_c3d/multi` calibrated by itself: how many differences of curves are inside bars of 68 and
+          95 % (joint parameters of real recordings: `check_people.py --parts pairs`)
 made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10 mm, other noise;
           errors of the joint parameters of each alone and of both together (`gaitcal compare A B --shared-model`)
 angles    the angles of the same people's sessions, through result folders: inside their error bars?
@@ -41,11 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown := [part for part in parts if part not in PARTS]:
         parser.error(f"found {', '.join(unknown)}; allowed: {', '.join(PARTS)}")
     if "real" in parts:
-        data = os.environ.get("GAITCAL_DATA")
-        if not data:
-            parser.error("part real needs the environment variable GAITCAL_DATA")
         with tempfile.TemporaryDirectory() as folder:
-            for line in real.report(Path(data), chosen.out or Path(folder)):
+            for line in real.report(chosen.out or Path(folder)):
                 print(line, flush=True)
     if "made-up" in parts:
         outcomes = [made_up.outcome(seed) for seed in range(chosen.seed, chosen.seed + chosen.people)]

@@ -33,10 +33,13 @@ from truth import gait, isolated, report, synthetic, wanted  # noqa: E402
 from truth.outcome import Outcome  # noqa: E402
 from truth.people import made  # noqa: E402
 from truth.settings import changed_settings  # noqa: E402
-from truth.skin import FIVE, Kind  # noqa: E402
+from truth.skin import FIVE, OF_PEOPLE, Kind  # noqa: E402
 
 PARTS = ("gait", "isolated", "synthetic")
-KINDS = {"gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE), "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE)}
+KINDS = {
+    "gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE, Kind.PEOPLE),
+    "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE, Kind.PEOPLE),
+}
 """What is tried unless `--kinds` says otherwise."""
 WAVES_MM, GAIT_SKIN_MM, SKIN_MM = 10.0, 10.0, 15.0
 """Sizes of the published waves, and of skin movement in the parts `gait` and `isolated`."""
@@ -55,9 +58,9 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
             raise SystemExit(f"part {part} needs the environment variable GAITCAL_DATA with opensim_truth in it")
         for person in chosen.people:
             if part == "isolated":
-                _made(person, data, chosen.cache)
+                made(person, data, chosen.cache)
             for kind in chosen.kinds or KINDS[part]:
-                skin = SKIN_MM if part == "isolated" else GAIT_SKIN_MM
+                skin = SKIN_MM if part == "isolated" or kind in OF_PEOPLE else GAIT_SKIN_MM
                 size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
                 for seed in range(chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)):
                     common = (person, kind, seed, size, chosen.changes, data)
@@ -66,13 +69,6 @@ def tasks(chosen: argparse.Namespace, data: Path | None) -> list[Callable[[], Ou
                     else:
                         out.append(partial(isolated.run, *common, chosen.cache, chosen.with_gait))
     return out
-
-
-def _made(person: str, data: Path, cache: Path) -> None:
-    try:
-        made(person, data, cache)
-    except ImportError as missing:
-        raise SystemExit("part isolated needs OpenSim (extra `peers`), or a --cache with its trials") from missing
 
 
 def words(allowed: tuple[str, ...] | None) -> Callable[[str], list[str]]:

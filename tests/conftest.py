@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
+import signal
 from collections import Counter
 from pathlib import Path
 
@@ -19,17 +21,63 @@ settings.load_profile("patient")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes of `-n` take files in the order below, not those of fewest tests last."""
+    """Processes of `-n` take files in the order below, not those of fewest tests last; children hear signals."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+    _let_children_hear()
+
+
+def _let_children_hear() -> None:
+    """Programs that tests start have the usual dispositions of signals, however the tests themselves were started.
+
+    `nohup`, cron, a CI system, and a shell for what it runs in the background let Ctrl-C or SIGHUP be ignored, which
+    is inherited. A handler is not: here SIGHUP and SIGTERM stay without effect, in a new program they end it.
+    """
+    for name in ("SIGINT", "SIGHUP", "SIGTERM"):
+        number = getattr(signal, name, None)  # not every system has SIGHUP
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if name == "SIGINT" else lambda *_: None)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--skipped-in", metavar="CHECKOUT", help="only the tests that the last run in CHECKOUT skipped")
+
+
+_skipped: set[str] = set()
+"""Tests of this run that were, and files that could not be read for want of an extra."""
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note what was skipped."""
+    if report.skipped and not hasattr(report, "wasxfail"):
+        _skipped.add(report.nodeid)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Note files that were skipped."""
+    if report.skipped:
+        _skipped.add(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep it for `--skipped-in`."""
+    if not hasattr(session.config, "workerinput") and session.config.cache is not None:
+        session.config.cache.set("gaitcal/skipped", sorted(_skipped))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Among several processes, files with slow tests come first, so that none is left to one process at the end.
+    """Those that another run skipped, where they are asked for.
+
+    Among several processes, files with slow tests come first, so that none is left to one process at the end.
 
     Of the others, those with many tests come first.
     """
+    if checkout := config.getoption("--skipped-in"):
+        wanted = set(json.loads((Path(checkout) / ".pytest_cache/v/gaitcal/skipped").read_text(encoding="utf-8")))
+        left = [item for item in items if not wanted & {item.nodeid, item.nodeid.partition("::")[0]}]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in set(left)]
     if not hasattr(config, "workerinput"):
         return
     slow, count = Counter[Path](), Counter[Path]()

@@ -51,6 +51,17 @@ def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
     return Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True)) / "study.toml"
 
 
+def kept_result(kept: Path) -> Path:
+    """A folder with the `study` that `write_synthetic_study` writes, and its `result`; nobody changes it."""
+    from gaitcal import Study, calibrate, write_results
+    from tests.synthetic_studies import write_synthetic_study
+
+    def make(folder: Path) -> None:
+        write_results(calibrate(Study.load(write_synthetic_study(folder / "study"))), folder / "result")
+
+    return kept_folder(kept / "synthetic", make)
+
+
 def kept_object(folder: Path, make: Callable[[], T]) -> T:
     """What `make` returns, in a copy of one's own; `folder` holds it for this run."""
 

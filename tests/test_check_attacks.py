@@ -120,6 +120,7 @@ def test_limits_of_the_shares() -> None:
     assert not report.passed(results(named=99, crash=1))
 
 
+@pytest.mark.slow
 def test_an_attack_that_cannot_be_made_is_a_fault_of_the_corpus(tmp_path: Path) -> None:
     broken = Attack(name="x", base="synthetic", kind=Kind.WALK, change=lambda study: None, named=())  # type: ignore[arg-type,return-value]
     with pytest.raises(CorpusError, match="itself failed"):

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")
 def test_a_few_attacks(tmp_path: Path) -> None:
-    few = ("--pairs", "0", "--kills", "4", "--chunks", "6", "--files", "20", "--keep", str(tmp_path))
+    few = ("--pairs", "0", "--kills", "2", "--chunks", "6", "--files", "10", "--keep", str(tmp_path))
     command = [sys.executable, str(ROOT / "scripts/check_folders.py"), *few]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)

@@ -240,6 +240,7 @@ def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
     assert "wanted: 2 of 2 met" in "\n".join(wanted.lines(fits))
 
 
+@pytest.mark.slow
 def test_gait_of_a_simulated_person(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = tmp_path / "figures.json"
     arguments = ["--parts", "gait", "--people", "p01", "--kinds", "none", "--processes", "1", "--json", str(found)]

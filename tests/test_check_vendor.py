@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +23,7 @@ WORSE = 1.3
 @pytest.fixture
 def check(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "scripts"))
-    return SimpleNamespace(**vars(script("check_vendor")))
+    return SimpleNamespace(**vars(script("check_vendor")) | vars(import_module("vendor.curves")))
 
 
 @pytest.mark.parametrize("unit", ["N·mm/kg", "N·m/kg", "N·mm"])

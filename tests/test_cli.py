@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import io
 import json
-import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from gaitcal import cli
 from gaitcal.cli import app
 from gaitcal.study.settings import CalibrationSettings
 
@@ -53,10 +56,22 @@ FILES = (
 )
 
 
-def gaitcal(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaitcal.cli", *arguments], capture_output=True, text=True, check=False, timeout=300
-    )
+@dataclass(frozen=True)
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def gaitcal(*arguments: str) -> Done:
+    """The command line, in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["gaitcal", *arguments])
+        with pytest.raises(SystemExit) as ending:
+            cli.main()
+    code = ending.value.code
+    return Done(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
 
 
 def test_help_shows_the_commands_in_order() -> None:

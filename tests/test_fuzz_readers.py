@@ -31,6 +31,7 @@ def kinds(tmp_path: Path) -> dict[str, Any]:
     return {kind.name: kind for kind in (*fuzzing.made_kinds(tmp_path), *fuzzing.real_kinds())}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*RECORDINGS, *REAL])
 def test_recordings(kinds: dict[str, Any], tmp_path: Path, name: str, request: pytest.FixtureRequest) -> None:
     if name in REAL:
@@ -41,6 +42,7 @@ def test_recordings(kinds: dict[str, Any], tmp_path: Path, name: str, request: p
     assert count.errors > 0
 
 
+@pytest.mark.slow
 def test_every_other_reader(kinds: dict[str, Any], tmp_path: Path) -> None:
     others = [kind for name, kind in kinds.items() if name not in (*RECORDINGS, *REAL)]
     counts = [fuzzing.fuzz(kind, tmp_path, FEW, 5) for kind in others]

@@ -66,14 +66,14 @@ def unmeasured_stay(
     unmeasured: str,
     settings: ConsistentSettings | None = None,
 ) -> InertialFit:
-    """The seed as it is, as the residual tells first how mass moves that no marker shows (`unmeasured`, in words)."""
+    """The seed as it is, as the residual tells first how mass moves that markers leave open, `unmeasured` in words."""
     force, moment = equations.rms(seed)
     return replace(
         stay_nominal(seed, which, settings),
         rms_force=force,
         rms_moment=moment,
-        message=f"inertial parameters stay nominal: no marker shows {unmeasured}; the pelvis residual ({force:.1f} N, "
-        f"{moment:.1f} N·m RMS) tells how that moves, not what it weighs",
+        message=f"inertial parameters stay nominal: markers do not determine {unmeasured}; the pelvis residual "
+        f"({force:.1f} N, {moment:.1f} N·m RMS) tells how that moves, not what it weighs",
     )
 
 

@@ -175,6 +175,12 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
         by_node = np.column_stack([by_node, problem.penalty.gradient(nodes).ravel()])
         by_parameter = np.column_stack([by_parameter, np.zeros(len(by_parameter))])
         clusters.append(f"bandwidth/{problem.name}")
+    for prior in problem.priors:
+        if prior.centred:
+            of_centre = prior.scores(problem.basis, problem.chain.coordinates)
+            by_node = np.column_stack([by_node, of_centre])
+            by_parameter = np.column_stack([by_parameter, np.zeros((len(by_parameter), of_centre.shape[1]))])
+            clusters += [f"posture/{problem.name}/{k}" for k in range(of_centre.shape[1])]
     return TrialScores(
         reduced=by_parameter - eliminated.sensitivity[:, :count].T @ by_node,
         nodes=eliminated.factor.solve(by_node),

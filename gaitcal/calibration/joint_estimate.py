@@ -44,9 +44,10 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.undetermined import joints_left_open
 from gaitcal.study.joint_prior import JointPrior
 
-BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-9)
+BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-7)
 """Costs are in units of the noise already."""
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
@@ -102,7 +103,9 @@ class JointEstimate:
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows."""
+    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows, and
+    its markers determine the joint's angles.
+    """
     passed = set()
     for problem in problems:
         opened = problem.with_free(tuple(wanted))
@@ -111,7 +114,8 @@ def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[st
         count = len(opened.chain.coordinates)
         beyond = opened.chain.support[count:] * shown
         before = (1.0 - opened.chain.support[count:]) * shown
-        passed |= {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
+        found = {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
+        passed |= {name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)}
     return tuple(name for name in wanted if name in passed)
 
 

@@ -44,8 +44,8 @@ from gaitcal.study.joint_prior import JointPrior
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
-GAIT = "gait"
-"""Kind of task of a trial that is no isolated one."""
+GAIT, ISOLATED = "gait", "isolated trials"
+"""Kinds of task, each with a scale of its own: what moves the whole body, and one joint."""
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
 LEAST_SQUARES = 1e-4
@@ -131,20 +131,26 @@ def _legs(
         return None
     angles = dict(zip([t.name for t in used], each(partial(_angles, nominal), [t.body for t in used]), strict=True))
     tasks, scales, tissue = list[TaskTrials](), dict[str, SoftTissueScale](), dict[str, SoftTissue]()
+    regressors = dict[str, dict[str, Array]]()
+    for kind in kinds:
+        names = [t.name for t in used if t.kind == kind]
+        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
+    for scaled in (GAIT, ISOLATED):
+        alike = [t for t in used if (t.joint is None) is (scaled == GAIT)]
+        if not alike:
+            continue
+        scales[scaled] = soft_tissue_scale([_with_tissue(still[t.name], t.kind, regressors[t.name]) for t in alike])
+        if scales[scaled].squares < LEAST_SQUARES:
+            for t in alike:
+                regressors[t.name] = {n: psi for n, psi in regressors[t.name].items() if not n.endswith(SQUARES)}
     for kind in kinds:
         own = [t for t in used if t.kind == kind]
-        regressors = task_regressors([angles[t.name] for t in own], squares=True)
-        moving = [_with_tissue(still[t.name], kind, psi) for t, psi in zip(own, regressors, strict=True)]
-        scales[kind] = soft_tissue_scale(moving)
-        if scales[kind].squares < LEAST_SQUARES:
-            regressors = [{n: psi for n, psi in of.items() if not n.endswith(SQUARES)} for of in regressors]
-            moving = [_with_tissue(still[t.name], kind, psi) for t, psi in zip(own, regressors, strict=True)]
-        tasks.append(TaskTrials(kind, tuple(moving)))
-        for t, psi in zip(own, regressors, strict=True):
-            if (columns := tissue_of(t.body, kind, psi)) is not None:
+        tasks.append(TaskTrials(kind, tuple(_with_tissue(still[t.name], kind, regressors[t.name]) for t in own)))
+        for t in own:
+            if (columns := tissue_of(t.body, kind, regressors[t.name])) is not None:
                 tissue[t.name] = columns
     problems = [problem for task in tasks for problem in task.problems]
-    prior = tissue_prior(problems, scales)
+    prior = tissue_prior(problems, {kind: scales[GAIT if kind == GAIT else ISOLATED] for kind in kinds})
     estimate, errors = estimate_joints(tasks, nominal, free, tissue=prior, learnt=learnt)
     pieces = list(zip(used, problems, estimate.nodes, strict=True))
     small = [finding for t, problem, nodes in pieces if t.joint for finding in small_turns(problem, nodes, t.joint)]

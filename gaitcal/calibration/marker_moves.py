@@ -144,6 +144,8 @@ def source_of(name: str) -> Source:
     parts = {part.removesuffix(SQUARES) for part in rest.split("/")}
     if first == "skin" and (rest == "found" or not parts.isdisjoint(COORDINATES)):
         return Source.SKIN
+    if first == "posture" and rest.rpartition("/")[2].isdigit():
+        return Source.POSTURE
     return Source.BANDWIDTH if first == "bandwidth" and "/" not in rest else Source.JOINT_MARKERS
 
 
@@ -170,7 +172,8 @@ def marker_moves(
     """
     scores = scores or whole_body_scores(problem, nodes, parameters, joint)
     shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
-    sources = [Source.BANDWIDTH if source_of(c) is Source.BANDWIDTH else Source.MOTION for c in scores.clusters]
+    found = [source_of(c) for c in scores.clusters]
+    sources = [source if source in (Source.BANDWIDTH, Source.POSTURE) else Source.MOTION for source in found]
     if joint is not None:
         errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
         place = {name: k for k, name in enumerate(scores.clusters)}

@@ -44,6 +44,7 @@ from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study
@@ -118,6 +119,7 @@ NO_BODY = ("units", "axes", "sides", "landmarks")
 """Topics of errors of a trial that are told already and put its whole body in disorder against the other trials'."""
 
 
+@with_one_blas_thread
 def check_file(path: Path | str) -> tuple[Finding, ...]:
     """Check the study file at `path` and everything that it names; a file that cannot be read is a finding too."""
     path = Path(path)
@@ -148,6 +150,7 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...
 
 
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
+@with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     model: SubjectModel | None = None

@@ -26,7 +26,7 @@ from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE
-from gaitcal.runtime import keep_freed_memory, one_blas_thread
+from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
 
 STRIDE_TYPES = {
     **dict.fromkeys(("person", "session", "trial", "side", "variable"), pa.string()),
@@ -97,6 +97,7 @@ def _kept(task: Task, outcome: Outcome) -> Outcome:
     return outcome
 
 
+@with_one_blas_thread
 def _ended(task: Task) -> Outcome:
     if package_version("gaitcal") != task.version:
         raise _PassingError(f"the worker has gaitcal {package_version('gaitcal')}, not {task.version}")
@@ -106,8 +107,7 @@ def _ended(task: Task) -> Outcome:
     if before is not None and before.fingerprint == mark and _stands(before, task):
         return replace(before, computed=False)
     keep_freed_memory()
-    with one_blas_thread():
-        calibrate_person(person, result, task.common)
+    calibrate_person(person, result, task.common)
     _keep_strides(task)
     row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
     row |= {"page": f"{person.place}/{row['page']}" if row["page"] else "", "age_years": person.told.age}

@@ -3,7 +3,9 @@
 import atexit
 import gc
 import os
+import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from inspect import Signature, signature
 
 import typer
@@ -30,10 +32,19 @@ RARELY = (200_000, 20, 20)
 def set_up() -> None:
     """Prepare the process, before any library is loaded."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # small matrices: threads would only wait for each other
+        os.environ[name] = "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
     gc.set_threshold(*RARELY)
     # as it ends, Python else looks twice through all that libraries made, a fifth of a second
     atexit.register(gc.freeze)
+
+
+def _one_blas_thread() -> AbstractContextManager[None]:
+    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too late."""
+    if "numpy" not in sys.modules:
+        return nullcontext()
+    from gaitcal.runtime import one_blas_thread
+
+    return one_blas_thread()
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -42,7 +53,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
         from gaitcal.commands.console import Talk
 
-        function(Talk(quiet=quiet, verbose=verbose), **arguments)
+        with _one_blas_thread():
+            function(Talk(quiet=quiet, verbose=verbose), **arguments)
 
     _, *of_command = signature(function).parameters.values()
     *of_all, _ = signature(run).parameters.values()

@@ -32,6 +32,7 @@ from gaitcal.motion.spline import DEGREE
 from gaitcal.recording.filters import filterable
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording
+from gaitcal.runtime import with_one_blas_thread
 
 FORCE_HZ = 50.0
 """Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
@@ -49,6 +50,7 @@ CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
 
+@with_one_blas_thread
 def ground_reactions(
     model: SubjectModel,
     motion: Motion,

@@ -33,6 +33,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
@@ -232,6 +233,7 @@ def moments_of(parameters: Parameters, motion: Motion, wrenches: Array, bwh: flo
     )
 
 
+@with_one_blas_thread
 def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Moments:
     """Joint torques of a whole-body motion.
 

@@ -30,6 +30,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 
 BLOCK = 500
 """Frames at a time."""
@@ -118,6 +119,7 @@ def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenche
     return powers(forces[:, : len(COORDINATES)], v), moment
 
 
+@with_one_blas_thread
 def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointKinetics:
     """Powers and moment vectors of the joints of a whole-body motion, as `inverse_dynamics` gives its torques.
 

@@ -29,6 +29,7 @@ class Source(Enum):
     """Nominal joint parameters, where markers do not tell."""
     SKIN = ("skin", "skin that moves with joints")
     BANDWIDTH = ("bandwidth", "bandwidth of the motion")
+    POSTURE = ("posture", "segments that markers do not determine")
     INERTIA = ("inertia", "masses and inertia")
     PLATES = ("plates", "force plates")
     FRAMES = ("frames", "direction of segment axes")

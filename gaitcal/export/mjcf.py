@@ -81,9 +81,9 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
             chains[joint.child] = chain
         else:
             parents[joint.child] = _add_body(parents[chain[0].parent], chain, model)
-    if model.frozen:
+    if model.locked:
         equality = child(document, "equality")
-        for name in model.frozen:
+        for name in model.locked:
             child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
     write_xml(document, path)
 

@@ -53,7 +53,7 @@ def write_osim(model: SubjectModel, path: Path | str) -> None:
         _add_body(bodies, model, segment)
     joints = child(child(top, "JointSet", name="jointset"), "objects")
     for joint in joint_frames(model.parameters):
-        _add_joint(joints, joint, model.frozen)
+        _add_joint(joints, joint, model.locked)
     _add_markers(child(child(top, "MarkerSet", name="markerset"), "objects"), model.markers)
     write_xml(document, path)
 

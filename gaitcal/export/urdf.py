@@ -41,7 +41,7 @@ def write_urdf(model: SubjectModel, path: Path | str) -> None:
     robot.append(ET.Comment(f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "))
     _add_link(robot, GROUND)
     for number, joint in enumerate(joint_frames(model.parameters)):
-        _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.frozen)
+        _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.locked)
     for segment in SEGMENTS:
         _add_segment(robot, model, segment)
     markers = model.markers

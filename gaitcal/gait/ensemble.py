@@ -19,6 +19,7 @@ from gaitcal.errors import InputError
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.spread import spread
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, TOLD, conventions_of, typed
+from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -43,6 +44,7 @@ def require_once(strides: pd.DataFrame) -> None:
         )
 
 
+@with_one_blas_thread
 def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     """Mean and spread over strides and trials of every variable of each side, at every percent.
 

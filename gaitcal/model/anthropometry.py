@@ -44,8 +44,6 @@ class BodyLengths:
     """(2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame."""
     lumbar_above_hips: float
     """From there up to the lumbar joint, along the pelvis's y."""
-    trunk_direction: Array
-    """(3,) unit vector in the trunk frame along which the trunk is stacked; (0, 1, 0) unless it has no markers."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,7 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     lower = _part("LowerTrunk", subject)
     ant, sup = lengths.hip_centre
     rows["pelvis"] = _one(lower, np.array([ant, sup + lower.length - lower.centre, 0.0]))
-    rows["head_trunk"] = _head_trunk(subject, lower.length - lengths.lumbar_above_hips, lengths.trunk_direction)
+    rows["head_trunk"] = _head_trunk(subject, lower.length - lengths.lumbar_above_hips)
     foot = _part("Foot", subject)
     foot_centre = np.array([foot.centre, FOOT_CENTRE_UP * subject.height, 0.0])
     for side in SIDES:
@@ -195,20 +193,18 @@ def _one(part: _Part, centre: Array) -> Array:
     return np.concatenate([[part.mass], centre, _moments(part)])
 
 
-def _head_trunk(subject: Subject, start: float, direction: Array) -> Array:
+def _head_trunk(subject: Subject, start: float) -> Array:
     """Stacked from `start` (m along the trunk above its origin)."""
     middle, upper, head = (_part(n, subject) for n in ("MiddleTrunk", "UpperTrunk", "Head2"))
     xiphoid = start + middle.length
     vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
-    row = _in_line(
+    return _in_line(
         [
             (middle, xiphoid - middle.centre),
             (upper, xiphoid + upper.length - upper.centre),
             (head, vertex - head.centre),
         ]
     )
-    row[1:4] = row[2] * direction
-    return row
 
 
 def _in_line(parts: list[tuple[_Part, float]]) -> Array:

@@ -16,6 +16,7 @@ from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 
 GRAVITY = 9.81
 """m/s^2, downwards along -y."""
@@ -43,6 +44,7 @@ class LinkageModel:
         return self.coordinates.index(name)
 
 
+@with_one_blas_thread
 def build_model(parameters: Parameters) -> pin.Model:
     """The 27-degree-of-freedom model with all joint parameters baked into the joint placements.
 

@@ -220,3 +220,13 @@ def axis_rotation(axis: int, angle: float) -> Array:
     rotation[a, a] = rotation[b, b] = c
     rotation[a, b], rotation[b, a] = -s, s
     return rotation
+
+
+def root_angles(r: Array) -> Array:
+    """(nf, 3) a, b, c of rotations (nf, 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
+    angles = (
+        np.arctan2(-r[:, 0, 1], r[:, 1, 1]),
+        np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0)),
+        np.arctan2(-r[:, 2, 0], r[:, 2, 2]),
+    )
+    return np.stack(angles, axis=1)

@@ -4,7 +4,10 @@ The device sits on the knee in place of the lateral marker. Its three markers ar
 at right angles to each other, which meet where the marker would be; the rod of the first lies along the flexion axis.
 So the three are L sqrt(2) apart, and with their mean c, the unit normal n of their plane and their mean distance d
 
-    corner = c + n d / sqrt(6),      n towards the middle of the body.
+    corner = c + n d / sqrt(6),      n towards the other knee.
+
+The rods stand at 55 deg to n: it points inwards along the line between the two ASIS as far as the knee's axis does. The
+way to the middle of the pelvis would not do, as it is mostly vertical.
 
 (Vicon, Plug-in Gait reference guide; in static trials of two hospitals the corner lies within 0.1 mm of the knee marker
 that Vicon's own program computed.)
@@ -23,17 +26,31 @@ SIZE_M = (0.05, 0.25)
 """m, allowed distance between the three; the usual device has 0.134."""
 
 
-def corner(axis: Array, second: Array, third: Array, middle: Array) -> Array:
-    """(nf, 3) m, where the rods meet: markers (nf, 3) m, that on the axis first; `middle` (nf, 3) m, of the body."""
+def corner(
+    axis: Array, second: Array, third: Array, inwards: Array | None = None, modelled: Array | None = None
+) -> Array | None:
+    """(nf, 3) m, where the rods meet: markers (nf, 3) m, that on the axis first; None where nothing tells its side.
+
+    Which side of the three is the same in all frames: the device is rigid.
+
+    Parameters
+    ----------
+    inwards : (nf, 3) some length, towards the other knee; None: not known.
+    modelled : (nf, 3) m, where another program has the corner, which is believed about the side.
+    """
     a, b = second - axis, third - axis
     normal = np.cross(a, b)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(length > 0, length, np.nan)
     mean = (axis + second + third) / 3.0
-    inwards = np.sign(np.sum(normal * (middle - mean), axis=1, keepdims=True))
     distance = _distances(axis, second, third).mean(axis=1, keepdims=True)
-    out: Array = mean + inwards * normal * distance / np.sqrt(6.0)
-    return out
+    for towards in (None if modelled is None else modelled - mean, inwards):
+        if towards is not None:
+            along = np.sum(normal * towards, axis=1)
+            if np.isfinite(along).any():
+                out: Array = mean + np.sign(np.nanmedian(along)) * normal * distance / np.sqrt(6.0)
+                return out
+    return None
 
 
 def is_device(axis: Array, second: Array, third: Array) -> bool:

@@ -96,6 +96,7 @@ class _File(Table):
     format: int
     notes: list[str] = Field(default=[])
     frozen: list[str] = Field(default=[])
+    posture_deg: dict[str, Decimal] = Field(default={})
     subject: _Subject
     joint_parameters: dict[str, _Value]
     inertial_parameters: dict[str, _Value]
@@ -122,10 +123,13 @@ def model_text(model: SubjectModel) -> str:
     lines = [
         _HEADER,
         f"format = {FORMAT}",
-        f"frozen = {toml_value(model.frozen)} # coordinates held at zero",
+        f"frozen = {toml_value(model.frozen)} # coordinates that no marker shows",
         "notes = [",
         *(f"  {toml_value(note)}," for note in model.notes),
         "]",
+        "",
+        "[posture_deg] # coordinates of the static posture",
+        *(f"{name} = {_text(angle, 'deg')}" for name, angle in model.posture.items()),
         "",
         "[subject]",
         f"name = {toml_value(s.name)}",
@@ -231,7 +235,8 @@ def load_model(path: Path | str) -> SubjectModel:
         raise InputError(
             f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex", code=Code.DAMAGED_RESULT
         )
-    require_known(file.frozen, COORDINATES, "coordinate", source=source, field="frozen")
+    for names, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
+        require_known(names, COORDINATES, "coordinate", source=source, field=field)
     for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
         require_known((place.segment for place in places), SEGMENTS, "segment", source=source, field=field)
     labels = tuple(m.label for m in file.marker)
@@ -266,6 +271,7 @@ def load_model(path: Path | str) -> SubjectModel:
             np.array([_si(m.weight, "kg") for m in file.marker]),
         ),
         frozen=tuple(file.frozen),
+        posture={name: _si(angle, "deg") for name, angle in file.posture_deg.items()},
         landmarks={
             name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()
         },

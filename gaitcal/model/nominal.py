@@ -16,6 +16,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.package_data import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
+from gaitcal.model.chain import axis_rotation, root_angles
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.knee_and_ankle import JointWidths
@@ -24,11 +25,12 @@ from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.segment_frames import Frame, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording import Recording, still_window
+from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 
@@ -63,6 +65,7 @@ _SEGMENT_OF = {
 }
 
 
+@with_one_blas_thread
 def nominal_model(
     static: Recording,
     marker_set: MarkerSet,
@@ -107,7 +110,7 @@ def nominal_model(
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
     standing = standing_ankles(posture, legs, static.facts.static_plantarflexion, ankle_zero)
     joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
-    inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres, body.trunk_direction))
+    inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
     carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
@@ -121,6 +124,7 @@ def nominal_model(
         nominal=parameters,
         markers=markers,
         frozen=body.frozen,
+        posture=_posture(frames, standing.dorsiflexion),
         landmarks=_landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
         notes=(
             *(f"static trial: {note}" for note in static.notes),
@@ -136,6 +140,24 @@ def nominal_model(
     )
 
 
+def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
+    """Coordinates (rad) of pelvis, lumbar joint, hips and ankles in the static posture."""
+    pelvis = frames["pelvis"].rotation
+    ahead = axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
+    turns = {
+        ("pelvis_tilt", "pelvis_list", "pelvis_rotation"): (ahead, 1.0),
+        ("lumbar_extension", "lumbar_bending", "lumbar_rotation"): (pelvis.T @ frames["head_trunk"].rotation, 1.0),
+    }
+    for side in SIDES:
+        names = (f"hip_flexion_{side}", f"hip_adduction_{side}", f"hip_rotation_{side}")
+        turns[names] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
+    out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in SIDES}
+    for names, (rotation, mirrored) in turns.items():
+        (angles,) = root_angles(rotation[None]) * [1.0, mirrored, mirrored]
+        out |= dict(zip(names, map(float, angles), strict=True))
+    return out
+
+
 def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
     """Markers of the set on the shoulders and arms of these sides that have weight."""
     labels: list[str] = []
@@ -145,7 +167,7 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
     return [label for label in labels if marker_set.weight(label) > 0]
 
 
-def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array) -> BodyLengths:
+def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> BodyLengths:
     """What inertia depends on, from the joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
@@ -155,7 +177,7 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array], trunk_direction: Array
         for side in SIDES
     }
     hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
-    return BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]), trunk_direction)
+    return BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]))
 
 
 def _placement(
@@ -211,6 +233,7 @@ def _landmarks(
 PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
 
 
+@with_one_blas_thread
 def published_model(*, static_only: bool = False) -> SubjectModel:
     """The published nominal subject with the published markers (`models/nominal_subject.json`).
 

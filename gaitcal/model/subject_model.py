@@ -73,11 +73,19 @@ class SubjectModel:
     markers: MarkerPlacement
     """Where the tracking markers sit in their segments."""
     frozen: tuple[str, ...] = ()
-    """Coordinates held at zero because no marker moves with them (no arms, no head)."""
+    """Coordinates that no marker of the static trial moves with (no arms, no head): arms hang along the trunk, and the
+    trunk stays upright (`motion/undetermined.py`)."""
+    posture: Mapping[str, float] = field(default_factory=dict)
+    """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
     """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`, ...)."""
     notes: tuple[str, ...] = ()
     """What was assumed in making it; shown in every output."""
+
+    @property
+    def locked(self) -> tuple[str, ...]:
+        """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns against the pelvis."""
+        return tuple(name for name in self.frozen if not name.startswith("lumbar"))
 
     def with_parameters(self, parameters: Parameters) -> SubjectModel:
         """The same person and markers with other parameters."""

@@ -1,4 +1,4 @@
-"""The trunk in the static posture and the shoulders on it, from any three markers that do not lie on one line.
+"""The trunk in the static posture and the shoulders on it, from whatever landmarks there are.
 
     origin  lumbar joint L
     y       unit(S - L), S the middle of the shoulder centres
@@ -15,7 +15,7 @@ The shoulder centres lie, by what is known of the person,
    nominal subject's shoulder width from it, in proportion to height;
 4. straight above the lumbar joint as the person stands, at the nominal subject's height and width.
 
-Only 1 and 2 are measured. A trunk without three markers follows the pelvis: nobody knows how its mass moves.
+Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few (`motion/undetermined.py`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from gaitcal.model.segment_frames import Frame, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
 from gaitcal.records import dataclass
 
-TRUNK_SUPPORT = 3
-"""Markers with weight that a trunk needs, as its three turns are free."""
+IN_A_PLANE = 3
+"""Landmarks that a plane goes through."""
 OFF_LINE = 0.020
 """m, RMS distance of these markers from the straight line that is nearest to them. Skin that moves by 5 mm turns
 markers which are nearer to one line by more than 15 degrees about it."""
@@ -56,50 +56,25 @@ class Trunk:
     frame: Frame
     shoulders: dict[str, Array]
     """`sjc_r`, `sjc_l`: (3,) m."""
-    direction: Array
-    """(3,) in the trunk frame: from the lumbar joint towards the head."""
-    unseen: str | None
-    """Why no marker shows it, so that it is fixed to the pelvis; None where it is followed."""
+    seen: bool
+    """Whether any marker with weight shows it."""
     notes: tuple[str, ...]
 
 
 def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumbar: Array, subject: Subject) -> Trunk:
-    """The trunk as its markers show it, or upright on the pelvis.
+    """The trunk as its landmarks show it, or upright on the pelvis.
 
     Parameters
     ----------
     pelvis, lumbar : frame of the pelvis and (3,) m lumbar joint in the static posture.
     subject : whose height and sex give the proportions where no acromion is known.
     """
-    unseen = _why_unseen(posture, marker_set)
-    if unseen is not None:
-        frame = Frame(pelvis.rotation, lumbar)
-        return Trunk(
-            frame=frame,
-            shoulders=_above(lumbar, _horizontal(pelvis.rotation[:, 2]), subject.height),
-            direction=frame.rotation.T @ _UP,
-            unseen=unseen,
-            notes=(f"head and trunk upright and fixed to the pelvis, as {unseen}",),
-        )
+    seen = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)
     y = unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
-    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, direction=_UP, unseen=None, notes=notes)
-
-
-def _why_unseen(posture: StaticPosture, marker_set: MarkerSet) -> str | None:
-    """Why the trunk cannot be followed; None where it can."""
-    pulling = [m for m in marker_set.tracking.get("head_trunk", ()) if marker_set.weight(m) > 0]
-    seen = [m for m in pulling if m in posture.markers]
-    if len(seen) < TRUNK_SUPPORT:
-        found = f"{len(seen)} markers with weight" if len(seen) != 1 else "one marker with weight"
-        return f"it has {found} in the static trial and needs {TRUNK_SUPPORT}"
-    off = spread_off_line(np.array([posture.markers[m] for m in seen]))
-    if off < OFF_LINE:
-        return (
-            f"its markers {', '.join(seen)} lie on one line, within {1e3 * off:.0f} mm RMS of it (allowed: at least "
-            f"{1e3 * OFF_LINE:.0f} mm), and do not show how it turns about that line"
-        )
-    return None
+    if not seen:
+        notes = ("head and trunk are taken to stand upright, as no marker with weight shows them",)
+    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=seen, notes=notes)
 
 
 def spread_off_line(points: Array) -> float:
@@ -158,7 +133,7 @@ def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
     of_pelvis = _horizontal(pelvis.rotation[:, 2])
     there = [name for name in MIDLINE if posture.has(name)]
     points = np.array([posture.landmarks[name] for name in there])
-    if len(there) < TRUNK_SUPPORT or spread_off_line(points) < OFF_LINE:
+    if len(there) < IN_A_PLANE or spread_off_line(points) < OFF_LINE:
         return of_pelvis, "pelvis's sagittal plane"
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     normal = normal if normal @ of_pelvis > 0 else -normal

@@ -1,8 +1,7 @@
 """Trunk and arms in the static posture, or the assumption that stands in for a part that no marker shows.
 
-A part without the markers it needs is frozen: its coordinates stay zero, its lengths are de Leva's, scaled by height.
-A frozen trunk is parallel to the pelvis frame, and its mass and shoulders lie straight above the lumbar joint as the
-subject stood, so that the pelvis's own inclination does not bend the trunk forward. A frozen arm hangs along it.
+A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by height. A frozen trunk
+is upright, its mass and shoulders straight above the lumbar joint. A frozen arm hangs along the trunk.
 
 Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
 
@@ -53,8 +52,6 @@ class UpperBody:
     frames: dict[str, Frame]
     centres: dict[str, Array]
     """`sjc ejc wjc` of both sides, (3,) m."""
-    trunk_direction: Array
-    """(3,) in the trunk frame: from the lumbar joint towards the head."""
     arms: ArmJoints
     raised: tuple[str, ...]
     """Sides whose arm is raised sideways in the static trial."""
@@ -72,9 +69,7 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     """Trunk and arms, measured as far as there are markers."""
     frozen: list[str] = []
     body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
-    trunk, centres, notes, no_trunk = body.frame, dict(body.shoulders), [*body.notes], body.unseen
-    if no_trunk is not None:
-        frozen.append("head_trunk")
+    trunk, centres, notes = body.frame, dict(body.shoulders), [*body.notes]
     frames = {"head_trunk": trunk}
     turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
     limbs = default_limbs(subject)
@@ -83,10 +78,9 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
         shoulder = centres[f"sjc_{side}"]
         no_arm = _why_no_segment(posture, marker_set, upper_arm, f"elbow_lat_{side}")
         no_forearm = _why_no_segment(posture, marker_set, forearm, f"wrist_{side}")
-        if no_trunk is not None or no_arm is not None:
+        if no_arm is not None:
             frozen += [upper_arm, forearm]
-            if no_trunk is None:
-                notes.append(f"{upper_arm} and {forearm} hang along the trunk and are fixed to it, as {no_arm}")
+            notes.append(f"{upper_arm} and {forearm} hang along the trunk, as {no_arm}")
             elbow = shoulder - limbs[upper_arm] * trunk.rotation[:, 1]
             frames |= {upper_arm: Frame(trunk.rotation, shoulder), forearm: Frame(trunk.rotation, elbow)}
             centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow - limbs[forearm] * trunk.rotation[:, 1]}
@@ -100,13 +94,14 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
             frames[forearm], centres[f"wjc_{side}"] = arm.forearm, arm.wrist
         else:
             frozen.append(forearm)
-            notes.append(f"{forearm} straight and fixed to the upper arm, as {no_forearm}")
+            notes.append(f"{forearm} is taken to be straight with the upper arm, as {no_forearm}")
             frames[forearm], axis[side] = Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
             centres[f"wjc_{side}"] = arm.elbow - limbs[forearm] * arm.upper.rotation[:, 1]
+    if not body.seen and all(f"upper_arm_{side}" in frozen for side in SIDES):
+        frozen.insert(0, "head_trunk")
     return UpperBody(
         frames=frames,
         centres=centres,
-        trunk_direction=body.direction,
         arms=ArmJoints(turn, axis),
         raised=tuple(raised),
         frozen_segments=tuple(frozen),

@@ -201,16 +201,27 @@ def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
     """Lateral knee marker -> (nf, 3) m, corner of the device that the trial has in its place."""
     seen = _seen(static)
     out = {}
-    asis = [label for side in "rl" for label in marker_set.landmarks.get(f"asis_{side}", ())]
-    if not asis or not seen.issuperset(asis):
-        return {}
-    middle = _mean(static, tuple(asis))
+    asis = {side: marker_set.landmarks.get(f"asis_{side}", ()) for side in "rl"}
+    across: Array | None = None
+    if all(group and seen.issuperset(group) for group in asis.values()):
+        across = _mean(static, asis["l"]) - _mean(static, asis["r"])
     for label, parts in marker_set.knee_device.items():
         if not seen.issuperset(parts):
             continue
         axis, second, third = (_path(static, part) for part in parts)
         if is_device(axis, second, third):
-            out[label] = corner(axis, second, third, middle)
+            inwards = across if across is None or _side_of(marker_set, label) == "r" else -across
+            found = corner(axis, second, third, inwards, _computed(static, label))
+            if found is not None:
+                out[label] = found
+    return out
+
+
+def _computed(static: Recording, label: str) -> Array | None:
+    """(nf, 3) m, where another program has a marker; None where it has none."""
+    if static.computed is None or label not in static.computed.labels:
+        return None
+    out: Array = static.computed.points[:, static.computed.labels.index(label)]
     return out
 
 

@@ -30,7 +30,7 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration
 from gaitcal.records import dataclass
-from gaitcal.runtime import Progress, silent
+from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.study import Study
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
@@ -76,6 +76,7 @@ def _hash(*parts: bytes) -> str:
     return digest.hexdigest()
 
 
+@with_one_blas_thread
 def nominal_case() -> MonteCarloCase:
     """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions without residual."""
     model, motion = published_model(), gait_motion()
@@ -91,6 +92,7 @@ def nominal_case() -> MonteCarloCase:
     )
 
 
+@with_one_blas_thread
 def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
     """A calibrated person in one gait trial: the first with valid ground reactions, or the one named.
 
@@ -152,6 +154,7 @@ def case_from(folder: Path | str, trial: str | None = None, progress: Progress =
     return read_case(folder, trial, progress)[0]
 
 
+@with_one_blas_thread
 def read_case(
     folder: Path | str, trial: str | None = None, progress: Progress = silent
 ) -> tuple[MonteCarloCase, Snapshot]:

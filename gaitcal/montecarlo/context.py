@@ -23,12 +23,14 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.measurements import synthetic_markers
 
 
 class MonteCarloContext:
     """A case made ready for draws. One for each thread: draws change the model in `legs`, and nothing else."""
 
+    @with_one_blas_thread
     def __init__(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
         self.case, self.settings = case, settings
         self.names = settings.parameters.names

@@ -23,6 +23,7 @@ from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.measurements import marker_noise
 
 
@@ -86,6 +87,7 @@ class DrawResult:
     """Why the motion could not be fitted; empty where it could. The values are then those of the last motion tried."""
 
 
+@with_one_blas_thread
 def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) -> DrawResult:
     """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
     change = disturb(context, varied, level, number)

@@ -28,7 +28,7 @@ from gaitcal.montecarlo.statistics import statistics, unconverged
 from gaitcal.montecarlo.store import Chunk, MemoryStore, Store, records
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
 from gaitcal.records import dataclass
-from gaitcal.runtime import one_blas_thread
+from gaitcal.runtime import with_one_blas_thread
 
 DrawProgress = Callable[[int, int], None]
 """Called with the number of draws done and to be done, of those that this run computes."""
@@ -69,6 +69,7 @@ class MonteCarloStudy:
         return int((self.draws["failure"] != "").sum())
 
 
+@with_one_blas_thread
 def monte_carlo(
     case: MonteCarloCase,
     folder: Path | str | None = None,
@@ -178,11 +179,11 @@ def _generator(results: Iterator[tuple[Chunk, pa.Table]]) -> Generator[tuple[Chu
 _kept = threading.local()
 
 
+@with_one_blas_thread
 def run_chunk(case: MonteCarloCase, settings: MonteCarloSettings, chunk: Chunk) -> tuple[Chunk, pa.Table]:
     """Compute a chunk. BLAS works with one thread, wherever this runs: more would change the last bits."""
-    with one_blas_thread():
-        context = _context(case, settings)
-        return chunk, records(chunk, [draw(context, chunk.varied, chunk.level, k) for k in chunk.numbers])
+    context = _context(case, settings)
+    return chunk, records(chunk, [draw(context, chunk.varied, chunk.level, k) for k in chunk.numbers])
 
 
 def _context(case: MonteCarloCase, settings: MonteCarloSettings) -> MonteCarloContext:

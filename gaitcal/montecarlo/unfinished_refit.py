@@ -26,7 +26,7 @@ from gaitcal.montecarlo.draw import COLUMNS, DisturbedModel, disturb, disturbed_
 from gaitcal.montecarlo.settings import PUBLISHED_LEVELS, MonteCarloSettings, Varied
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.track import track_nodes
-from gaitcal.runtime import one_blas_thread
+from gaitcal.runtime import with_one_blas_thread
 
 SETS = (Varied.JP, Varied.NOISE)
 """Inertial parameters alone need no re-fit."""
@@ -61,10 +61,10 @@ def unfinished_draws(
     return pd.concat(parts, ignore_index=True)
 
 
+@with_one_blas_thread
 def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, level: int, draws: int) -> pd.DataFrame:
-    with one_blas_thread():
-        context = MonteCarloContext(case, settings)
-        rows = [row for number in range(draws) for row in _rows(context, varied, level, number)]
+    context = MonteCarloContext(case, settings)
+    rows = [row for number in range(draws) for row in _rows(context, varied, level, number)]
     keys = ("iteration", "iterations", "set", "level", "draw", "failure")
     return pd.DataFrame(rows, columns=[*keys, *COLUMNS])
 

@@ -32,6 +32,7 @@ from gaitcal.montecarlo.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]
 
@@ -61,6 +62,7 @@ def linear_torques(context: MonteCarloContext) -> LinearTorques:
     return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, _by_inertial(context))
 
 
+@with_one_blas_thread
 def linear_agreement(
     context: MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame, most: int = 300
 ) -> Array:
@@ -113,6 +115,7 @@ def _by_inertial(context: MonteCarloContext) -> Array:
     return (context.regressor @ relative).reshape(-1, len(LEG_TORQUES), relative.shape[1])
 
 
+@with_one_blas_thread
 def variance_contributions(context: MonteCarloContext) -> pd.DataFrame:
     """One row per torque, ground-reaction frame and parameter, at 100 % of the bounds.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import blas, lapack
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
 from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
 from gaitcal.records import dataclass
@@ -53,7 +53,15 @@ class NormalEquations:
 class Assembler:
     """Sums frame equations into normal equations; the pattern is worked out once for a chain and a basis."""
 
-    def __init__(self, pairs: VariablePairs, coordinates: int, parameters: int, basis: SplineBasis) -> None:
+    def __init__(
+        self,
+        pairs: VariablePairs,
+        coordinates: int,
+        parameters: int,
+        basis: SplineBasis,
+        pulled: IntArray | None = None,
+    ) -> None:
+        """`pulled`: coordinates that something else than markers determines, if they move none."""
         self.nq, self.np, self.basis, self.pairs = coordinates, parameters, basis, pairs
         # Only pairs (i >= j) of coordinates that move a common marker have entries: about a third of nq (nq + 1) / 2.
         i, j = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
@@ -62,7 +70,8 @@ class Assembler:
         self._later, self._earlier = _mixed_masks(pairs, coordinates, parameters)
         off = i != j
         self._mirror = np.flatnonzero(off)
-        self._idle = np.flatnonzero(~pairs.active[:coordinates])
+        idle = np.flatnonzero(~pairs.active[:coordinates])
+        self._idle = idle if pulled is None else np.setdiff1d(idle, pulled)
 
     def empty(self) -> _Sums:
         """Zero sums to add frames to."""

@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.chain import Chain, chain_of
+from gaitcal.model.chain import Chain, chain_of, root_angles
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source
@@ -36,7 +36,7 @@ from gaitcal.motion.marker_residual import FrameEquations, MarkerData, VariableP
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
 from gaitcal.motion.placed_markers import PlacedMarkers
-from gaitcal.motion.start import ROOT_COORDINATES, root_angles
+from gaitcal.motion.start import ROOT_COORDINATES
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.records import dataclass
 

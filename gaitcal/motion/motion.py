@@ -73,6 +73,8 @@ class Motion:
     """Whether tracking reached its tolerance."""
     smoothed_hz: float | None = None
     """Half of an oscillation at it passed the penalty; None: the nodes alone limit the motion."""
+    guessed: tuple[str, ...] = ()
+    """Coordinates that the markers do not determine, and a prior holds."""
 
     @property
     def cutoff_hz(self) -> float:
@@ -112,6 +114,7 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
         errors=_errors(problem, distance),
         converged=converged,
         smoothed_hz=problem.smoothing.cutoff_hz if problem.smoothing else None,
+        guessed=problem.guessed,
     )
 
 
@@ -120,6 +123,9 @@ def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: Desc
     constants = problem.constants(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
+    again = problem.followed(tracked.nodes)
+    if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
+        tracked = track_nodes(again, constants, tracked.nodes, settings)
     return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
 
 

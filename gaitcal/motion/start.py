@@ -3,7 +3,9 @@
 The root follows its own markers; every joint then takes the angles that bring the child's orientation nearest to its
 rigid fit. For one turn q about axis e between rotations P and Q, the q that maximises trace(B^T P Re(q) Q) is
 atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, (b, c) the axes after e; several turns of one joint are visited one
-after the other until they settle, and three orthogonal ones are read off. B is the rigid fit. A segment of too few
+after the other until they settle, and three orthogonal ones are read off. None starts beyond a wall
+(`coordinate_prior.py`); a foot whose markers lie nearly on one line with the ankle may come out upside down, and
+starts from zero then. B is the rigid fit. A segment of too few
 markers for one has  B = sum w (x - c) (l - l_c)^T  instead, c its joint's centre as the segments before it place it:
 the turns then bring its markers nearest to where they were seen. Frames that determine neither are interpolated.
 """
@@ -15,8 +17,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.chain import Chain, ChainConstants, root_angles
 from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments
 from gaitcal.motion.spline import SplineBasis
@@ -82,6 +85,7 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
                 angles = _turns(chain, constants, own, inverse @ spread @ to_joint.T)
                 if straight is not None:
                     angles = _or_straight(angles, _turns(chain, constants, own, inverse @ straight @ to_joint.T), known)
+                angles = within_walls([chain.coordinates[k] for k in own], angles, known, told=fit.determined.any())
                 if known.all():
                     q[:, own] = angles
                     wrapped += own
@@ -180,16 +184,6 @@ def _root_coordinates(fit: RigidFit) -> Array:
     """(nf, 6) from R = Rz(tilt) Rx(list) Ry(rotation)."""
     angles = root_angles(fit.rotation)
     return np.hstack([_fill(fit.origin, fit.determined), _fill(_unwrap(angles, fit.determined), fit.determined)])
-
-
-def root_angles(r: Array) -> Array:
-    """(nf, 3) a, b, c of rotations (nf, 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
-    angles = (
-        np.arctan2(-r[:, 0, 1], r[:, 1, 1]),
-        np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0)),
-        np.arctan2(-r[:, 2, 0], r[:, 2, 2]),
-    )
-    return np.stack(angles, axis=1)
 
 
 def _unwrap(angles: Array, known: BoolArray) -> Array:

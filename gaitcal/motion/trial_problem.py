@@ -5,8 +5,8 @@ From a recording and a person's model to a least-squares problem: here a marker 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
+from gaitcal.motion.coordinate_prior import CoefficientPrior, CoordinatePrior, walls
 from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.placed_markers import PlacedMarkers
@@ -27,8 +28,9 @@ from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
 from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_columns
 from gaitcal.motion.spline import SplineBasis, spline_basis
-from gaitcal.motion.trunk_support import telling
-from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.motion.start import starting_coordinates, starting_nodes
+from gaitcal.motion.undetermined import LUMBAR, POSES, about_posture, coordinates_asked, undetermined, upright_trunk
+from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.runtime import keep_freed_memory
 
@@ -50,6 +52,20 @@ class TrialProblem:
     held: tuple[str, ...] = ()
     """Coordinates that stay zero though markers move with them: those between a root that is not seen and the segment
     that carries it."""
+    priors: tuple[CoordinatePrior, ...] = ()
+    """What is known of coordinates besides; their cost is part of the trial's."""
+    posture: Mapping[str, float] = field(default_factory=dict)
+    """Coordinate -> rad of the static posture (`SubjectModel`)."""
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Coordinates that the markers do not determine, which have a normal prior."""
+        return tuple(name for prior in self.priors if prior.centred for name in prior.names)
+
+    @cached_property
+    def pulls(self) -> tuple[CoefficientPrior, ...]:
+        """`priors` on the coefficients."""
+        return tuple(prior.on(self.basis, self.chain.coordinates) for prior in self.priors)
 
     @cached_property
     def penalty(self) -> Smoothing | None:
@@ -64,7 +80,8 @@ class TrialProblem:
 
     @cached_property
     def _assembler(self) -> Assembler:
-        return Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis)
+        pulled = np.array([self.chain.coordinates.index(name) for name in self.guessed], dtype=np.intp)
+        return Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis, pulled)
 
     @property
     def active(self) -> BoolArray:
@@ -98,7 +115,28 @@ class TrialProblem:
         placed = PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
         data = MarkerData(placed, self.data.measured[order], self.data.weight[order])
         labels = tuple(self.labels[k] for k in order)
-        return TrialProblem(name=self.name, chain=chain, basis=self.basis, data=data, labels=labels)
+        part = TrialProblem(name=self.name, chain=chain, basis=self.basis, data=data, labels=labels)
+        priors = tuple(prior.of(chain.coordinates) for prior in self.priors)
+        return replace(part, priors=tuple(prior for prior in priors if prior.names), posture=self.posture)
+
+    def followed(self, nodes: Array) -> TrialProblem:
+        """The same trial with a trunk that no marker determines upright over the pelvis of a motion, nodes (nn, nq)."""
+        if not set(LUMBAR) & set(self.guessed):
+            return self
+        q, time = self.basis.evaluate(nodes), self.basis.time
+        kept = upright_trunk(time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture)
+        priors = []
+        for prior in self.priors:
+            if prior.centred and set(LUMBAR) & set(prior.names):
+                course = np.repeat(prior.low[:1], len(time), axis=0)
+                for k, name in enumerate(prior.names):
+                    if name in LUMBAR:
+                        course[:, k] = kept[:, LUMBAR.index(name)]
+                prior = replace(prior, time=time, low=course, high=course)
+            priors.append(prior)
+        other = replace(self, priors=tuple(priors))
+        other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
+        return other
 
     def constants(self, parameters: Parameters) -> ChainConstants:
         """Chain constants for a set of parameters."""
@@ -123,7 +161,9 @@ class TrialProblem:
     def scaled(self, share: float) -> TrialProblem:
         """The same trial with `share` times its cost."""
         smoothing = self.smoothing and self.smoothing.scaled(share)
-        return replace(self, data=replace(self.data, weight=share * self.data.weight), smoothing=smoothing)
+        priors = tuple(prior.scaled(share) for prior in self.priors)
+        data = replace(self.data, weight=share * self.data.weight)
+        return replace(self, data=data, smoothing=smoothing, priors=priors)
 
     def with_measured(self, measured: Array) -> TrialProblem:
         """The same trial with other measured markers (nm, 3, nf), m; what does not depend on them is not worked out
@@ -157,6 +197,10 @@ class TrialProblem:
             more, gradient = self.penalty.both(nodes)
             gradient += equations.node_gradient
             equations = replace(equations, cost=cost + more, node_gradient=gradient)
+        for pull in self.pulls:
+            pull.add_to(equations.band, nodes)
+            more, gradient = pull.both(nodes)
+            equations = replace(equations, cost=equations.cost + more, node_gradient=equations.node_gradient + gradient)
         if self.tissue is None:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
@@ -195,14 +239,18 @@ class TrialProblem:
         if self.penalty is not None:
             more, gradient = self.penalty.both(nodes)
             cost, by_nodes = cost + more, by_nodes + gradient
+        for pull in self.pulls:
+            more, gradient = pull.both(nodes)
+            cost, by_nodes = cost + more, by_nodes + gradient
         if self.tissue is not None:
             by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
-        """Sum of w |r|^2 and the penalty, m^2."""
-        return self.marker_cost(nodes, constants) + (0.0 if self.penalty is None else self.penalty.cost(nodes))
+        """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
+        penalty = 0.0 if self.penalty is None else self.penalty.cost(nodes)
+        return self.marker_cost(nodes, constants) + penalty + sum(pull.cost(nodes) for pull in self.pulls)
 
     def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
@@ -240,11 +288,11 @@ def trial_problem(
 ) -> TrialProblem:
     """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
 
-    Markers that the recording lacks are left out, and those of trunk and arms where too few show the trunk
-    (`trunk_support.py`); NaN positions get weight zero in their frames. Where the root shows three markers in less than
-    half of the frames and a `carrier` is named, that segment carries the body: the joints between the two are held at
-    zero, and only markers on the carrier and beyond it pull. Raises `InputError` where the root has no three markers
-    and nothing carries it, or the recording is too short for a spline.
+    Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Joints do not turn
+    further than they can, and coordinates that the markers do not determine have a normal prior (`undetermined.py`).
+    Where the root shows three markers in less than half of the frames and a `carrier` is named, that segment carries
+    the body: the joints between the two are held at zero, and only markers on the carrier and beyond it pull. Raises
+    `InputError` where the root has no three markers and nothing carries it, or the recording is too short for a spline.
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
@@ -257,12 +305,6 @@ def trial_problem(
         if segment in segments and label in at
     ]
     chain = chain_of(root, segments)
-    pulls = seen_mask(recording.markers)[:, [at[model.markers.labels[i]] for i in chosen]].T
-    pulls &= (model.markers.weight[chosen] > 0)[:, None]
-    shown = telling(
-        chain.segments, tuple(model.markers.segments[i] for i in chosen), model.markers.local[chosen], pulls
-    )
-    chosen = [i for i, kept in zip(chosen, shown, strict=True) if kept]
     index = np.array([chain.segments.index(model.markers.segments[i]) for i in chosen], dtype=np.intp)
     order = np.argsort(index, kind="stable")
     chosen = [chosen[k] for k in order]
@@ -283,7 +325,43 @@ def trial_problem(
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = PlacedMarkers(index[order], model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
-    return TrialProblem(name=name, chain=chain, basis=basis, data=data, labels=labels, held=held)
+    problem = TrialProblem(
+        name=name,
+        chain=chain,
+        basis=basis,
+        data=data,
+        labels=labels,
+        held=held,
+        priors=(walls(chain.coordinates, model.posture),),
+        posture=model.posture,
+    )
+    return problem if held else _with_posture(problem, model)
+
+
+def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:
+    """A trial with what is known of coordinates that its markers do not determine."""
+    chain, data = problem.chain, problem.data
+    of_marker = [chain.segments[s] for s in data.segment]
+    asked = coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
+    if not asked:
+        return problem
+    constants = problem.constants(model.nominal)
+    frames = np.unique(np.round(np.linspace(0, len(problem.basis.time) - 1, POSES)).astype(np.intp))
+    q = starting_coordinates(chain, constants, data.frames(frames))
+    pulling = data.weight[:, frames] > 0
+    on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
+
+    def left_open(counted: BoolArray) -> tuple[str, ...]:
+        alike = MarkerData(data.placed, data.measured[:, :, frames], counted.astype(float))
+        some = replace(problem, basis=problem.basis.at(frames), data=alike)
+        return undetermined(asked, chain.coordinates, some.frame_hessians(q, constants))
+
+    trunk, others = left_open(pulling & ~on_arms[:, None]), left_open(pulling)
+    names = tuple(name for name in asked if name in (trunk if name in LUMBAR else others))
+    if not names:
+        return problem
+    known = replace(problem, priors=(*problem.priors, about_posture(names, model.posture)))
+    return known.followed(starting_nodes(chain, constants, data, problem.basis))
 
 
 def shown_share(weight: Array) -> float:

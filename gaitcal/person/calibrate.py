@@ -101,7 +101,7 @@ def calibrate(
     scores = dict(zip([t.name for t in walks], told, strict=True))
     silent_on_masses = diagnosis.faulty | (spoilt := spoilt_motions(checked))
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in silent_on_masses}
-    shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name].errors)}
+    shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name])}
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
     inertial, *fitted_motions = all_of(
         lambda: _inertial_fit(trials, nominal, parameters, influence, motions, scores, shown or believed, settings),
@@ -225,7 +225,7 @@ def _inertial_fit(
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
     people = spread_of_people(subject)
     equations = equations_of(loaded, parameters, subject, scale, width)
-    unseen = [motions[name].errors for name in on_plates if is_trunk_unmeasured(motions[name].errors)]
+    unseen = [motions[name] for name in on_plates if is_trunk_unmeasured(motions[name])]
     if unseen:  # then none of these trials shows it: those that do would stand alone here
         words = unmeasured_words(unseen[0], parameters)
         return unmeasured_stay(equations, parameters.inertial, which, words, people)
@@ -278,7 +278,8 @@ def _combined_fit(
     for t in trials:
         r = on_plates.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
-        steps.append(CombinedTrial(t.body, motions[t.name].nodes, wrench, valid))
+        nodes = motions[t.name].nodes
+        steps.append(CombinedTrial(t.body.followed(nodes), nodes, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(nominal.subject))
     return combined_fit(steps, parameters, determined, _inertial_set(settings), nominal.subject, chosen)

@@ -18,7 +18,6 @@ from gaitcal.model.linkage import carrier_of, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import TRUNK_SUPPORT
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule
@@ -109,10 +108,10 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
     body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint))
-    if loose := [label for label in model.markers.labels if label in recording.labels and label not in body.labels]:
+    if body.guessed:
         recording = recording.with_notes(
-            f"head, trunk and arms keep their static posture on the pelvis, and {', '.join(loose)} are not followed: "
-            f"{TRUNK_SUPPORT} markers of the trunk that do not lie on one line must be seen in half of the frames"
+            f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, as uncertain as that "
+            "is (a trunk stays upright in the laboratory, arms hang along it)"
         )
     fitted = body
     if trial.joint is not None:

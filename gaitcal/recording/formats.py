@@ -43,6 +43,7 @@ from gaitcal.recording.mot import read_mot_forces, write_forces_mot
 from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.recording.text_file import readable_size
 from gaitcal.recording.trc import read_trc, write_trc
+from gaitcal.runtime import with_one_blas_thread
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
 FORCE_READERS = {".mot": read_mot_forces, ".sto": read_mot_forces, ".csv": read_forces_csv, ".xml": read_external_loads}
@@ -52,6 +53,7 @@ FORCE_WRITERS = {".csv": write_forces_csv, ".mot": write_forces_mot, ".sto": wri
 _T = TypeVar("_T")
 
 
+@with_one_blas_thread
 def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | None = None) -> Recording:
     """Markers of a .c3d, .trc or .csv file, and its plates.
 

@@ -29,6 +29,7 @@ from gaitcal.reproduction.joint_recovery import free_parameters, synthetic_probl
 from gaitcal.reproduction.published import PROBLEMS, table_one
 from gaitcal.reproduction.tables import Cell, TableRow
 from gaitcal.reproduction.trial_length import PRINTED, SENSITIVITY
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.measurements import NOISE_AMPLITUDE, marker_noise
 
 NOISE_MM = 1e3 * NOISE_AMPLITUDE / np.sqrt(2.0)
@@ -55,6 +56,7 @@ class Absorbed:
     """(n,) RMS marker distance that is left of each draw, mm, with all of these."""
 
 
+@with_one_blas_thread
 def absorbed(problem: str, seed: int, draws: int = DRAWS) -> Absorbed:
     """What one of `PROBLEMS` absorbs."""
     exact, truth, nodes = synthetic_problem(problem, None), true_model().parameters, true_motion(problem).nodes

@@ -25,6 +25,7 @@ from gaitcal.reproduction.inertial_recovery import (
 )
 from gaitcal.reproduction.joint_recovery import JointRecovery, recover_joints, synthetic_problem, true_model
 from gaitcal.reproduction.published import PROBLEMS
+from gaitcal.runtime import with_one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +48,13 @@ class SeedResult:
     """Only with noise."""
 
 
+@with_one_blas_thread
 def noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Everything without noise; random inertial seeds from `seed`."""
     return _run(None, np.random.SeedSequence([seed, 0]), random_seeds)
 
 
+@with_one_blas_thread
 def noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Everything with the noise of one draw (0, 1, ...) under `seed`."""
     noise, seeds = generators(seed, draw)

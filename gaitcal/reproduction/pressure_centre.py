@@ -32,6 +32,7 @@ from gaitcal.reproduction.disturbance_claims import FRAMES
 from gaitcal.reproduction.published import SIDE
 from gaitcal.reproduction.tables import Cell, TableRow
 from gaitcal.reproduction.trial_length import SENSITIVITY
+from gaitcal.runtime import with_one_blas_thread
 
 DRAWS = 200
 LEVEL = 100
@@ -80,6 +81,7 @@ class PressureCentres:
         return apart.mean(axis=0), apart.std(axis=0, ddof=1) / np.sqrt(len(apart))
 
 
+@with_one_blas_thread
 def pressure_centres(seed: int, draws: int = DRAWS, jobs: int = -1) -> PressureCentres:
     """Draws 0 to `draws` - 1 of the set JP of the Monte Carlo study under `seed`, with either ground reaction."""
     own = nominal_case()

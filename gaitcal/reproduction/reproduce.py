@@ -35,7 +35,7 @@ from gaitcal.reproduction.tables import (
     table_two_rows,
     time_rows,
 )
-from gaitcal.runtime import Progress, silent
+from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 NOISE_SEEDS = 20
 
@@ -73,6 +73,7 @@ class Reproduction:
     sensitivities: Sensitivities | None
 
 
+@with_one_blas_thread
 def reproduce(
     settings: ReproductionSettings | None = None, draws_folder: Path | None = None, progress: Progress = silent
 ) -> Reproduction:

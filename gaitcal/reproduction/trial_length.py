@@ -26,6 +26,7 @@ from gaitcal.reproduction.joint_recovery import FoundFromZero, find_joints, synt
 from gaitcal.reproduction.noise_seed import generators
 from gaitcal.reproduction.published import PROBLEMS, table_one
 from gaitcal.reproduction.tables import JOINT_FIGURES, Cell, TableRow
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, RATE
 
 CAMERAS_HZ = 60.0
@@ -91,6 +92,7 @@ def trial_lengths(seed: int, draws: int = DRAWS, jobs: int = -1, rates: Iterable
     return [LengthDraws(rate, problems) for rate, problems in of_rate.items()]
 
 
+@with_one_blas_thread
 def _found(seed: int, draw: int, rate: float) -> dict[str, FoundFromZero]:
     noise, _ = generators(seed, draw)
     return find_joints({p: synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)})

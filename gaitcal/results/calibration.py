@@ -41,10 +41,12 @@ from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import columns_of, refused_lines, write_csv
 from gaitcal.results.truth import write_truth
+from gaitcal.runtime import with_one_blas_thread
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
 
 
+@with_one_blas_thread
 def write_results(
     calibration: Calibration,
     folder: Path | str,

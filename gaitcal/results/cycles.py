@@ -31,6 +31,7 @@ from gaitcal.person.stride_pelvis import pelvis_in_stride
 from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.records import dataclass
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
+from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -92,6 +93,7 @@ def write_cycles(
     return table
 
 
+@with_one_blas_thread
 def cycles(calibration: Calibration) -> pd.DataFrame:
     """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to 100 %, in long form.
 

@@ -28,12 +28,14 @@ from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMN
 from gaitcal.results.summary import JOINT_PRIOR
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 
 FURTHER = "model_sha256"
 """Entry of the manifest of further trials, whose model lies in the folder above."""
 
 
+@with_one_blas_thread
 def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
     """Set two results of one person side by side: before and after, or test and retest.
 

@@ -14,6 +14,7 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.results.json_types import Json
 from gaitcal.results.table_file import Column
+from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -73,6 +74,7 @@ def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> d
     return columns | {"valid": np.array(columns["valid"], dtype=int)}
 
 
+@with_one_blas_thread
 def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
     """Speed, cadence, steps, stance, swing and support of every stride of a calibration's walks, in long form.
 

@@ -17,12 +17,10 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import unit
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import OFF_LINE, TRUNK_SUPPORT, spread_off_line
+from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.recording.still import still_window
 
-TRUNK_TURN = "lumbar_rotation"
-"""A coordinate that is frozen where no marker shows the trunk."""
 FEWEST_FRAMES = 20
 """In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a habit."""
 SINGULAR = 1e-2
@@ -34,7 +32,8 @@ def model_with_trunk(
 ) -> SubjectModel:
     """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows none."""
     model = model_of(static)
-    if TRUNK_TURN not in model.frozen:
+    placed = zip(model.markers.segments, model.markers.weight, strict=True)
+    if sum(segment == "head_trunk" and weight > 0 for segment, weight in placed) >= IN_A_PLANE:
         return model
     more = with_trunk_of_walks(marker_set.renamed(static), model, marker_set, walks)
     return model if more is None else model_of(more)
@@ -43,7 +42,7 @@ def model_with_trunk(
 def with_trunk_of_walks(
     static: Recording, model: SubjectModel, marker_set: MarkerSet, walks: Sequence[Recording]
 ) -> Recording | None:
-    """The static trial with markers of head and trunk that only walks have; None where these are too few.
+    """The static trial with markers of head and trunk that only walks have; None where there are none.
 
     `model`: of the static trial, whose pelvis they are placed on.
     """
@@ -65,7 +64,7 @@ def with_trunk_of_walks(
         for label, parts in found.items()
         if parts and sum(len(part) for part in parts) >= FEWEST_FRAMES
     }
-    if len(places) < TRUNK_SUPPORT or spread_off_line(np.array(list(places.values()))) < OFF_LINE:
+    if not places:
         return None
     axes, origin = _of_static(model, static)
     points = np.array([origin + axes @ place for place in places.values()])
@@ -94,7 +93,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < TRUNK_SUPPORT or spread_off_line(local) < SINGULAR or not len(known):
+    if len(pelvis) < IN_A_PLANE or spread_off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))

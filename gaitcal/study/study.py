@@ -17,7 +17,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
 from gaitcal.records import dataclass
-from gaitcal.runtime import remembered
+from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.joint_prior import JointPrior
@@ -58,6 +58,7 @@ class Study:
     """What a cohort says of the joint parameters (`cohort_prior.py`); None: the default prior."""
 
     @classmethod
+    @with_one_blas_thread
     def load(cls, path: Path | str) -> Study:
         """Read a study file and all its recordings.
 
@@ -81,6 +82,7 @@ class Study:
         return study
 
     @classmethod
+    @with_one_blas_thread
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)

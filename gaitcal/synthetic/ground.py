@@ -21,6 +21,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.feet import feet_of, right_share, rolled
 from gaitcal.synthetic.motion import TrueMotion
 
@@ -40,11 +41,13 @@ class GroundOnFeet:
     """(nf, 2) of the vertical force; they sum to 1."""
 
 
+@with_one_blas_thread
 def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
     """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual in gait."""
     return ground_on_feet(parameters, motion).wrench
 
 
+@with_one_blas_thread
 def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     """The ground reactions of a gait of a person with these parameters.
 

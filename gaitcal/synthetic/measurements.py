@@ -15,6 +15,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.motion.marker_residual import marker_positions
 from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.runtime import with_one_blas_thread
 
 NOISE_AMPLITUDE = 0.010
 """m."""
@@ -22,6 +23,7 @@ NOISE_OMEGA = 25.0
 """rad/s."""
 
 
+@with_one_blas_thread
 def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
     """(nf, nm, 3) m, markers of the linkage at coordinates (nf, 27), in the order of `markers.labels`."""
     chain = Chain()

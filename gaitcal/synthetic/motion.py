@@ -16,6 +16,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
 from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
 from gaitcal.synthetic.likeness import is_nominal, looking_like_nominal, posture_like_nominal
 from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
@@ -58,6 +59,7 @@ class TrueMotion:
 
 
 @cache
+@with_one_blas_thread
 def gait_motion() -> TrueMotion:
     """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at 200 Hz.
 
@@ -69,6 +71,7 @@ def gait_motion() -> TrueMotion:
     return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
 
 
+@with_one_blas_thread
 def two_strides(parameters: Parameters) -> TrueMotion:
     """A walk of a person with these parameters in which both feet have a whole stride: 415 frames at 200 Hz."""
     begin, end = WALK_STRIDES
@@ -87,6 +90,7 @@ def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: 
     return TrueMotion(basis, walking_nodes(parameters, basis, phase, meant), phase)
 
 
+@with_one_blas_thread
 def isolated_motion(joint: str, standing: Array | None = None, rate: float = RATE) -> TrueMotion:
     """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still.
 
@@ -132,6 +136,7 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
     return q if parameters is None else posture_like_nominal(parameters, q)
 
 
+@with_one_blas_thread
 def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE

@@ -25,6 +25,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.recording import ForcePlate, Recording, write_c3d
 from gaitcal.recording.force_plate import point_and_torque
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.ground import residual_free_wrench
@@ -63,6 +64,7 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
             return Parameters(joint, inertial, nominal.zero_angles)
 
 
+@with_one_blas_thread
 def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
     """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
 

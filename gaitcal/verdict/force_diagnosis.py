@@ -82,7 +82,7 @@ def _unexplained(one: Unexplained) -> Finding:
     cause = "motion and forces disagree at the pelvis, and no single fault of the forces explains it"
     cure = "look at the markers of pelvis and trunk, whether each foot was wholly on a plate, and mass_kg"
     if not one.trial.trunk_seen:
-        cause = "motion and forces disagree at the pelvis, and no marker shows the trunk"
+        cause = "motion and forces disagree at the pelvis, and markers do not determine how the trunk turns"
         cure = "markers on the trunk (C7, sternum); else look at plates and mass_kg"
     return Finding(
         severity=Severity.WARNING,

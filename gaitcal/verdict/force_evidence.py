@@ -78,7 +78,7 @@ class ForceEvidence:
     trunk: Array
     """(k, 6, 2) change of `need` per m of the trunk's mass centre forward and to the right."""
     trunk_seen: bool
-    """Whether markers with weight show the trunk."""
+    """Whether markers determine how the trunk turns."""
     plates: tuple[PlateForces, ...]
     feet: IntArray
     """(plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone."""
@@ -178,7 +178,6 @@ def force_evidence(
     dynamics = Dynamics(parameters)
     need = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
     spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
-    errors = motion.errors
     return ForceEvidence(
         name=trial.name,
         room=_room(trial.recording, recording),
@@ -190,7 +189,7 @@ def force_evidence(
         mass_centre=_mass_centre(dynamics, q) - q[:, :3],
         spread=spread,
         trunk=trunk,
-        trunk_seen=any(s == "head_trunk" and w > 0 for s, w in zip(errors.segments, errors.weight, strict=True)),
+        trunk_seen=not any(name.startswith("lumbar") for name in motion.guessed),
         plates=tuple(_plate_forces(plates[i], motion, frames, _under(soles, k)) for k, i in enumerate(heavy)),
         feet=standing,
         soles=soles,

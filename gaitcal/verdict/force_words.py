@@ -153,7 +153,7 @@ def _trunk(fit: ForceFit, trial: ForceEvidence) -> Told:
     for value, names in ((forward, ("forward of", "behind")), (right, ("to the right of", "to the left of"))):
         if abs(value) > 0.25 * max(abs(forward), abs(right)):
             words.append(f"{abs(value):.0f} mm {names[0] if value > 0 else names[1]}")
-    seen = "markers with weight on the trunk show it upright" if trial.trunk_seen else "no marker shows the trunk"
+    seen = "markers on the trunk show it upright" if trial.trunk_seen else "markers do not determine how it turns"
     return Told(
         f"the trunk's weight lies {' and '.join(words)} where the model has it ({seen})",
         "a static trial that stands upright, and markers on the trunk (C7, sternum) in all trials",

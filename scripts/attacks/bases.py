@@ -5,12 +5,13 @@ Made people and real ones, men, women and a child, with and without medial marke
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+
+from clinics.folders import data
 
 from gaitcal import Recording, Study, synthesize
 from gaitcal.study.settings import CalibrationSettings
@@ -44,14 +45,6 @@ def loaded(name: str) -> Study:
         return Study.load(base.make(Path(folder)))
 
 
-def data() -> Path:
-    """The folder of real recordings; SystemExit where the environment does not name it."""
-    named = os.environ.get("GAITCAL_DATA")
-    if not named:
-        raise SystemExit("real recordings are needed: set the environment variable GAITCAL_DATA to their folder")
-    return Path(named).resolve()
-
-
 def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ...] = ()) -> Callable[[Path], Path]:
     """As `gaitcal synthesize` writes it, with the default settings of a user's own study; all joints, or these."""
 
@@ -70,7 +63,7 @@ def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ..
     return make
 
 
-def _recorded(
+def recorded(
     subject: tuple[float, float, str],
     markers: str,
     walk: tuple[str, str | None] | None,
@@ -112,7 +105,7 @@ def with_recording(study: Study, name: str, recording: Recording) -> Study:
 _ALL = (
     Base(
         name="subject01",
-        make=_recorded(
+        make=recorded(
             (72.6, 1.803, "male"),
             "gait2354",
             ("subject01/subject01_walk1.trc", "subject01/subject01_walk1_grf.mot"),
@@ -122,29 +115,29 @@ _ALL = (
     Base(name=SYNTHETIC, make=_synthesized(SEED, noise=True, perturb=True, joints=("hip_r", "knee_r"))),
     Base(
         name="pig",
-        make=_recorded((66.5, 1.79, "male"), "plug-in-gait", ("pig_c3d/gait.c3d", None), "pig_c3d/static.c3d"),
+        make=recorded((66.5, 1.79, "male"), "plug-in-gait", ("pig_c3d/gait.c3d", None), "pig_c3d/static.c3d"),
     ),
     Base(
         name="kad",
-        make=_recorded(
+        make=recorded(
             (79.25, 1.624, "female"), "plug-in-gait", ("labs_c3d/kad/walk.c3d", None), "labs_c3d/kad/static.c3d"
         ),
     ),
     Base(
         name="multi",
-        make=_recorded(
+        make=recorded(
             (53.5, 1.634, "female"), "plug-in-gait", ("labs_c3d/multi/walk03.c3d", None), "labs_c3d/multi/static.c3d"
         ),
     ),
     Base(
         name="child",
-        make=_recorded(
+        make=recorded(
             (32.1, 1.45, "male"), "plug-in-gait", ("children/HC002D/straight.c3d", None), "children/HC002D/static.c3d"
         ),
     ),
     Base(
         name="uf3",
-        make=_recorded(
+        make=recorded(
             (68.17, 1.70, "male"),
             "rcnl",
             ("uf3/gait.trc", None),
@@ -155,7 +148,7 @@ _ALL = (
     *(
         Base(
             name=person,
-            make=_recorded(
+            make=recorded(
                 subject,
                 "{data}/opensim_truth/markerset.toml",
                 (f"opensim_truth/{person}/walk.trc", f"opensim_truth/{person}/grf.mot"),
@@ -166,7 +159,7 @@ _ALL = (
     ),
     Base(
         name="functional",
-        make=_recorded(
+        make=recorded(
             (66.0, 1.72, "female"),
             "conventional73",
             None,
@@ -188,7 +181,7 @@ _MORE = (
     *(
         Base(
             name=f"multi {walk}",
-            make=_recorded(
+            make=recorded(
                 (53.5, 1.634, "female"),
                 "plug-in-gait",
                 (f"labs_c3d/multi/{walk}.c3d", None),
@@ -200,7 +193,7 @@ _MORE = (
     *(
         Base(
             name=f"child {child} {walk}",
-            make=_recorded(
+            make=recorded(
                 (mass, height, "male"),
                 "plug-in-gait",
                 (f"children/{child}/{walk}.c3d", None),
@@ -213,7 +206,7 @@ _MORE = (
     ),
     Base(
         name="uf3 whole",
-        make=_recorded(
+        make=recorded(
             (68.17, 1.70, "male"),
             "rcnl",
             ("uf3/gait.trc", None),

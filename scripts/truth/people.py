@@ -50,11 +50,14 @@ class WalkingPerson:
 
 
 def made(person: str, data: Path, cache: Path) -> Path:
-    """The folder with the trials of a person, made by OpenSim if they are not there yet."""
+    """The folder with the trials of a person, made by OpenSim if they are not there yet; SystemExit without it."""
     folder, source = cache / person, data / person
     if not all((folder / name).exists() for name in (*(f"{trial}.trc" for trial in TRIALS), "truth.json")):
         print(f"{person}: OpenSim moves the joints one after the other, which takes some minutes", flush=True)
-        make_trials(next(source.glob("*.osim")), source / "coordinates.sto", folder)
+        try:
+            make_trials(next(source.glob("*.osim")), source / "coordinates.sto", folder)
+        except ImportError as missing:
+            raise SystemExit("isolated trials need OpenSim (extra `peers`), or a --cache that has them") from missing
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Markers that do not stay where they are: five kinds of skin movement, and all of them together.
+"""Markers that do not stay where they are: five kinds of skin movement, all of them together, and skin as people's is.
 
 Marker m of a segment is displaced in the frame of its own bone, with size e (mm; tables for 15 mm), by
 
@@ -17,6 +17,17 @@ its centroid r. All directions belong to the person (seed): the same in every tr
                25 rad/s, p random
     mixture    half of each of the five
 
+People's skin is sized by what it does in a *task* (walk, isolated trial of a joint), whichever angle it goes with. With
+phi an angle of a joint beside the segment less its mean in the trial, over its standard deviation there (or 2 deg),
+
+    d_m(t) = sum_phi phi(t) (shift + turn x (r_m - r) + own_m),
+
+normally distributed with the standard deviations of `TASK` a component, drawn for each person, task, segment and angle:
+hips have three angles (the pelvis both hips'), the knee one, the ankle two.
+
+    people     only that, the same in every trial of a task
+    restless   that, and as much as one angle's by random in time (1 Hz), new in every trial
+
 The static trial is never touched, and displacements by joint angles are zero in its posture.
 """
 
@@ -27,6 +38,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gaitcal import Study
 from gaitcal.arrays import Array
@@ -57,10 +69,17 @@ class Kind(Enum):
     BURSTS = "bursts"
     SINUSOIDS = "sinusoids"
     MIXTURE = "mixture"
+    PEOPLE = "people"
+    RESTLESS = "restless"
 
 
 FIVE = (Kind.LINEAR, Kind.QUADRATIC, Kind.RANDOM, Kind.BURSTS, Kind.SINUSOIDS)
 SKIN = FIVE[:4]
+OF_PEOPLE = (Kind.PEOPLE, Kind.RESTLESS)
+TASK = {"pelvis": (2.0, 1.0, 0.7), "thigh": (3.0, 1.5, 1.0), "shank": (2.0, 1.0, 0.7), "foot": (1.0, 0.7, 0.5)}
+"""Segment -> RMS over a task for each angle beside it: shift mm, turn deg, every marker by itself mm."""
+LEAST_ANGLE = np.deg2rad(2.0)
+"""rad: an angle that varies less moves the skin less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +116,8 @@ def disturbed(study: Study, kind: Kind, size_mm: float, seed: int) -> Study:
     trials = []
     for number, trial in enumerate(study.trials):
         if trial is not study.static:
-            move = displacement(trial.recording, rest, study.marker_set.tracking, kind, size_mm, (seed, number))
+            marks, task = study.marker_set.tracking, trial.joint or "walk"
+            move = displacement(trial.recording, rest, marks, kind, size_mm, (seed, number), task)
             recording = replace(trial.recording, markers=trial.recording.markers + move)
             trial = replace(trial, recording=recording)
         trials.append(trial)
@@ -111,8 +131,11 @@ def displacement(
     kind: Kind,
     size_mm: float,
     seed: tuple[int, int],
+    task: str = "walk",
 ) -> Array:
     """(nf, nm, 3) m of every marker; `rest`: label -> (3,) m, static trial; `seed`: of the person and of the trial."""
+    if kind in OF_PEOPLE:
+        return size_mm / TABLE_MM * of_people(recording, clusters_of(recording, rest, tracking), kind, seed, task)
     if kind is Kind.MIXTURE:
         parts = [displacement(recording, rest, tracking, part, SHARE * size_mm, seed) for part in FIVE]
         return np.asarray(np.sum(parts, axis=0))
@@ -138,6 +161,53 @@ def displacement(
                     moved += 1e3 * shared[:, None, None] * np.cross(law.turn, arms)
             lab = np.einsum("fij,fmj->fmi", cluster.rotation, moved)
             out[:, list(cluster.markers)] += 1e-3 * size_mm / TABLE_MM * lab
+    return out
+
+
+def of_people(
+    recording: Recording, clusters: Mapping[str, Cluster], kind: Kind, seed: tuple[int, int], task: str
+) -> Array:
+    """(nf, nm, 3) m: skin whose size is that of the task."""
+    out = np.zeros_like(recording.markers)
+    angles = task_angles(clusters)
+    for number, (segment, cluster) in enumerate(clusters.items()):
+        arms = cluster.rest - cluster.rest.mean(axis=0)
+        phi = np.hstack([a for joint, a in angles.items() if segment in beside(joint)])
+        phi = (phi - phi.mean(axis=0)) / np.maximum(phi.std(axis=0), LEAST_ANGLE)
+        rng = np.random.default_rng([seed[0], 98, number, *task.encode()])
+        moved = np.einsum("fa,ami->fmi", phi, _rigid(rng.normal(size=(phi.shape[1], 6 + arms.size)), segment, arms))
+        if kind is Kind.RESTLESS:
+            restless = smooth_noise(recording.time, 6 + arms.size, np.random.default_rng([*seed, 97, number]))
+            moved += _rigid(restless, segment, arms)
+        out[:, list(cluster.markers)] += np.einsum("fij,fmj->fmi", cluster.rotation, moved)
+    return out
+
+
+def _rigid(unit: Array, segment: str, arms: Array) -> Array:
+    """(k, n, 3) m of a segment's markers by k sets of standard deviations: shift, turn, every marker by itself."""
+    shift, turn, own = TASK[segment.split("_")[0]]
+    turned = np.cross(np.deg2rad(turn) * unit[:, None, 3:6], arms)
+    return np.asarray(1e-3 * shift * unit[:, None, :3] + turned + 1e-3 * own * unit[:, 6:].reshape(-1, *arms.shape))
+
+
+def beside(joint: str) -> tuple[str, ...]:
+    """The segments that a joint (`hip_r`) moves against each other."""
+    name, side = joint.split("_")
+    return {
+        "hip": ("pelvis", f"thigh_{side}"),
+        "knee": (f"thigh_{side}", f"shank_{side}"),
+        "ankle": (f"shank_{side}", f"foot_{side}"),
+    }[name]
+
+
+def task_angles(clusters: Mapping[str, Cluster]) -> dict[str, Array]:
+    """`hip_r`, ... -> (nf, 3, 1 or 2) rad: turns from the static pose about the axes that the joint has."""
+    axes = {"hip": [0, 1, 2], "knee": [2], "ankle": [0, 2]}
+    out = {}
+    for joint in (f"{name}_{side}" for name in axes for side in "rl"):
+        above, below = beside(joint)
+        turn, _ = relative((clusters[above].rotation, np.zeros(3)), (clusters[below].rotation, np.zeros(3)))
+        out[joint] = Rotation.from_matrix(turn).as_rotvec()[:, axes[joint.split("_")[0]]]
     return out
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from attacks.bases import EVERY, WALK
+from people.real import CHILDREN, study_of_person
 
 from gaitcal import Study
 from gaitcal.arrays import Array, BoolArray
@@ -19,21 +19,14 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.person.prepare import measured_reactions, prepare_trial
+from gaitcal.person.result import Calibration, Stage
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import StudyTrial
 from vendor.curves import Quantity, vendor_curves
 
-LABS = {
-    "kad": ("kad",),
-    "multi": ("multi", *(f"multi walk{k:02d}" for k in (4, 5, 6, 7))),
-    "children": (
-        "child",
-        "child HC002D turn",
-        *(f"child {child} {walk}" for child in ("HC030A", "HC031A", "HC032A") for walk in ("straight", "turn")),
-    ),
-    "pig": ("pig",),
-}
-"""Laboratory -> its walks, by the names of `attacks/bases.py`."""
+LABS = {"kad": ("kad",), "multi": ("multi",), "children": CHILDREN, "pig": ("pig",)}
+"""Laboratory -> its people."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,15 +78,13 @@ class Walk:
         return np.asarray((time >= begin) & (time <= end))
 
 
-def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
+def walk_of(study: Study, name: str, trial: str) -> Walk:
     """A gait trial of a study through its nominal model."""
     model = nominal_of(study)
     chosen = next(t for t in study.trials if t.name == trial)
     prepared = prepare_trial(chosen, model, study.settings)
     motion = tracked_motion(prepared.body, model.parameters)
     reactions = measured_reactions(prepared, model, model.parameters, motion, study.settings)
-    theirs = vendor_curves(chosen.recording.source)
-    theirs = {key: curve for key, curve in theirs.items() if len(curve) == len(motion.time)}
     return Walk(
         name=name,
         mass=model.subject.mass,
@@ -101,11 +92,35 @@ def walk_of(study: Study, name: str, trial: str = WALK) -> Walk:
         moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
         kinetics=kinetics_of(model.parameters, motion, reactions.wrench),
         reactions=reactions,
-        theirs=theirs,
+        theirs=_theirs(chosen, len(motion.time)),
         events=prepared.recording.events,
     )
 
 
+def calibrated_walk(calibration: Calibration, trial: str, stage: Stage) -> Walk | None:
+    """A trial of a calibration, its moments with the model of that stage; None without forces, or without moments."""
+    found = calibration.trial(trial)
+    if found.loads is None or found.loads.kinetics is None or stage not in found.loads.moments:
+        return None
+    recorded = next(t for t in calibration.study.trials if t.name == trial)
+    return Walk(
+        name=f"{calibration.study.subject.name} {trial}",
+        mass=calibration.model.subject.mass,
+        motion=found.body,
+        moments=found.loads.moments[stage],
+        kinetics=found.loads.kinetics,
+        reactions=found.loads.reactions,
+        theirs=_theirs(recorded, len(found.body.time)),
+        events=found.recording.events,
+    )
+
+
+def _theirs(trial: StudyTrial, frames: int) -> dict[str, Array]:
+    curves = vendor_curves(trial.recording.source)
+    return {key: curve for key, curve in curves.items() if len(curve) == frames}
+
+
 def walks_of(lab: str) -> tuple[Walk, ...]:
     """The walks of a laboratory."""
-    return tuple(walk_of(EVERY[name].study, name) for name in LABS[lab])
+    studies = {person: study_of_person(person) for person in LABS[lab]}
+    return tuple(walk_of(study, f"{person} {walk}", walk) for person, study in studies.items() for walk in study.walks)

@@ -32,6 +32,7 @@ NEAR = 1e-4
 """Of the largest change of a quantity (mass, place of the mass centre, moment); both solvers end far nearer."""
 
 
+@pytest.mark.slow
 def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     """Joint parameters and motion of the end given, by SciPy over all frames."""
     model, motion = published_model(), gait_motion()

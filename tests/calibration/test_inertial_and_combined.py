@@ -126,6 +126,7 @@ def test_third_step_stays_where_nothing_is_left_to_explain() -> None:
     np.testing.assert_allclose(found.parameters.joint, MODEL.parameters.joint, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_path: Path) -> None:
     """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error bars, no crash."""
     text = 'ip = "published"\ntorque_scale = "1mm"\njoint_step = true'

@@ -184,6 +184,8 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
         "skin/gait/knee_angle_r^2/shank_r/rz": Source.SKIN,
         "skin/found": Source.SKIN,
         "bandwidth/walk": Source.BANDWIDTH,
+        "posture/walk/12": Source.POSTURE,
+        "posture/R.Knee/x": Source.JOINT_MARKERS,
     }
     assert {name: source_of(name) for name in cases} == cases
 

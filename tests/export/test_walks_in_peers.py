@@ -50,6 +50,7 @@ def assert_ours(walk: Walk, answers: Answers) -> None:
     np.testing.assert_allclose(markers, walk.markers, rtol=0, atol=POSITION_TOLERANCE)
 
 
+@pytest.mark.slow
 @pytest.mark.peers
 def test_opensim(osim: Any, walk: Walk) -> None:
     assert_ours(walk, opensim_answers(osim, walk.folder / "model.osim", walk.model.markers.labels, walk.states))

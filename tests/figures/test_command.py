@@ -34,7 +34,7 @@ from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import write_csv
-from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
+from tests.fake_result import ANGLE_ERROR, fake_calibration
 
 PACKED = 1 / 60_000
 """Of the range of a curve: a sheet holds 16-bit integers."""
@@ -214,14 +214,6 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
     for chart in report_charts(told):
         for panel in chart.panels:
             panel_figure(panel)
-
-
-def test_file_names_ignore_what_a_trial_is_called(tmp_path: Path) -> None:
-    source = written(fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE)), tmp_path)
-    out = tmp_path / "out"
-    assert figures(source, "--for", "report", "--out", out, "--format", "svg", "--only", "angles").exit_code == 0
-    (file,) = out.iterdir()
-    assert file.name.isascii() and not set(file.name) & set("<>\"'$&/ ")
 
 
 @pytest.mark.parametrize(

@@ -259,6 +259,7 @@ def walks(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     return recorded_strides(data_dir, tmp_path_factory.mktemp("people"))
 
 
+@pytest.mark.slow
 def test_walks_of_a_hospital_measure_what_its_own_program_says(
     walks: dict[str, tuple[tuple[Stride, ...], Path]],
 ) -> None:

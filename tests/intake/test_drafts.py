@@ -73,6 +73,7 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
         Study.load(study)
 
 
+@pytest.mark.slow
 def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", recordings(*JOINTS), forces="walk_forces")
     made = draft(folder)
@@ -89,6 +90,7 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     assert set(direct.inputs) == {f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")}
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(st.permutations(range(8)))
 def test_names_of_files_decide_nothing(order: list[int]) -> None:

@@ -37,7 +37,7 @@ def test_polynomials_give_the_printed_shares(age: int) -> None:
 @given(age=st.floats(0.5, 30.0), mass=st.floats(8.0, 120.0), sex=st.sampled_from(["male", "female"]))
 def test_a_child_of_any_age_is_possible_and_weighs_what_it_weighs(age: float, mass: float, sex: str) -> None:
     subject = Subject("child", mass, 1.2, sex, age=age)
-    lengths = BodyLengths(default_limbs(subject), np.array([-0.04, -0.06]), 0.12, np.array([0.0, 1.0, 0.0]))
+    lengths = BodyLengths(default_limbs(subject), np.array([-0.04, -0.06]), 0.12)
     inertial = inertial_parameters(subject, lengths)
     assert is_physical(inertial).all()
     assert table(inertial)[:, 0].sum() == pytest.approx(mass, rel=1e-14)

@@ -33,8 +33,24 @@ def rods(seed: int) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", range(8))
 def test_the_corner_is_where_the_rods_meet(seed: int) -> None:
     at, ends = rods(seed)
-    np.testing.assert_allclose(corner(*ends, middle=np.zeros((1, 3))), at, atol=ROUNDING)
+    np.testing.assert_allclose(corner(*ends, inwards=-at), at, atol=ROUNDING)
     assert is_device(*ends)
+
+
+@pytest.mark.parametrize("up", [0.0, 40.0])
+def test_the_device_of_a_right_knee_points_to_the_left_one(up: float) -> None:
+    """Rods that point outwards and upwards, as they may: the pelvis then lies beyond them, and the knee does not."""
+    spread = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.ones(3)])[0]
+    raised = Rotation.from_euler("x", -up, degrees=True)
+    ends = ROD * (raised * spread).as_matrix().T[:, None]
+    found = corner(*ends, inwards=np.array([[0.0, 0.0, -0.24]]))
+    np.testing.assert_allclose(found, np.zeros((1, 3)), atol=ROUNDING)
+    wrong = corner(*ends, inwards=np.array([[0.0, 0.0, 0.24]]))
+    assert wrong is not None
+    assert np.linalg.norm(wrong) > 0.08
+    witness = corner(*ends, inwards=np.array([[0.0, 0.0, 0.24]]), modelled=np.full((1, 3), 1e-3))
+    np.testing.assert_allclose(witness, np.zeros((1, 3)), atol=ROUNDING)
+    assert corner(*ends) is None
 
 
 def test_other_markers_are_no_device() -> None:

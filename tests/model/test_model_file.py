@@ -28,7 +28,7 @@ def bits(a: np.ndarray) -> bytes:
 
 
 def assert_same(a: SubjectModel, b: SubjectModel) -> None:
-    assert (a.subject, a.frozen, a.notes) == (b.subject, b.frozen, b.notes)
+    assert (a.subject, a.frozen, a.notes, a.posture) == (b.subject, b.frozen, b.notes, b.posture)
     for x, y in ((a.parameters, b.parameters), (a.nominal, b.nominal)):
         for name in ("joint", "inertial", "zero_angles"):
             assert bits(getattr(x, name)) == bits(getattr(y, name)), name
@@ -41,7 +41,7 @@ def assert_same(a: SubjectModel, b: SubjectModel) -> None:
 
 
 def test_the_published_model_comes_back(tmp_path: Path) -> None:
-    model = published_model(static_only=True)
+    model = replace(published_model(static_only=True), posture={"hip_rotation_r": 0.1, "ankle_angle_l": -1.0 / 3.0})
     save_model(model, tmp_path / "model.toml")
     assert_same(model, load_model(tmp_path / "model.toml"))
 

@@ -21,7 +21,7 @@ from gaitcal.montecarlo.settings import Plan
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.workers import Cluster, ThisProcess
 
-pytest.importorskip("distributed")
+pytest.importorskip("distributed", reason="no dask here; it comes with the extra `cluster`")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 ROOT = Path(__file__).parents[2]

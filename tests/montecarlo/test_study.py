@@ -101,16 +101,6 @@ def test_more_draws_levels_and_sets_run_only_what_is_new(case: MonteCarloCase, t
     assert len(Store(tmp_path).read()) == 60
 
 
-def test_a_damaged_file_is_made_anew(case: MonteCarloCase, tmp_path: Path) -> None:
-    whole = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
-    files = sorted((tmp_path / "draws").iterdir())
-    files[1].write_bytes(files[1].read_bytes()[:100])
-    files[2].write_bytes(b"")
-    again = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
-    assert again.computed == 20
-    same(again.draws, whole.draws)
-
-
 def test_the_draws_are_one_parquet_data_set(case: MonteCarloCase, tmp_path: Path) -> None:
     found = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
     read = pd.read_parquet(tmp_path / "draws").sort_values(["level", "draw"], ignore_index=True)
@@ -169,6 +159,7 @@ def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path)
     assert failed["ip"].tolist() == [0]
 
 
+@pytest.mark.slow
 def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = monte_carlo(case, tmp_path, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
     assert found.plan.draws > 20

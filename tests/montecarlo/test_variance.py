@@ -23,6 +23,7 @@ def draws(case: MonteCarloCase) -> pd.DataFrame:
     return pd.concat([monte_carlo(case, plan=plan, workers=ThisProcess()).draws for plan in plans])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", list(ReactionFrame))
 def test_small_disturbances_are_linear(context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame) -> None:
     assert linear_agreement(context, draws, (Varied.BOTH, 1), frame).min() > 0.999

@@ -8,6 +8,7 @@ import json
 import os
 import select
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -132,13 +133,14 @@ class Page:
 
 @contextlib.contextmanager
 def browser(folder: Path, binary: str) -> Iterator[Page]:
-    """A browser with one empty tab; `folder` holds its profile."""
+    """A browser with one empty tab; `folder` holds its profile, into which nobody writes any more afterwards."""
     command_read, command_write = os.pipe()
     answer_read, answer_write = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-c", _LAUNCH, str(command_read), str(answer_write), binary, *FLAGS,
          f"--user-data-dir={folder}", "about:blank"],
         pass_fds=(command_read, answer_write),
+        start_new_session=True,  # so that its many processes can be told from others
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -151,11 +153,34 @@ def browser(folder: Path, binary: str) -> Iterator[Page]:
         page.session = page.send("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
         yield page
     finally:
-        os.close(command_write)
-        os.close(answer_read)
         process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(15)
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        _end_all(process.pid)
+        process.wait()
+        os.close(command_write)
+        os.close(answer_read)
+
+
+def _end_all(group: int) -> None:
+    """End what is left of a process group: the first of a browser's processes does not wait for the others."""
+    deadline = time.monotonic() + TIMEOUT
+    with contextlib.suppress(ProcessLookupError):
+        while _works(group):
+            os.killpg(group, signal.SIGKILL)
+            time.sleep(0.01)
+            if time.monotonic() > deadline:
+                raise TimeoutError("the browser does not end")
+
+
+def _works(group: int) -> bool:
+    """Whether a process of the group still runs; one that ended may wait for long to be buried, where nobody does."""
+    if not Path("/proc/self/stat").exists():
+        os.killpg(group, 0)
+        return True
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, of = path.read_text().rpartition(")")[2].split()[:3]
+            if int(of) == group and state not in "ZX":
+                return True
+    return False

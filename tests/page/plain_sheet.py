@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.page import Scene
+from gaitcal.page import BoneMeshes, Scene
 from gaitcal.page.packing import base64_of, floats, lengths
 from gaitcal.page.scene import TrialScene
 from gaitcal.page.view import Shown, page_html
@@ -28,9 +28,9 @@ _ROW = {
 }
 
 
-def page_of(scene: Scene, *more: Shown) -> str:
-    """The page of a scene with its sheet, and of further results."""
-    return page_html([Shown(scene, sheet_of(scene), "before"), *more])
+def page_of(scene: Scene, *more: Shown, bones: BoneMeshes | None = None) -> str:
+    """The page of a scene with its sheet, and of further results; `bones` unless those of the extra are to be used."""
+    return page_html([Shown(scene, sheet_of(scene), "before"), *more], bones)
 
 
 def sheet_of(scene: Scene) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page import Scene
+from gaitcal.page import Scene, bones_of_folder
 from gaitcal.page.view import Shown, page_html
+from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page
 from tests.page.people import long_scene
 from tests.page.plain_sheet import page_of, sheet_of
@@ -26,9 +27,10 @@ TICK = 8.0
 
 @pytest.fixture(scope="module")
 def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("shell") / "result.html"
-    path.write_text(page_of(scene), encoding="utf-8")
-    return path
+    folder = tmp_path_factory.mktemp("shell")
+    bones = bones_of_folder(folder_of_bones(folder / "Geometry"))
+    (folder / "result.html").write_text(page_of(scene, bones=bones), encoding="utf-8")
+    return folder / "result.html"
 
 
 @pytest.fixture(scope="module")

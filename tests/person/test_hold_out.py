@@ -75,6 +75,7 @@ def test_a_truly_better_model_is_better_on_frames_left_out(study: Study) -> None
     assert fit < held.calibrated < 0.8 * held.nominal
 
 
+@pytest.mark.slow
 def test_a_merely_freer_model_is_not(study: Study) -> None:
     """A fit that follows its own frames alone: found only where they have weight, lost where they have none."""
     trial, nominal = prepared(study), nominal_of(study).parameters
@@ -87,6 +88,7 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
     assert held.calibrated > held.nominal
 
 
+@pytest.mark.slow
 def test_command_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -37,6 +37,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     return calibrated(tmp_path_factory.mktemp("study"), "consistent")
 
 
+@pytest.mark.slow
 def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
     done = calibrated(tmp_path / "study", "published")
     trial = done.trial("walk")
@@ -53,6 +54,7 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
     assert np.abs(trial.loads.nominal.tau - trial.loads.final.tau).max() > 1.0
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     trial = done.trial("walk")
     assert trial.loads is not None and trial.loads.errors is not None

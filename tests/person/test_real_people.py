@@ -13,7 +13,7 @@ from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATE_INDEX, LOWER_BODY
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.result import Calibration, Stage
-from gaitcal.recording import convert, read_table
+from gaitcal.recording import read_table
 from gaitcal.study.study import Study
 from tests.real_studies import write_study
 
@@ -182,17 +182,3 @@ def vertical_residual(calibration: Calibration) -> float:
     assert loads is not None
     vertical = loads.final.residual_force[loads.reactions.valid, 1]
     return float(np.sqrt(np.mean(vertical**2))) / calibration.model.subject.weight
-
-
-def test_csv_conversion_gives_the_same_parameters(data_dir: Path, tmp_path: Path) -> None:
-    study = write_study("pig_c3d", data_dir.resolve(), tmp_path)
-    text = study.read_text(encoding="utf-8")
-    for name in ("static", "gait"):
-        convert(data_dir / f"pig_c3d/{name}.c3d", tmp_path / f"{name}.csv")
-        text = text.replace(str((data_dir / f"pig_c3d/{name}.c3d").resolve()), f"{name}.csv")
-    text = text.replace('file = "gait.csv"', 'file = "gait.csv"\nforces = "gait_forces.csv"')
-    copy = tmp_path / "from_csv.toml"
-    copy.write_text(text, encoding="utf-8")
-    first, second = (calibrate(Study.load(path)).model.parameters for path in (study, copy))
-    np.testing.assert_array_equal(first.joint, second.joint)
-    np.testing.assert_array_equal(first.inertial, second.inertial)

@@ -102,6 +102,7 @@ def test_the_order_of_people_makes_no_difference(priors: CohortPriors) -> None:
     assert learn_cohort("lab", backwards, RULES, ["its verdict is refused"]) == priors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["recording", "name"])
 def test_who_is_among_the_people_leans_on_the_others(priors: CohortPriors, study: Study, by: str) -> None:
     """Person 3 as a study of the same recording, or of the same name: their fold is left out."""

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from gaitcal.reproduction.noise_seed import SeedResult, noiseless, noisy_draws
+from tests.kept import kept_object
 
 FEW_SEEDS = 2
 
 
 @pytest.fixture(scope="session")
-def clean() -> SeedResult:
+def clean(kept: Path) -> SeedResult:
     """Everything without noise, two random inertial seeds."""
-    return noiseless(0, FEW_SEEDS)
+    return kept_object(kept / "reproduction" / "clean", lambda: noiseless(0, FEW_SEEDS))
 
 
 @pytest.fixture(scope="session")
-def draws() -> list[SeedResult]:
+def draws(kept: Path) -> list[SeedResult]:
     """Two draws of the noise, two random inertial seeds each."""
-    return noisy_draws(0, 2, jobs=1, random_seeds=FEW_SEEDS)
+    return kept_object(kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=1, random_seeds=FEW_SEEDS))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whoever asks for these runs takes long, if nobody did so before."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents and {"clean", "draws"} & {*getattr(item, "fixturenames", ())}:
+            item.add_marker(pytest.mark.slow)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gaitcal.reproduction.folder import draw_frame
 from gaitcal.reproduction.joint_recovery import synthetic_problem
@@ -11,6 +12,7 @@ from gaitcal.reproduction.published import PROBLEMS
 from tests.reproduction.conftest import FEW_SEEDS
 
 
+@pytest.mark.slow
 def test_processes_do_not_matter(draws: list[SeedResult]) -> None:
     again = noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS)
     assert draw_frame(again).equals(draw_frame(draws))

@@ -46,6 +46,7 @@ def test_the_noise_is_as_fast_as_ever() -> None:
     np.testing.assert_allclose(slow[..., common], fast[..., places], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_at_the_usual_rate_they_are_the_draws_of_the_tables(
     lengths: list[LengthDraws], draws: list[SeedResult]
 ) -> None:

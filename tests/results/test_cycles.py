@@ -132,7 +132,7 @@ def test_the_ensemble_of_one_calibration_is_the_mean_of_its_valid_strides(whole:
 
 
 def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) -> None:
-    pytest.importorskip("xarray")
+    pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
     table = cycles(whole)
     dataset = cycles_to_xarray(table)
     assert dict(dataset.sizes) == {"trial": 1, "side": 2, "stride": 2, "percent": POINTS}

@@ -27,7 +27,7 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
 from gaitcal.study.study import Study
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_result
 
 RUNNER = CliRunner()
 SHEET = "page.json"
@@ -38,11 +38,9 @@ def run(*words: object) -> Result:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result with one further trial, `walk2`."""
-    folder = tmp_path_factory.mktemp("made")
-    study = write_synthetic_study(folder / "study")
-    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+    folder = Path(shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True))
     assert run("dynamics", folder / "result", trial(folder, "walk2"), "-q").exit_code == 0
     return folder
 
@@ -218,6 +216,7 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     assert not any(reason["cause"] == OTHER_MODEL for reason in reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [SHEET, SCENE])
 def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     result = folder / "result"

@@ -85,7 +85,7 @@ def test_a_table_of_an_earlier_version_says_what_it_can(whole: Calibration, fold
         mean = ensemble(table)
         assert mean["se"][mean["n"] > 1].isna().all() and tuple(mean.columns) == ENSEMBLE_COLUMNS
         np.testing.assert_array_equal(mean["sd"], ensemble(cycles(whole))["sd"])
-    pytest.importorskip("xarray")
+    pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
     assert cycles_to_xarray(old)["hip_flexion"].attrs["units"] == "deg"
 
 
@@ -127,7 +127,7 @@ def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Cal
     mixed = pd.concat([table, other.assign(trial="second")])
     with pytest.raises(InputError, match=r"found pelvis_tilt as \[deg\] and as \[deg\] flexion; allowed: one conv"):
         ensemble(mixed)
-    pytest.importorskip("xarray")
+    pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
     dataset = cycles_to_xarray(read)
     assert dataset["knee_angle_moment"].attrs == {"units": "N m/kg", "positive": "flexion"}
     assert dataset["knee_angle_moment_se"].attrs == {"units": "N m/kg"}

@@ -14,7 +14,7 @@ from gaitcal.errors import InputError
 from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.study.study import Study
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_result
 
 RUNNER = CliRunner()
 DRAWS = ("--vary", "jp", "--levels", 100, "--draws", 4, "--jobs", 1)
@@ -29,12 +29,9 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(kept: Path) -> Path:
     """A study and its result."""
-    folder = tmp_path_factory.mktemp("made")
-    study = write_synthetic_study(folder / "study")
-    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
-    return folder
+    return kept_result(kept)
 
 
 @pytest.fixture
@@ -42,6 +39,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "made"))
 
 
+@pytest.mark.slow
 def test_a_study_is_never_replaced_by_its_result(folder: Path, tmp_path: Path) -> None:
     for out in (folder / "study", folder):
         before = content(out)
@@ -105,6 +103,7 @@ def test_another_calibration_keeps_draws_and_further_trials_and_says_so(folder: 
             run("montecarlo", result, *words)
 
 
+@pytest.mark.slow
 def test_further_trials_join_those_that_are_there(folder: Path) -> None:
     result, first = folder / "result", folder / "study/walk.csv"
     for name in ("walk2", "walk3"):

@@ -25,15 +25,19 @@ from gaitcal.results.page_files import read_page
 from tests.synthetic_studies import write_synthetic_study
 
 SUBJECTS = [
-    "<script>alert(1)</script>",
     "../../../etc/passwd",
     "x" * 200,
-    "Zoë 测试 \U0001f9b5",
-    '"><img src=x onerror=alert(1)>',
-    "'; DROP TABLE gait; --",
-    "{{ 7 * 7 }} {% raw %} ${x} </title></style>",
-    "[bold red]markup[/]",
-    "<!--<script> \u05d0\u05d1 --> \\u003c & ]]>",
+    " ".join(
+        [
+            "<script>alert(1)</script>",
+            "Zoë 测试 \U0001f9b5",
+            '"><img src=x onerror=alert(1)>',
+            "'; DROP TABLE gait; --",
+            "{{ 7 * 7 }} {% raw %} ${x} </title></style>",
+            "[bold red]markup[/]",
+            "<!--<script> \u05d0\u05d1 --> \\u003c & ]]>",
+        ]
+    ),
 ]
 MARKERS = {
     "R.Bicep": "<script>alert(2)</script>",
@@ -158,8 +162,7 @@ def test_trial_names_that_could_be_paths_are_refused(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-@pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGINT])
-@pytest.mark.parametrize("former", [False, True])
+@pytest.mark.parametrize("kill, former", [(signal.SIGKILL, True), (signal.SIGINT, False)])
 def test_killed_while_writing_leaves_the_old_result_or_none(kill: signal.Signals, former: bool, tmp_path: Path) -> None:
     study = write_synthetic_study(tmp_path / "study")
     result = tmp_path / "result"

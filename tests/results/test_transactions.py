@@ -27,7 +27,7 @@ from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_result
 
 RUNNER = CliRunner()
 DRAWS = ("--vary", "jp", "--levels", 100, "--draws", 2, "--jobs", 1)
@@ -43,10 +43,8 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made")
-    study = write_synthetic_study(folder / "study")
-    assert run("calibrate", study, "--out", folder / "result", "-q").exit_code == 0
+def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = Path(shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True))
     assert run("dynamics", folder / "result", folder / "study/walk.csv", "-q").exit_code == 0
     return folder
 

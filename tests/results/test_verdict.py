@@ -110,6 +110,7 @@ def test_one_refused_leg_leaves_the_other() -> None:
     assert "hip_flexion_r" not in told["torque_change_bwh"] and "hip_flexion_l" in told["torque_change_bwh"]
 
 
+@pytest.mark.slow
 def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) -> None:
     """The vertical force of both plates in kgf: nothing that `check` refuses by itself."""
     path = write_synthetic_study(tmp_path / "study")

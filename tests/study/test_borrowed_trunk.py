@@ -44,11 +44,12 @@ def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None
         np.testing.assert_array_equal(place[1][label], place[0][label])
 
 
-def test_two_markers_in_walks_place_nothing(study: Study) -> None:
-    fewer = hidden(hidden(study, THORAX, Role.STATIC), THORAX[2:], Role.GAIT)
+def test_one_marker_in_walks_is_placed_too(study: Study) -> None:
+    head = ("LFHD", "RFHD", "LBHD", "RBHD")
+    fewer = hidden(hidden(study, (*THORAX, *head), Role.STATIC), (*THORAX[1:], *head), Role.GAIT)
     model = nominal_of(fewer)
-    assert "lumbar_rotation" in model.frozen
-    assert not any("placed by the walks" in note for note in model.notes)
+    assert [m for m, s in zip(model.markers.labels, model.markers.segments, strict=True) if s == "head_trunk"] == ["C7"]
+    assert any("C7 are not in the static trial and were placed by the walks" in note for note in model.notes)
 
 
 def test_a_static_trial_with_its_trunk_borrows_nothing(study: Study) -> None:

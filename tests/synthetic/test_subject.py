@@ -64,6 +64,7 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
     assert all(p.subject.mass == pytest.approx(p.parameters.mass) for p in people)
 
 
+@pytest.mark.slow
 def test_feet_just_touch_the_floor(kept: Path) -> None:
     study = Study.load(kept_person(kept, seed=4, perturb=True))
     for trial in study.trials:

@@ -28,6 +28,9 @@ def person() -> SubjectModel:
     return model
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def told() -> tuple[Teller, TrueMotion, np.ndarray, ToldMotion]:
     model, motion = person(), true_gait(SEED)[1]

@@ -163,6 +163,7 @@ def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
     assert torque and change == pytest.approx(largest, rel=0.1)  # by as much as the plates make, twice being one more
 
 
+@pytest.mark.slow
 def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_path: Path) -> None:
     path = write_synthetic_study(tmp_path / "study")
     clean = calibrate(Study.load(path))

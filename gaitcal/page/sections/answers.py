@@ -130,11 +130,11 @@ def _residual(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer
             f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
             f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
         )
-    errors = view.trial.body.errors
-    if is_trunk_unmeasured(errors):
+    body = view.trial.body
+    if is_trunk_unmeasured(body):
         meaning += (
-            f" No marker shows {unmeasured_words(errors, calibration.nominal.nominal)}: how it moves is the first "
-            "cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
+            f" Markers do not determine {unmeasured_words(body, calibration.nominal.nominal)}: how it moves is the "
+            "first cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
         )
     return Answer(
         question="Do motion and ground forces agree?",

@@ -116,7 +116,7 @@ def _assumptions(calibration: Calibration) -> list[Block]:
             out.append(fold(f"Trial {named(name)}: {counted(len(own), 'note')}", note_blocks(own)))
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
-        out.append(text(f"Held still, as no marker moves with them: {held}."))
+        out.append(text(f"No marker shows {held}: the trunk stays upright, arms hang along it."))
     return out
 
 

@@ -1,0 +1,184 @@
+"""What is known of coordinates besides markers: a quadratic cost on spline coefficients outside a range.
+
+With n_ak the coefficient a of coordinate k, in a range [l_ak, u_ak] that costs nothing,
+
+    d_ak = n_ak - clip(n_ak, l_ak, u_ak),      C(N) = sum_ak w_ak d_ak^2,      w_ak = (e / s_k)^2 sum_f b_a(f)
+
+is added to the marker cost: being s_k beyond the range costs in every frame what e = 5 mm of one marker do. A B-spline
+lies in the hull of its coefficients, so that the range bounds the motion, half the gradient is w d, and half the
+Gauss-Newton matrix has w on its diagonal where d is not zero. The range is one of two things:
+
+    wall      a joint does not turn further: l < u. Nothing inside, to the last digit.
+    centre    a normal prior: l = u = c, s its standard deviation, for coordinates that no marker determines
+              (`undetermined.py`), whose errors it makes.
+
+The error of a centre is not white: it repeats itself with the stride. For coordinate k it is taken as s_k e_k(t),
+
+    e_k(t) = sqrt(0.8) z_0 + sqrt(0.2) [z_1 cos(2 pi t / T_k) + z_2 sin(2 pi t / T_k)],
+
+all z independent with variance 1: a posture that is another one (80 % of the variance), and a swing. Its period T_k is
+a stride, about 1 s; half of it where the trunk tilts, which it does with every step. The variance is s_k^2 in every
+frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.model.linkage import SIDES
+from gaitcal.motion.spline import SplineBasis
+from gaitcal.records import dataclass
+
+MARKER_M = 0.005
+"""m, e: the noise of a marker on skin."""
+BEYOND = np.deg2rad(5.0)
+"""rad beyond a wall that cost e."""
+WALLS: Mapping[str, tuple[float, float]] = {
+    f"{name}_{side}": (low, high)
+    for side in SIDES
+    for name, low, high in (
+        ("hip_adduction", -40.0, 40.0),
+        ("hip_rotation", -50.0, 50.0),
+        ("ankle_angle", -70.0, 50.0),
+        ("subtalar_angle", -50.0, 50.0),
+    )
+}
+"""Coordinate -> deg from the static posture. Passive ranges of adults: hip adduction 30 and abduction 45, rotation 45
+each way, dorsiflexion 20, plantarflexion 50, inversion 35, eversion 15 (American Academy of Orthopaedic Surgeons 1965);
+about as much again for what axes that are off make of them."""
+STEADY = 0.8
+"""Part of the variance of e_k."""
+STRIDE_S = 1.0
+"""s, T_k."""
+WITH_EVERY_STEP = ("lumbar_extension",)
+"""Coordinates whose T_k is half of that."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinatePrior:
+    """Ranges of some coordinates, at some times or at all."""
+
+    names: tuple[str, ...]
+    """(k,) coordinates."""
+    time: Array
+    """(nt,) s."""
+    low: Array
+    """(nt, k) rad."""
+    high: Array
+    """(nt, k) rad."""
+    scale: Array
+    """(k,) rad, s."""
+    share: float = 1.0
+    """Factor of the cost."""
+
+    def scores(self, basis: SplineBasis, coordinates: tuple[str, ...]) -> Array:
+        """(nn * nq, 3 k) half gradients that the errors of the centres make, z = 1 one after the other."""
+        own = self.on(basis, coordinates)
+        out = np.zeros((basis.nodes, len(coordinates), len(self.names), 3))
+        for k, name in enumerate(self.names):
+            turn = 2.0 * np.pi / STRIDE_S * (2.0 if name in WITH_EVERY_STEP else 1.0) * basis.time
+            swing = np.sqrt(1.0 - STEADY) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            courses = basis.fit(np.column_stack([np.full(len(turn), np.sqrt(STEADY)), swing]))
+            out[:, own.columns[k], k] = own.weight[:, [k]] * self.scale[k] * courses
+        return out.reshape(basis.nodes * len(coordinates), -1)
+
+    @property
+    def centred(self) -> bool:
+        """Whether it is a normal prior."""
+        return bool((self.low == self.high).all())
+
+    def of(self, coordinates: tuple[str, ...]) -> CoordinatePrior:
+        """The same of those among some coordinates."""
+        kept = [k for k, name in enumerate(self.names) if name in coordinates]
+        names = tuple(self.names[k] for k in kept)
+        return replace(self, names=names, low=self.low[:, kept], high=self.high[:, kept], scale=self.scale[kept])
+
+    def scaled(self, share: float) -> CoordinatePrior:
+        """`share` times the cost."""
+        return replace(self, share=share * self.share)
+
+    def on(self, basis: SplineBasis, coordinates: tuple[str, ...]) -> CoefficientPrior:
+        """The same for the coefficients of all coordinates of a trial (`names` must be among them)."""
+        low = self._course(self.low, basis)
+        high = low if self.centred else self._course(self.high, basis)
+        frames = basis.matrices[0].T @ np.ones(len(basis.time))
+        weight = self.share * frames[:, None] * (MARKER_M / self.scale) ** 2
+        columns = np.array([coordinates.index(name) for name in self.names], dtype=np.intp)
+        return CoefficientPrior(columns, low, high, weight)
+
+    def _course(self, values: Array, basis: SplineBasis) -> Array:
+        """(nn, k) coefficients of a course (nt, k)."""
+        if len(values) == 1:
+            return np.repeat(values, basis.nodes, axis=0)
+        at_frames = [np.interp(basis.time, self.time, column) for column in values.T]
+        return basis.fit(np.stack(at_frames, axis=1))
+
+
+@dataclass(frozen=True)
+class CoefficientPrior:
+    """A prior on the coefficients of one trial."""
+
+    columns: IntArray
+    """(k,) coordinates."""
+    low: Array
+    """(nn, k) rad."""
+    high: Array
+    """(nn, k) rad."""
+    weight: Array
+    """(nn, k) m^2/rad^2, w."""
+
+    def both(self, nodes: Array) -> tuple[float, Array]:
+        """Cost (m^2), and (nn, nq) half its gradient, at nodes (nn, nq)."""
+        out = np.zeros_like(nodes)
+        beyond = self._beyond(nodes)
+        pull = self.weight * beyond
+        out[:, self.columns] = pull
+        return float(np.vdot(pull, beyond)), out
+
+    def cost(self, nodes: Array) -> float:
+        """m^2."""
+        return float(np.vdot(self.weight, self._beyond(nodes) ** 2))
+
+    def add_to(self, band: Array, nodes: Array) -> None:
+        """Add half the Gauss-Newton matrix at `nodes` to `band` (nn * nq, 6 nq), in place."""
+        outside = (self.low == self.high) | (self._beyond(nodes) != 0.0)
+        band[:, 0].reshape(nodes.shape)[:, self.columns] += np.where(outside, self.weight, 0.0)
+
+    def _beyond(self, nodes: Array) -> Array:
+        """(nn, k) rad, d."""
+        own = nodes[:, self.columns]
+        out: Array = own - np.clip(own, self.low, self.high)
+        return out
+
+
+def walls(coordinates: tuple[str, ...], posture: Mapping[str, float]) -> CoordinatePrior:
+    """The walls of those of some coordinates that have one, about a static posture (coordinate -> rad; else zero)."""
+    names = tuple(name for name in coordinates if name in WALLS)
+    about = np.array([posture.get(name, 0.0) for name in names])
+    low, high = np.deg2rad([WALLS[name] for name in names]).reshape(-1, 2).T
+    scale = np.full(len(names), BEYOND)
+    return CoordinatePrior(
+        names=names, time=np.zeros(1), low=(about + low)[None], high=(about + high)[None], scale=scale
+    )
+
+
+def within_walls(coordinates: Sequence[str], angles: Array, known: BoolArray, *, told: bool | np.bool_) -> Array:
+    """(nf, k) rad, starting angles of a joint less whole turns, and no further from zero than the walls about it.
+
+    `told`: whether a rigid fit tells them in the frames `known` (nf,); else a joint that has walls in all coordinates
+    starts from zero if it is beyond them in any of these.
+    """
+    walled = [k for k, name in enumerate(coordinates) if name in WALLS]
+    if not walled:
+        return angles
+    low, high = np.deg2rad([WALLS[coordinates[k]] for k in walled]).T
+    turned = np.angle(np.exp(1j * angles[:, walled]))
+    out, kept = angles.copy(), np.clip(turned, low, high)
+    out[:, walled] = kept
+    if not told and len(walled) == len(coordinates) and (kept != turned)[known].any():
+        out[:] = 0.0
+    return out

@@ -1,0 +1,64 @@
+"""What the package computes, as a program whose BLAS may use some threads: prints a hash of every result's bits.
+
+    python -m tests.threads_work THREADS FOLDER
+
+The number of threads is set as a user's own program would have it, after the libraries are loaded: OPENBLAS_NUM_THREADS
+would be cut to the cores of the machine. FOLDER holds a study.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import scipy.linalg  # noqa: F401  # brings a BLAS of its own, whose threads are set below, too
+from threadpoolctl import threadpool_limits
+
+import gaitcal as gc
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.draw import COLUMNS, draw
+from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
+from gaitcal.montecarlo.unfinished_refit import unfinished_draws
+from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess
+from gaitcal.reproduction.noise_seed import noisy_draw
+from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.motion import gait_motion
+from tests.synthetic_studies import made_recording
+
+PLAN = Plan(levels=(50,), draws=4)
+
+
+def results(study: Path) -> Iterator[tuple[str, bytes]]:
+    """Names of entry points, and the bits of what they return. `A: B` and `A: C` must have the same."""
+    model, walk = gc.published_model(), gait_motion()
+    motion = gc.track(model, made_recording(walk))
+    yield "track", motion.q.tobytes()
+    wrench = residual_free_wrench(model.parameters, walk)
+    yield "inverse_dynamics", gc.inverse_dynamics(model, motion, wrench).tau.tobytes()
+    yield "joint_kinetics", np.array(gc.joint_kinetics(model, motion, wrench).power).tobytes()
+
+    case = nominal_case()
+    for name, workers in (("here", ThisProcess()), ("processes", LocalProcesses(2))):
+        draws = gc.monte_carlo(case, plan=PLAN, workers=workers, chunk_draws=2).draws
+        yield f"monte_carlo: {name}", draws[list(COLUMNS)].to_numpy().tobytes()
+    settings = MonteCarloSettings()
+    end = unfinished_draws(case, settings, 1, jobs=1, levels=(50,)).set_index(["iterations", "set"])
+    yield "a draw: unfinished", np.ascontiguousarray(end.loc[(-1, "noise"), list(COLUMNS)].iloc[0], float).tobytes()
+    yield "a draw: alone", draw(MonteCarloContext(case, settings), Varied.NOISE, 50, 0).values.tobytes()
+    joints = noisy_draw(0, 0, random_seeds=1).joints
+    yield "noisy_draw", np.concatenate([joint.nodes.ravel() for joint in joints.values()]).tobytes()
+
+    found = gc.calibrate(gc.Study.load(study))
+    yield "calibrate", found.model.parameters.joint.tobytes() + found.model.parameters.inertial.tobytes()
+    yield "cycles", gc.cycles(found).to_csv().encode()
+
+
+if __name__ == "__main__":
+    with threadpool_limits(int(sys.argv[1]), user_api="blas"):
+        told = {name: hashlib.sha256(bits).hexdigest() for name, bits in results(Path(sys.argv[2]))}
+    sys.stdout.write(json.dumps(told))
