@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,8 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     assert trial.loads is not None and trial.loads.errors is not None
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
-    problem = with_bandwidth(plain, done.nominal.parameters, hz)
+    assert done.joint is not None
+    problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
     errors = torque_standard_errors(
         problem,
         trial.body.nodes,
