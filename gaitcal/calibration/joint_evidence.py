@@ -20,7 +20,7 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints, free_of
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
+from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import (
     SQUARES,
     SoftTissueScale,
@@ -112,14 +112,14 @@ def calibrate_by_evidence(
     trials: Sequence[EvidenceTrial], nominal: Parameters, settings: JointSettings, sides: Sequence[str]
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms."""
-    with beside(partial(_trunk_and_arms, trials, nominal, settings.learnt)) as trunk_and_arms:
-        legs = _legs(trials, nominal, sides, settings.learnt)
+    with beside(partial(_trunk_and_arms, trials, nominal, settings.prior)) as trunk_and_arms:
+        legs = _legs(trials, nominal, sides, settings.prior)
         upper = trunk_and_arms()
     return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
 
 
 def _legs(
-    trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], learnt: JointPrior | None
+    trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], before: JointPrior | None
 ) -> _Part | None:
     """Isolated trials of `sides` and gait together; None where nothing is free."""
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
@@ -145,7 +145,7 @@ def _legs(
                 tissue[t.name] = columns
     problems = [problem for task in tasks for problem in task.problems]
     prior = tissue_prior(problems, scales)
-    estimate, errors = estimate_joints(tasks, nominal, free, tissue=prior, learnt=learnt)
+    estimate, errors = estimate_joints(tasks, nominal, free, tissue=prior, prior=before)
     pieces = list(zip(used, problems, estimate.nodes, strict=True))
     small = [finding for t, problem, nodes in pieces if t.joint for finding in small_turns(problem, nodes, t.joint)]
     return _Part(
@@ -214,7 +214,7 @@ def segments_of(body: TrialProblem, segments: tuple[str, ...], nominal: Paramete
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> _Part | None:
+def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, before: JointPrior | None) -> _Part | None:
     """Gait by itself above the pelvis; None where nothing is free."""
     walks = tuple(t for t in trials if t.joint is None)
     parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
@@ -223,10 +223,10 @@ def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt
     free = free_of(task.problems, UPPER_PARAMETERS)
     if not free:
         return None
-    trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+    trunk, errors = estimate_joints([task], nominal, free, prior=before)
     if turned := turned_arms(task.problems, trunk.nodes, nominal):
         free = without_arms(free, turned)
-        trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+        trunk, errors = estimate_joints([task], nominal, free, prior=before)
     return _Part(
         estimate=trunk, errors=errors, trials=walks, name="joint parameters of trunk and arms", findings=told(turned)
     )
@@ -246,7 +246,7 @@ def _joined(known: Influence, errors: Influence) -> Influence:
 
 def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
     """All parts together."""
-    influence = nominal_influence()
+    influence = nominal_influence(prior=settings.prior)
     for part in parts:
         influence = _joined(influence, part.errors)
     free = tuple(name for part in parts for name in part.free)
@@ -254,11 +254,11 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
     for part in parts:
         fitted = part.estimate.parameters
         parameters = parameters.with_joint(part.free, fitted.joint[[JP_INDEX[n] for n in part.free]])
-    expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
+    expected = np.sqrt(np.diag(prior_of(free, settings.prior)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
     unseen_legs = [n for n in unseen if n.startswith(LEG_JOINTS)]
-    leaning = leans_on_cohort(unseen_legs, settings.learnt)
+    near = settings.prior.held_near(unseen_legs) if settings.prior else ""
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
@@ -270,15 +270,10 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         unidentifiable=unseen,
         findings=(
             *(finding for part in parts for finding in part.findings),
-            *in_words(
-                unseen_legs,
-                (),
-                f"held near {'what the cohort has' if leaning else 'nominal values'}",
-                parts[0].turned if parts else {},
-            ),
+            *in_words(unseen_legs, (), f"held near {near or 'nominal values'}", parts[0].turned if parts else {}),
             *beyond_bounds(beyond),
         ),
-        notes=(*(settings.learnt.notes if settings.learnt else ()), *(note for part in parts for note in part.notes)),
+        notes=(*(settings.prior.notes if settings.prior else ()), *(note for part in parts for note in part.notes)),
         at_bound=beyond,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
     )
