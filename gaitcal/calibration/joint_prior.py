@@ -150,8 +150,9 @@ def prior_of_study(told: Mapping[str, ParameterPriorTable], learnt: JointPrior |
             if said.deviation is not None:
                 scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
     of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
-    study = replace(ANATOMY, mean=mean, covariance=np.outer(scale, scale) * COVARIANCE, of_study=of_study)
-    return _with(study, learnt)
+    notes = (f"the study file says what to expect of {', '.join(told)}",) if told else ()
+    covariance = np.outer(scale, scale) * COVARIANCE
+    return _with(replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes), learnt)
 
 
 def _with(whole: JointPrior, other: JointPrior | None) -> JointPrior:
@@ -162,4 +163,4 @@ def _with(whole: JointPrior, other: JointPrior | None) -> JointPrior:
     mean, covariance = whole.mean.copy(), whole.covariance.copy()
     covariance[at], covariance[:, at] = 0.0, 0.0
     mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
-    return replace(whole, mean=mean, covariance=covariance, of_cohort=other.names, notes=other.notes)
+    return replace(whole, mean=mean, covariance=covariance, of_cohort=other.names, notes=(*whole.notes, *other.notes))

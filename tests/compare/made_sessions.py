@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_prior import prior_deviations, prior_root
+from gaitcal.compare.parameter_differences import placement
 from gaitcal.compare.session import Session
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
@@ -74,3 +76,10 @@ def made_influence(rng: np.random.Generator) -> Influence:
     markers = rng.normal(0.0, 1.0, (len(NAMES), 3)) * prior_deviations(NAMES)[:, None] / 5.0
     clusters = (*(f"markers/walk/{k}" for k in range(3)), *(f"nominal/{name}" for name in NAMES))
     return Influence(NAMES, np.hstack([markers, 0.5 * prior_root(NAMES, None)]), clusters)
+
+
+def placed_anew() -> Array:
+    """(4, 4) Q by hand: each parameter by itself, but for the two views of the hip, which move by the same."""
+    out = np.diag(placement(NAMES) ** 2)
+    out[0, 1] = out[1, 0] = out[0, 0]
+    return out

@@ -18,8 +18,7 @@ from gaitcal.compare.sessions import compare_sessions
 from gaitcal.errors import InputError
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.study.settings import ParameterPriorTable
-from tests.compare.made_sessions import NAMES, SD, SHARED, made_session
-from tests.compare.placed import HIPS, placed_anew
+from tests.compare.made_sessions import NAMES, SD, SHARED, made_session, placed_anew
 
 EXACT = 1e-9
 SWING = 8.0
@@ -86,7 +85,7 @@ def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
     clusters = tuple(f"nominal/{name}" for name in NAMES)
     parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
     one, other = (Influence(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
-    own, apart = spread - placed_anew(NAMES), parts[1] - parts[0]
+    own, apart = spread - placed_anew(), parts[1] - parts[0]
     wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
     assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(wanted, rel=1e-9)
     wanted = np.diag(apart @ spread @ apart.T)
@@ -95,9 +94,9 @@ def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
 
 def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apart() -> None:
     """6 mm of the 12 that the hip's centre has along x; nothing of the 4 that pelvis and thigh are apart."""
-    assert own_causes(HIPS, None) == pytest.approx(np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12)
-    narrow = prior_of_study({name: ParameterPriorTable(deviation=1.0) for name in HIPS})
-    values = np.linalg.eigvalsh(own_causes(HIPS, narrow))
+    assert own_causes(NAMES[:2], None) == pytest.approx(np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12)
+    narrow = prior_of_study({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
+    values = np.linalg.eigvalsh(own_causes(NAMES[:2], narrow))
     assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, "markers are not put better than is known"
 
 

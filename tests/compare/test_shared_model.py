@@ -12,8 +12,7 @@ from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.errors import InputError
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
-from tests.compare.made_sessions import NAMES, made_session
-from tests.compare.placed import placed_anew
+from tests.compare.made_sessions import NAMES, made_session, placed_anew
 
 CLOSE = 1e-5
 """Relative: what is the same in both sessions is it but for 1e-9 of its variance."""
@@ -40,7 +39,7 @@ def test_both_sessions_together_are_the_dense_normal_distribution(anew: bool, pr
     (a, of_a, at_a), (b, of_b, at_b) = made_knowledge(0, prior), made_knowledge(1, prior)
     found = joined(NAMES, a, b, placed_anew=anew, prior=prior)
     mean, own = prior_of(NAMES, prior)
-    same = own - (placed_anew(NAMES) if anew else 0.0)
+    same = own - (placed_anew() if anew else 0.0)
     whole = np.block([[own, same], [same, own]])
     gain = whole @ np.linalg.inv(whole + block_diag(np.linalg.inv(of_a), np.linalg.inv(of_b)))
     expected = np.tile(mean, 2) + gain @ (np.concatenate([at_a, at_b]) - np.tile(mean, 2))
@@ -65,7 +64,7 @@ def test_error_bars_hold_what_is_drawn_from_the_priors() -> None:
     """Many people: deviations that go together but for where markers were put, and noise of the markers."""
     rng, (mean, covariance) = np.random.default_rng(3), prior_of(NAMES, None)
     (_, of_a, _), (_, of_b, _) = made_knowledge(0), made_knowledge(1)
-    anew, z = placed_anew(NAMES), []
+    anew, z = placed_anew(), []
     for _ in range(2000):
         person = rng.multivariate_normal(mean, covariance - anew)
         sessions = []

@@ -65,7 +65,8 @@ def test_a_cohort_comes_before_the_study_file() -> None:
     mean, covariance = prior_of(HIPS, prior)
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))
-    assert prior.held_near(HIPS) == "what the cohort has" and prior.notes == ("lean",)
+    assert prior.held_near(HIPS) == "what the cohort has" and prior.notes[1:] == ("lean",)
+    assert prior.notes[0] == "the study file says what to expect of hip.pelvis.ant, hip.thigh.ant"
     assert prior.held_near(HIPS[1:]) == "what the study file expects"
 
 
