@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import nominal_influence
-from gaitcal.calibration.joint_prior import prior_deviations
-from gaitcal.model.joint_parameters import JP_NAMES, Kind
+from gaitcal.calibration.joint_prior import MEAN, prior_deviations
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.study.people_design import Person, mirror
 from tests.scripts import script
 
@@ -54,7 +55,11 @@ def test_errors_and_gains() -> None:
     ]
     assert gain(outcomes, "cohort", Kind.POSITION) == pytest.approx(0.5)
     said = list(report(outcomes))
-    assert said[0] == "legs, positions, mm: nominal 20.00, default prior 10.00, cohort 5.00 (-50 %)"
+    legs = [k for k, p in enumerate(JOINT_PARAMETERS) if p.kind is Kind.POSITION and p.name.startswith(LEG_JOINTS)]
+    rms = 1e3 * np.sqrt(np.mean(unit[legs] ** 2))
+    assert said[0] == (
+        f"legs, positions, mm: nominal {rms:.2f}, default prior {rms / 2:.2f}, cohort {rms / 4:.2f} (-50 %)"
+    )
     assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
     assert any(line.startswith("directions half seen (18 of 54)") for line in said)
 
@@ -68,7 +73,7 @@ def test_a_linear_fit_is_that_of_the_normal_distribution() -> None:
 
     rng, deviation = np.random.default_rng(3), 0.01 * np.ones(len(JP_NAMES))
     index = [JP_NAMES.index(name) for name in PARTS["legs"]]
-    for size, wanted in ((0.0, 0.0), (1e12, 0.01)):
+    for size, wanted in ((0.0, MEAN[index]), (1e12, 0.01)):
         information = {part: size * np.eye(len(names)) for part, names in PARTS.items()}
         one = LinearPerson(person=ANYBODY, deviation=deviation, shown=Shown(gait=information, isolated=information))
         fit = linear_fit(told_of(one, "gait", "", rng), None)

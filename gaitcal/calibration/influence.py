@@ -38,7 +38,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointFit
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -48,6 +48,7 @@ from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.records import dataclass
+from gaitcal.study.joint_prior import JointPrior
 
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
@@ -94,10 +95,9 @@ class Influence:
         return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
 
 
-def nominal_influence(names: Sequence[str] = JP_NAMES) -> Influence:
-    """How far nominal joint parameters may be wrong (`joint_prior.py`)."""
-    root = np.linalg.cholesky(prior_of(names, None)[1])
-    return Influence(tuple(names), root, tuple(f"nominal/{name}" for name in names))
+def nominal_influence(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> Influence:
+    """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's unless given)."""
+    return Influence(tuple(names), prior_root(names, prior), tuple(f"nominal/{name}" for name in names))
 
 
 def influence_of(problems: Sequence[TrialProblem], fit: JointFit, known: Influence | None = None) -> Influence:

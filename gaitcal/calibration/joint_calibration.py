@@ -45,8 +45,8 @@ class JointSettings:
     cumulative: bool = False
     """In a sequence of phases, what earlier trials know stays in the cost of later ones; and every phase finds out
     `marker_noise` by itself, this value being where it starts."""
-    learnt: JointPrior | None = None
-    """Of a cohort, in place of the default prior, where the evidence of all trials decides (`joint_evidence.py`)."""
+    prior: JointPrior | None = None
+    """In place of anatomy's, where the evidence of all trials decides (`joint_evidence.py`)."""
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
@@ -146,7 +146,7 @@ class JointSearch:
             )
             centre = self.present
         else:
-            centre, rows = expected[0], np.linalg.cholesky(expected[1]).T
+            centre, rows = expected[0], np.asarray(np.linalg.cholesky(expected[1]).T, float)
         if tissue is not None:
             of_tissue = np.linalg.inv(np.linalg.cholesky(tissue.covariance))
             rows, nz = block_diag(rows, of_tissue), len(tissue.keys)

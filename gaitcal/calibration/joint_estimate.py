@@ -18,9 +18,10 @@ have 1 - s of their variance in common, so that together they count as  K / (s +
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
 
-    -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1/2 e_p  -  Sigma_z^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
+    -H^-1 ( sum_t S_t^1/2 n_t  -  F_p^-T e_p  -  Sigma_z^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
 
-columns of an `Influence` by source: markers of each trial, nominal values, soft tissue. Their squares sum to H^-1.
+F_p F_p^T = Sigma_p, the columns of F_p being causes (`joint_prior.py`): columns of an `Influence` by source, markers of
+each trial, nominal values, soft tissue. Their squares sum to H^-1.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ def estimate_joints(
     free: tuple[str, ...],
     *,
     tissue: TissuePrior = NO_TISSUE,
-    learnt: JointPrior | None = None,
+    prior: JointPrior | None = None,
 ) -> tuple[JointEstimate, Influence]:
     """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
 
@@ -133,14 +134,14 @@ def estimate_joints(
     ----------
     nominal : what the prior is about, and values of all that is not free.
     tissue : prior of the columns that the problems have.
-    learnt : prior of a cohort, about `nominal`; anatomy's unless given.
+    prior : of the joint parameters, about `nominal`; anatomy's unless given.
     """
     began = time.perf_counter()
     problems = [problem for task in tasks for problem in task.problems]
     noises = each(lambda task: noise_of(task, nominal, free), tasks)
     noise = [nu for of_task in noises for nu in of_task]
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    expected = _expected(nominal, free, learnt)
+    expected = _expected(nominal, free, prior)
     search = JointSearch(
         problems, nominal, free, starts, BY_EVIDENCE, tissue=tissue if tissue.keys else None, expected=expected
     )
@@ -154,7 +155,7 @@ def estimate_joints(
         search.weigh([1.0 / nu**2 for nu in noise])
     fit = search.run()
     parts = _placed(search, fit, noise)
-    precision = search.problem.prior.T @ search.problem.prior
+    precision = np.asarray(search.problem.prior.T @ search.problem.prior, float)
     inverse = np.linalg.inv(sum(parts) + precision)
     estimate = JointEstimate(
         free=free,
@@ -197,9 +198,9 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     return tuple(noise)
 
 
-def _expected(nominal: Parameters, free: tuple[str, ...], learnt: JointPrior | None) -> tuple[Array, Array]:
+def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior | None) -> tuple[Array, Array]:
     """(np,) expected values and (np, np) precision of joint parameters before any trial."""
-    mean, covariance = prior_of(free, learnt)
+    mean, covariance = prior_of(free, prior)
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(np.linalg.inv(covariance), float)
 
 
@@ -241,7 +242,7 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
         part += 1e-9 * np.trace(part) / len(part) * np.eye(len(part))
         chi2 += float(along @ np.linalg.solve(part, along))
     chi2 -= float(total @ np.linalg.solve(base.T @ sum(informations) @ base, total))
-    return min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0)
+    return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
 
 
 def _placed(search: JointSearch, fit: JointFit, noise: Sequence[float]) -> list[Array]:
@@ -265,7 +266,8 @@ def _influence(
         columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
     count = len(estimate.free)
-    columns.append(inverse[:, :count] @ np.linalg.cholesky(precision[:count, :count]))
+    root = np.linalg.cholesky(np.linalg.inv(precision[:count, :count]))
+    columns.append(np.linalg.solve(root, inverse[:count]).T)
     sources += [f"nominal/{name}" for name in estimate.free]
     if estimate.keys:
         columns.append(inverse[:, count:] @ np.linalg.cholesky(precision[count:, count:]))

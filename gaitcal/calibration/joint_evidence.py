@@ -20,7 +20,7 @@ from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints, free_of
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import leans_on_cohort, prior_of
+from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import (
     SQUARES,
     SoftTissueScale,
@@ -44,12 +44,12 @@ from gaitcal.study.joint_prior import JointPrior
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
-GAIT, ISOLATED = "gait", "isolated trials"
-"""Kinds of task, each with a scale of its own: what moves the whole body, and one joint."""
+GAIT = "gait"
+"""Kind of task of a trial that is no isolated one; that of isolated trials has their joint's name."""
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
-LEAST_SQUARES = 1e-4
-"""E[s^2] below which columns of squares would move nothing: a hundredth of what people show."""
+LEAST_SQUARES = 0.01
+"""E[s^2] below which columns of squares would move next to nothing: a tenth of what people show."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +112,14 @@ def calibrate_by_evidence(
     trials: Sequence[EvidenceTrial], nominal: Parameters, settings: JointSettings, sides: Sequence[str]
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms."""
-    with beside(partial(_trunk_and_arms, trials, nominal, settings.learnt)) as trunk_and_arms:
-        legs = _legs(trials, nominal, sides, settings.learnt)
+    with beside(partial(_trunk_and_arms, trials, nominal, settings.prior)) as trunk_and_arms:
+        legs = _legs(trials, nominal, sides, settings.prior)
         upper = trunk_and_arms()
     return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
 
 
 def _legs(
-    trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], learnt: JointPrior | None
+    trials: Sequence[EvidenceTrial], nominal: Parameters, sides: Sequence[str], before: JointPrior | None
 ) -> _Part | None:
     """Isolated trials of `sides` and gait together; None where nothing is free."""
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
@@ -129,29 +129,14 @@ def _legs(
     free = free_of(list(still.values()), [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     if not free:
         return None
-    angles = dict(zip([t.name for t in used], each(partial(_angles, nominal), [t.body for t in used]), strict=True))
-    tasks, scales, tissue = list[TaskTrials](), dict[str, SoftTissueScale](), dict[str, SoftTissue]()
-    regressors = dict[str, dict[str, Array]]()
-    for kind in kinds:
-        names = [t.name for t in used if t.kind == kind]
-        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
-    for scaled in (GAIT, ISOLATED):
-        alike = [t for t in used if (t.joint is None) is (scaled == GAIT)]
-        if not alike:
-            continue
-        scales[scaled] = soft_tissue_scale([_with_tissue(still[t.name], t.kind, regressors[t.name]) for t in alike])
-        if scales[scaled].squares < LEAST_SQUARES:
-            for t in alike:
-                regressors[t.name] = {n: psi for n, psi in regressors[t.name].items() if not n.endswith(SQUARES)}
-    for kind in kinds:
-        own = [t for t in used if t.kind == kind]
-        tasks.append(TaskTrials(kind, tuple(_with_tissue(still[t.name], kind, regressors[t.name]) for t in own)))
-        for t in own:
-            if (columns := tissue_of(t.body, kind, regressors[t.name])) is not None:
-                tissue[t.name] = columns
+    regressors, scales = _artefact(used, still, nominal)
+    tasks = [
+        TaskTrials(kind, tuple(_with_tissue(still[t.name], kind, regressors[t.name]) for t in used if t.kind == kind))
+        for kind in kinds
+    ]
     problems = [problem for task in tasks for problem in task.problems]
-    prior = tissue_prior(problems, {kind: scales[GAIT if kind == GAIT else ISOLATED] for kind in kinds})
-    estimate, errors = estimate_joints(tasks, nominal, free, tissue=prior, learnt=learnt)
+    tissue_before = tissue_prior(problems, scales)
+    estimate, errors = estimate_joints(tasks, nominal, free, tissue=tissue_before, prior=before)
     pieces = list(zip(used, problems, estimate.nodes, strict=True))
     small = [finding for t, problem, nodes in pieces if t.joint for finding in small_turns(problem, nodes, t.joint)]
     return _Part(
@@ -163,27 +148,43 @@ def _legs(
         notes=_in_words(scales, estimate),
         turned=turns_of(problems, estimate.nodes, [t.joint for t in used]),
         tissue={
-            name: columns
-            for name, columns in ((name, _only(columns, prior.keys)) for name, columns in tissue.items())
-            if columns is not None
+            t.name: columns
+            for t in used
+            if (columns := tissue_of(t.body, t.kind, regressors[t.name], tissue_before.keys)) is not None
         },
     )
 
 
-def _angles(nominal: Parameters, body: TrialProblem) -> dict[str, Array]:
+def _artefact(
+    trials: Sequence[EvidenceTrial], parts: Mapping[str, TrialProblem], nominal: Parameters
+) -> tuple[dict[str, dict[str, Array]], dict[str, SoftTissueScale]]:
+    """Trial -> coordinate -> (nf,) psi of the joints that its task moves, and kind of task -> how soft the person is
+    there: in gait, and in all isolated trials alike.
+    """
+    angles = dict(zip(parts, each(partial(_angles, nominal), list(parts.values())), strict=True))
+    regressors, scales = dict[str, dict[str, Array]](), dict[str, SoftTissueScale]()
+    kinds = dict.fromkeys(t.kind for t in trials)
+    for kind in kinds:
+        names = [t.name for t in trials if t.kind == kind]
+        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
+    for alike in ([k for k in kinds if k == GAIT], [k for k in kinds if k != GAIT]):
+        members = [t for t in trials if t.kind in alike]
+        scale = soft_tissue_scale([_with_tissue(parts[t.name], t.kind, regressors[t.name]) for t in members])
+        scales |= dict.fromkeys(alike, scale)
+        if scale.squares < LEAST_SQUARES:
+            for t in members:
+                regressors[t.name] = {n: psi for n, psi in regressors[t.name].items() if not n.endswith(SQUARES)}
+    return regressors, scales
+
+
+def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
-    q = tracked_motion(body, nominal).q
-    return {name: values for name, values, on in zip(body.chain.coordinates, q.T, body.active, strict=True) if on}
+    q = tracked_motion(part, nominal).q
+    return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
 def _with_tissue(problem: TrialProblem, kind: str, regressors: Mapping[str, Array]) -> TrialProblem:
     return replace(problem, tissue=tissue_of(problem, kind, regressors))
-
-
-def _only(tissue: SoftTissue, keys: Sequence[str]) -> SoftTissue | None:
-    """The groups of a whole body whose columns were fitted: those of the segments of its task."""
-    groups = tuple(group for group in tissue.groups if set(SoftTissue((group,)).keys) <= set(keys))
-    return SoftTissue(groups) if groups else None
 
 
 def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:
@@ -197,10 +198,11 @@ def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:
 
 def _in_words(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
+    named = {GAIT if kind == GAIT else "isolated trials": scale for kind, scale in scales.items()}
     told = ", ".join(
         f"{kind} {np.sqrt(scale.linear):.2g}"
         + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
-        for kind, scale in scales.items()
+        for kind, scale in named.items()
     )
     out = [
         "soft tissue moves the markers with the joints beside them, by this much of what people show in such a task: "
@@ -220,7 +222,7 @@ def segments_of(body: TrialProblem, segments: tuple[str, ...], nominal: Paramete
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt: JointPrior | None) -> _Part | None:
+def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, before: JointPrior | None) -> _Part | None:
     """Gait by itself above the pelvis; None where nothing is free."""
     walks = tuple(t for t in trials if t.joint is None)
     parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
@@ -229,10 +231,10 @@ def _trunk_and_arms(trials: Sequence[EvidenceTrial], nominal: Parameters, learnt
     free = free_of(task.problems, UPPER_PARAMETERS)
     if not free:
         return None
-    trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+    trunk, errors = estimate_joints([task], nominal, free, prior=before)
     if turned := turned_arms(task.problems, trunk.nodes, nominal):
         free = without_arms(free, turned)
-        trunk, errors = estimate_joints([task], nominal, free, learnt=learnt)
+        trunk, errors = estimate_joints([task], nominal, free, prior=before)
     return _Part(
         estimate=trunk, errors=errors, trials=walks, name="joint parameters of trunk and arms", findings=told(turned)
     )
@@ -252,7 +254,7 @@ def _joined(known: Influence, errors: Influence) -> Influence:
 
 def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSettings) -> JointCalibration:
     """All parts together."""
-    influence = nominal_influence()
+    influence = nominal_influence(prior=settings.prior)
     for part in parts:
         influence = _joined(influence, part.errors)
     free = tuple(name for part in parts for name in part.free)
@@ -260,11 +262,11 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
     for part in parts:
         fitted = part.estimate.parameters
         parameters = parameters.with_joint(part.free, fitted.joint[[JP_INDEX[n] for n in part.free]])
-    expected = np.sqrt(np.diag(prior_of(free, settings.learnt)[1]))
+    expected = np.sqrt(np.diag(prior_of(free, settings.prior)[1]))
     errors, spread = influence.standard_errors, dict(zip(free, expected, strict=True))
     unseen = tuple(n for n in free if errors[n] > LEARNT * spread[n])
     unseen_legs = [n for n in unseen if n.startswith(LEG_JOINTS)]
-    leaning = leans_on_cohort(unseen_legs, settings.learnt)
+    near = settings.prior.held_near(unseen_legs) if settings.prior else ""
     beyond = tuple(
         n for n in free if abs(parameters.joint[JP_INDEX[n]] - nominal.joint[JP_INDEX[n]]) > _bound(n, settings)
     )
@@ -276,15 +278,10 @@ def _calibration(parts: Sequence[_Part], nominal: Parameters, settings: JointSet
         unidentifiable=unseen,
         findings=(
             *(finding for part in parts for finding in part.findings),
-            *in_words(
-                unseen_legs,
-                (),
-                f"held near {'what the cohort has' if leaning else 'nominal values'}",
-                parts[0].turned if parts else {},
-            ),
+            *in_words(unseen_legs, (), f"held near {near or 'nominal values'}", parts[0].turned if parts else {}),
             *beyond_bounds(beyond),
         ),
-        notes=(*(settings.learnt.notes if settings.learnt else ()), *(note for part in parts for note in part.notes)),
+        notes=(*(settings.prior.notes if settings.prior else ()), *(note for part in parts for note in part.notes)),
         at_bound=beyond,
         tissue={name: tissue for part in parts for name, tissue in part.tissue.items()},
     )

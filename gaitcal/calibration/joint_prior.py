@@ -1,10 +1,17 @@
 """How far a joint parameter may lie from its nominal value: what is known of people before any trial is looked at.
 
+Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may change means and
+deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the place of both (`prior_of_study`).
+
 A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee in thigh and shank,
 the talus in shank and foot. A landmark or regression that misses it misses it in both. In each direction
 
     cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal place,
                          [ d^2   d^2 + a^2 ]      a: how far apart the two segments may have it.
+
+The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the error of the centre
+under the parent's name and that of being apart under the child's. Markers that are put on anew move the centre, in both
+views alike (`in_both_views`), and leave the second cause as it is.
 
 `TABLE` holds mean, d and a; what they rest on:
 
@@ -22,14 +29,16 @@ others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.records import dataclass
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.joint_prior import SIDES_OF, JointPrior
+from gaitcal.study.settings import ParameterPriorTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +50,11 @@ class _Row:
     deviation: float
     apart: float = 0.0
     mean: float = 0.0
+
+    @property
+    def by_side(self) -> tuple[list[int], ...]:
+        """Of each side, the indices of its parameters."""
+        return tuple([JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1))
 
 
 def _seen_twice(
@@ -63,51 +77,90 @@ TABLE: tuple[_Row, ...] = (
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
-ROUNDED = 1e-6
-"""Of a variance: what the digits of a file of priors leave open."""
 
 
-def _anatomy() -> tuple[Array, Array]:
-    """(98,) and (98, 98) mean and covariance of deviations from nominal values, m and rad."""
-    position = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
-    mean, covariance = np.zeros(len(JP_NAMES)), np.diag(np.where(position, OTHER_MM, OTHER_DEG) ** 2)
+def _first_views() -> IntArray:
+    out = np.arange(len(JP_NAMES))
     for row in TABLE:
-        for side in ("r", "l"):
-            names = [name.replace(".", f"_{side}.", 1) for name in row.parameters]
-            own = [JP_INDEX[name] for name in names]
-            mean[own] = row.mean
-            covariance[np.ix_(own, own)] = row.deviation**2
-            if len(own) > 1:
-                covariance[own[1], own[1]] += row.apart**2
-    return JP_TO_SI * mean, np.outer(JP_TO_SI, JP_TO_SI) * covariance
+        for own in row.by_side:
+            out[own] = own[0]
+    return out
 
 
-MEAN, COVARIANCE = _anatomy()
+FIRST_VIEW = _first_views()
+"""(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself where none is."""
+
+
+def in_both_views(deviation: Array) -> Array:
+    """(98, 98) covariance of errors of bone ends, each the same in both segments that see it; `deviation`: (98,), of
+    which those of first views count.
+    """
+    size = deviation[FIRST_VIEW]
+    out: Array = np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
+    return out
+
+
+def _anatomy() -> JointPrior:
+    position = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+    mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
+    deviation = np.where(position, OTHER_MM, OTHER_DEG)
+    for row in TABLE:
+        for own in row.by_side:
+            mean[own], deviation[own], apart[own[1:]] = row.mean, row.deviation, row.apart
+    covariance = in_both_views(JP_TO_SI * deviation) + np.diag((JP_TO_SI * apart) ** 2)
+    return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
+
+
+ANATOMY = _anatomy()
+MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
 def prior_deviations(names: Sequence[str]) -> Array:
-    """(n,) m, rad: standard deviations of joint parameters about their nominal values."""
+    """(n,) m, rad: standard deviations of joint parameters by anatomy."""
     return np.sqrt(np.diag(COVARIANCE))[[JP_INDEX[name] for name in names]]
 
 
-def prior_of(names: Sequence[str], learnt: JointPrior | None) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n): mean and covariance of deviations from nominal values; anatomy's alone where nothing is
-    learnt of a parameter.
+def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
+    """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values; anatomy's where `prior` says
+    nothing of a parameter.
     """
-    at = [JP_INDEX[name] for name in names]
-    mean, covariance = MEAN[at].copy(), COVARIANCE[np.ix_(at, at)].copy()
-    if learnt is not None:
-        own = [k for k, name in enumerate(names) if name in learnt.names]
-        there = [learnt.names.index(names[k]) for k in own]
-        covariance[own], covariance[:, own] = 0.0, 0.0
-        mean[own] = learnt.mean[there]
-        covariance[np.ix_(own, own)] = learnt.covariance[np.ix_(there, there)]
-    return mean, covariance
+    at, whole = [JP_INDEX[name] for name in names], _with(ANATOMY, prior)
+    return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
 
-def leans_on_cohort(names: Sequence[str], learnt: JointPrior | None) -> bool:
-    """Whether a cohort expects something else of some of these joint parameters than anatomy does."""
-    (mean, covariance), (own, spread) = prior_of(names, learnt), prior_of(names, None)
-    default = np.sqrt(np.diag(spread))
-    unlike = (covariance - spread) / np.outer(default, default)
-    return bool((np.abs(mean - own) > ROUNDED * default).any() or (np.abs(unlike) > ROUNDED).any())
+def prior_root(names: Sequence[str], prior: JointPrior | None) -> Array:
+    """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its parameter's name."""
+    return np.asarray(np.linalg.cholesky(prior_of(names, prior)[1]), float)
+
+
+def prior_of_study(told: Mapping[str, ParameterPriorTable], learnt: JointPrior | None = None) -> JointPrior:
+    """What is expected of all joint parameters: by anatomy, by a study file in its place, by a cohort in that of both.
+
+    A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has them. Rows and
+    columns of P0 are scaled, so that two views of one bone end to which it gives d and e, of correlation c, may be
+    (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for both, the left as the mirror image of the right one;
+    what is said of a side comes before that.
+    """
+    mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
+    for name in sorted(told, key=lambda name: name in JP_INDEX):
+        for side, own in enumerate(SIDES_OF[name]):
+            k, said = JP_INDEX[own], told[name]
+            if said.mean is not None:
+                mean[k] = JP_TO_SI[k] * said.mean * (-1.0 if side and JOINT_PARAMETERS[k].mirrored else 1.0)
+            if said.deviation is not None:
+                scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
+    of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
+    notes = (f"the study file says what to expect of {', '.join(told)}",) if told else ()
+    covariance = np.outer(scale, scale) * COVARIANCE
+    return _with(replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes), learnt)
+
+
+def _with(whole: JointPrior, other: JointPrior | None) -> JointPrior:
+    """A prior of all joint parameters, another one in its place for those that it is of."""
+    if other is None:
+        return whole
+    at = [JP_INDEX[name] for name in other.names]
+    mean, covariance = whole.mean.copy(), whole.covariance.copy()
+    covariance[at], covariance[:, at] = 0.0, 0.0
+    mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
+    return replace(whole, mean=mean, covariance=covariance, of_cohort=other.names, notes=(*whole.notes, *other.notes))

@@ -1,8 +1,9 @@
 """What trials share, alone: the motions of all trials eliminated (variable projection).
 
 Trials share the joint parameters and the columns of soft tissue, together p. For given p every trial's nodes N(p)
-minimise that trial's marker cost C_t. What is left is a small problem in p with gradient g = sum_t g_p and Gauss-Newton matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and
-Pereyra 1973; Kaufman 1975). With S = V diag(s) V^T it is handed to SciPy as the compressed pair
+minimise that trial's marker cost C_t. What is left is a small problem in p with gradient g = sum_t g_p and Gauss-Newton
+matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and Pereyra 1973; Kaufman 1975). With S = V diag(s) V^T it is handed
+to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 

@@ -4,8 +4,9 @@ A marker of a segment lies, in the segment's axes, at
 
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - mean phi_c) / max(sd phi_c, 2 deg),
 
-phi_c the angles of the joints beside the segment, mean and sd over all trials of one kind of task (gait, or the
-isolated trials of one joint), and with them psi_c |psi_c| where there is evidence. Each kind has unknowns z of its own.
+phi_c the angles of the joints beside the segment that the task moves, mean and sd over all trials of one kind of task
+(gait, or the isolated trials of one joint), and with them psi_c |psi_c| where there is evidence. Each kind has unknowns
+z of its own.
 All markers of a segment shift together, turn together about their middle, and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
@@ -19,11 +20,11 @@ degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis
 pins, fluoroscopy and magnetic resonance in walking (Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait
 Posture 31:1-8, 2010; Barre et al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
 
-One scale s says how soft this person is in this kind of task. It is learnt from how the markers of all segments deform
-*together*, joints left out: what the rigid fit of a segment leaves of its markers, e, is
+One scale s says how soft this person is in gait, another one in all isolated trials. It is learnt from how the markers
+of all segments deform *together*, joints left out: what the rigid fit of a segment leaves of its markers, e, is
 
     e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
-    2 log L(s) = sum over segments of  b^T (Q + Sigma^-1 / s^2)^-1 b - log det(1 + s^2 Sigma Q),      ln s ~ N(0, 0.7^2),
+    2 log L(s) = sum over segments of  b^T (Q + Sigma^-1 / s^2)^-1 b - log det(1 + s^2 Sigma Q),   ln s ~ N(0, 0.7^2),
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
 counted as far as they are independent (`joint_noise.py`). Pooling is the point: a cluster that slides as a whole shows
@@ -32,7 +33,7 @@ no deformation itself. s is integrated over: z has the variance E[s^2] Sigma.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,8 +122,10 @@ def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = Fa
     return out
 
 
-def tissue_of(problem: TrialProblem, kind: str, regressors: Mapping[str, Array]) -> SoftTissue | None:
-    """The columns of the artefact on the markers of a trial; None where no segment of it has any."""
+def tissue_of(
+    problem: TrialProblem, kind: str, regressors: Mapping[str, Array], known: Collection[str] | None = None
+) -> SoftTissue | None:
+    """The columns of the artefact on the markers of a trial, or those `known` of them; None where there are none."""
     groups = []
     for s, markers in problem.data.placed.groups:
         segment = problem.chain.segments[s]
@@ -141,6 +144,8 @@ def tissue_of(problem: TrialProblem, kind: str, regressors: Mapping[str, Array])
                     regressors=np.array([regressors[name] for name in names]),
                 )
             )
+    if known is not None:
+        groups = [group for group in groups if set(SoftTissue((group,)).keys) <= set(known)]
     return SoftTissue(tuple(groups)) if groups else None
 
 

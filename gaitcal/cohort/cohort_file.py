@@ -18,6 +18,7 @@ from gaitcal.files.toml import require_file
 from gaitcal.files.validation import Table, read_validated, shown, validated
 from gaitcal.intake.person_facts import Options
 from gaitcal.records import dataclass
+from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 
 COHORT = "cohort.toml"
@@ -113,6 +114,7 @@ def _listed(file: Path) -> tuple[Cohort, CalibrationSettings]:
         )
         people.append(person)
     folder = file.parent.absolute()
+    require_joint_prior(content.calibration, file)
     settings = content.calibration.found(
         lambda named: require_file(folder / named, source=file, field="calibration.priors"), file
     )

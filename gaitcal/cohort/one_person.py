@@ -29,6 +29,7 @@ from gaitcal.person.calibrate import calibrate
 from gaitcal.records import dataclass
 from gaitcal.results.calibration import write_results
 from gaitcal.study.cohort_prior import with_cohort_priors
+from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
@@ -86,6 +87,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     del folder  # the recordings of all files, also of those that are not used
     require_room(out, ResultKind.CALIBRATION, inputs)
     loaded = replace(loaded, settings=_settings(loaded.settings, common))
+    require_joint_prior(loaded.settings, loaded.source)
     if common.priors is not None and loaded.joint_prior is None:
         loaded = with_cohort_priors(loaded, common.priors)
     findings = check_study(loaded)

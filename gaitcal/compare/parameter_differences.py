@@ -6,13 +6,16 @@ joints are wrong by the same in both, and markers sit on the same skin, so that 
 
     se^2 = |M_A|^2 + |M_B|^2 + |N_B - N_A|^2 + |Z_B - Z_A|^2.
 
-With a static trial each, of the deviation of a joint from its nominal value (sigma, `calibration/joint_prior.py`) a
-part is the person's own, the same in both, and a part comes from where the markers were put this time. The latter turns
-and shifts the segment frames, in which the joints are told, too: it counts in full, once for each session,
+With a static trial each, of the deviation d of joints from their nominal values (covariance P0 = F F^T of causes, to
+which the columns of N belong; `calibration/joint_prior.py`) a part is the person's own, the same in both, and a part Q
+comes from where the markers were put this time: p^2 in both views of a bone end, whose nominal place is one point of
+the laboratory. The latter turns and shifts the segment frames, in which the joints are told, too: it counts in full,
+once for each session,
 
-    se^2 = |M_A|^2 + |M_B|^2 + |(N_B - N_A) r|^2 + |Z_A|^2 + |Z_B|^2 + 2 p^2,      r^2 = 1 - p^2 / sigma^2,
+    se^2 = |M_A|^2 + |M_B|^2 + |N_B R_B - N_A R_A|^2 + |Z_A|^2 + |Z_B|^2 + 2 p^2,      R R^T = 1 - F^-1 Q F^-T,
 
-p by `placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and
+which is diagonal by anatomy: 1 - p^2 / sigma^2 of a bone end's place, 1 of how far apart its two views are. p by
+`placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and
 of an orientation what landmarks turn the segment by (`dynamics/axis_errors.py`). A talus has no landmarks: the angle
 between its axes is nominally that between axes of shank and foot, and as wrong as both.
 
@@ -31,11 +34,12 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import in_both_views, prior_root
 from gaitcal.compare.difference import Difference
 from gaitcal.compare.session import Common, Session
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
+from gaitcal.study.joint_prior import JointPrior
 
 PLACED = 0.006
 """m, of a landmark along each axis."""
@@ -73,7 +77,7 @@ def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Di
     names = tuple(name for name in told_parameters(a.influence) if name in known)
     if not names or a.influence is None or b.influence is None:
         return
-    errors = np.sqrt(difference_variance(a.influence, b.influence, names, common))
+    errors = np.sqrt(difference_variance((a.influence, b.influence), names, common, (a.prior, b.prior)))
     for name, error in zip(names, errors, strict=True):
         p = JOINT_PARAMETERS[JP_INDEX[name]]
         of_a, of_b = (s.model.parameters.joint[JP_INDEX[name]] / p.kind.to_si for s in (a, b))
@@ -92,30 +96,43 @@ def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Di
         )
 
 
-def difference_variance(a: Influence, b: Influence, names: Sequence[str], common: Common) -> Array:
-    """(n,) m^2, rad^2: variance of the differences of joint parameters `names`."""
+def difference_variance(
+    both: tuple[Influence, Influence],
+    names: Sequence[str],
+    common: Common,
+    priors: tuple[JointPrior | None, JointPrior | None] = (None, None),
+) -> Array:
+    """(n,) m^2, rad^2: variance of differences of joint parameters `names`. `priors`: of each; None: anatomy's."""
     if common is Common.MODEL:
         return np.zeros(len(names))
-    of_a, of_b = _columns(a, names), _columns(b, names)
+    of_a, of_b = (_columns(influence, names) for influence in both)
     shared = common is Common.STATIC
-    placed = np.zeros(len(names)) if shared else placement(names)
-    out = 2.0 * placed**2
+    causes = [name for name in JP_NAMES if NOMINAL + name in {*of_a, *of_b}]
+    nominal = []
+    for columns, prior in zip((of_a, of_b), priors, strict=True):
+        found = [columns.pop(NOMINAL + name, np.zeros(len(names))) for name in causes]
+        own = np.array(found).reshape(-1, len(names)).T
+        nominal.append(own if shared else own @ own_causes(causes, prior))
+    out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (0.0 if shared else 2.0 * placement(names) ** 2)
     for column in dict.fromkeys((*of_a, *of_b)):
         one, other = of_a.get(column), of_b.get(column)
-        together = column != FOUND and (column.startswith(NOMINAL) or (shared and column.startswith(SKIN)))
-        if together and one is not None and other is not None:
-            out = out + own_part(column, shared=shared) * (other - one) ** 2
+        if shared and column.startswith(SKIN) and column != FOUND and one is not None and other is not None:
+            out = out + (other - one) ** 2
         else:
             out = out + sum(c**2 for c in (one, other) if c is not None)
+    return np.asarray(out)
+
+
+def own_causes(names: Sequence[str], prior: JointPrior | None) -> Array:
+    """(n, n) R, symmetric: of the causes e of nominal errors F e, R R^T is the covariance of what is the person's own
+    rather than the markers', nothing of it negative.
+    """
+    root = prior_root(names, prior)
+    index = [JP_INDEX[name] for name in names]
+    half = np.linalg.solve(root, in_both_views(placement(JP_NAMES))[np.ix_(index, index)])
+    values, vectors = np.linalg.eigh(np.eye(len(names)) - np.linalg.solve(root, half.T))
+    out: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return out
-
-
-def own_part(column: str, *, shared: bool) -> float:
-    """r^2: of the variance of a nominal joint's error, the part that is the person's own rather than the markers'."""
-    name = column.removeprefix(NOMINAL)
-    if shared or name not in JP_INDEX:
-        return 1.0
-    return float(1.0 - (placement([name])[0] / prior_deviations([name])[0]) ** 2)
 
 
 def _columns(influence: Influence, names: Sequence[str]) -> dict[str, Array]:

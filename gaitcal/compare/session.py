@@ -14,6 +14,7 @@ from gaitcal.compare.leg_geometry import our_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.records import dataclass
+from gaitcal.study.joint_prior import JointPrior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +46,8 @@ class Session:
     """Segment -> deg, how far its axes may point elsewhere (`dynamics/axis_errors.py`)."""
     error_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Torque -> source -> part of the variance of its error, 0 to 1."""
+    prior: JointPrior | None = None
+    """Of its joint parameters, by its settings; None: anatomy's. A cohort's is not in a result."""
     leans_on_cohort: bool = False
     """Its joint parameters were fitted with priors of a cohort."""
     relative: bool = False

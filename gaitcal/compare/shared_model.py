@@ -2,13 +2,14 @@
 
 Markers that are put on anew make other segment frames, so that the same joints have other parameters, theta_A and
 theta_B. Each session's calibration (`calibration/joint_estimate.py`) says of its deviations d = theta - p0 from its
-nominal joints: the estimate d^ with covariance C, in which the prior sigma counts already. What its markers say alone
-is S = C^-1 - sigma^-2 (nothing negative), and C^-1 d^ = S m, m being where the markers alone would have it. Deviations
-of a person in two sessions go together, but for where markers were put (`parameter_differences.placement`, p):
+nominal joints: the estimate d^ with covariance C, in which the prior N(m0, P0) counts already. What its markers say
+alone is S = C^-1 - P0^-1 (nothing negative), and S m = C^-1 d^ - P0^-1 m0, m being where the markers alone would have
+it. Deviations x = d - m0 of a person in two sessions go together, but for where markers were put (Q, or P0 = F F^T
+without what is the person's own, `parameter_differences.own_causes`):
 
-    cov [d_A, d_B] = Pi = sigma^2 [1, r; r, 1],      r = 1 - p^2 / sigma^2      (r = 1 - 1e-9 on one static trial),
+    cov [x_A, x_B] = Pi = [P0, P0 - Q; P0 - Q, P0],    P0 - Q = F R R^T F^T (1 - 1e-9)    (R = 1 on one static trial),
 
-    [d_A, d_B] = L^-1 [C_A^-1 d^_A, C_B^-1 d^_B],    L = diag(S_A, S_B) + Pi^-1,    covariance L^-1.
+    [x_A, x_B] = L^-1 [C_A^-1 x^_A, C_B^-1 x^_B],    L = diag(S_A, S_B) + Pi^-1,    covariance L^-1.
 
 To first order that is one calibration of all trials with a static trial for each session: the trials' information meets
 in full, and no trial is fitted again. It is about each session's own fit that the trials are taken as linear.
@@ -22,19 +23,19 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.codes import Code
-from gaitcal.compare.parameter_differences import placement, told_parameters
+from gaitcal.compare.parameter_differences import own_causes, told_parameters
 from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.records import dataclass
+from gaitcal.study.joint_prior import JointPrior
 
 SAME = 1e-9
-"""1 - r on one static trial: what is the same there is it but for rounding."""
-
+"""What is the same in both sessions is it but for rounding."""
 RANK = 1e-6
-"""Part of the largest standard error, in units of the prior's, below which a direction would be known exactly."""
+"""Part of the largest standard error, in units of the prior, below which a direction would be known exactly."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,13 @@ def require_fit_to_share(a: Session, b: Session) -> None:
                 source=session.name,
                 code=Code.NOT_COMPARABLE,
             )
+    (mean, spread), (other, wide) = (prior_of(JP_NAMES, session.prior) for session in (a, b))
+    if (mean != other).any() or (spread != wide).any():
+        raise InputError(
+            "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them",
+            source=f"{a.name}, {b.name}",
+            code=Code.NOT_COMPARABLE,
+        )
 
 
 def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
@@ -95,7 +103,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     Raises
     ------
     InputError
-        A session is refused, its joint parameters were not calibrated, or lean on a cohort.
+        A session is refused, its joint parameters were not calibrated, lean on a cohort, or had another prior.
     """
     require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))
@@ -104,7 +112,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
         raise InputError(
             "no joint parameter was fitted in both", source=f"{a.name}, {b.name}", code=Code.NOT_COMPARABLE
         )
-    return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON)
+    return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON, a.prior)
 
 
 def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
@@ -113,31 +121,38 @@ def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
     model, influence = session.model, session.influence
     if influence is None:
         raise InputError("its joint parameters were not calibrated", source=session.name, code=Code.NOT_COMPARABLE)
-    rows = influence.parameters[[influence.free.index(name) for name in names]] / prior_deviations(names)[:, None]
-    sizes = np.linalg.svd(rows, compute_uv=False)
+    rows = influence.parameters[[influence.free.index(name) for name in names]]
+    sizes = np.linalg.svd(np.linalg.solve(prior_root(names, session.prior), rows), compute_uv=False)
     if rows.shape[1] < len(rows) or sizes[-1] <= RANK * sizes[0]:
         message = (
             "its joint errors are not those of the evidence of all trials (protocol = 'evidence'); calibrate again"
         )
         raise InputError(message, source=session.name, code=Code.NOT_COMPARABLE)
-    rows = rows * prior_deviations(names)[:, None]
     return JointKnowledge(
         nominal=model.nominal.joint[index], fitted=model.parameters.joint[index], covariance=rows @ rows.T
     )
 
 
-def joined(names: tuple[str, ...], a: JointKnowledge, b: JointKnowledge, placed_anew: bool) -> SharedJoints:
-    """Both sessions' knowledge together; `placed_anew`: each has a static trial of its own."""
-    count, spread = len(names), prior_deviations(names)
-    own = placement(names) ** 2 / spread**2 if placed_anew else np.zeros(count)
-    together = np.diag(spread**2 * np.minimum(1.0 - own, 1.0 - SAME))
-    prior = np.block([[np.diag(spread**2), together], [together, np.diag(spread**2)]])
-    precision = np.linalg.inv(prior)
-    inverses = [np.linalg.inv(k.covariance) for k in (a, b)]
-    roots = [_root(np.asarray(inverse - np.diag(spread**-2.0), float)) for inverse in inverses]
-    right = np.concatenate([i @ (k.fitted - k.nominal) for i, k in zip(inverses, (a, b), strict=True)])
+def joined(
+    names: tuple[str, ...], a: JointKnowledge, b: JointKnowledge, placed_anew: bool, prior: JointPrior | None = None
+) -> SharedJoints:
+    """Both sessions' knowledge together.
+
+    Parameters
+    ----------
+    placed_anew : each has a static trial of its own.
+    prior : of both calibrations; anatomy's unless given.
+    """
+    count = len(names)
+    mean, spread = prior_of(names, prior)
+    root = prior_root(names, prior)
+    own = root @ own_causes(names, prior) if placed_anew else root
+    together = (1.0 - SAME) * (own @ own.T)
+    precision = np.linalg.inv(np.block([[spread, together], [together, spread]]))
+    roots = [_seen(root, k.covariance) for k in (a, b)]
+    right = np.concatenate([np.linalg.solve(k.covariance, k.fitted - k.nominal - mean) for k in (a, b)])
     covariance = np.linalg.inv(block_diag(*(r @ r.T for r in roots)) + precision)
-    moved = covariance @ right
+    moved = covariance @ right + np.tile(mean, 2)
     by_markers = covariance @ block_diag(*roots)
     by_nominal = covariance @ np.linalg.cholesky(precision)
     clusters = (
@@ -158,8 +173,8 @@ def joined(names: tuple[str, ...], a: JointKnowledge, b: JointKnowledge, placed_
     )
 
 
-def _root(information: Array) -> Array:
-    """(n, n) R with R R^T = the information, nothing of it negative."""
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+def _seen(root: Array, covariance: Array) -> Array:
+    """(n, n) R with R R^T = C^-1 - (F F^T)^-1, nothing of it negative in units of the prior's root F."""
+    values, vectors = np.linalg.eigh(root.T @ np.linalg.solve(covariance, root))
+    out: Array = np.linalg.solve(root.T, vectors * np.sqrt(np.maximum(values - 1.0, 0.0)))
     return out

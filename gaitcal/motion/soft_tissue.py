@@ -8,7 +8,8 @@ z_r three shifts (m) and three turns (rad). They are shared by all frames, and t
 R the segment's axes, x_m the marker and v_k the velocity that variable k gives it, the half gradient and the entries of
 the Gauss-Newton matrix are
 
-    g_r = sum_t psi_r sum_m w B_m^T R^T r_m,    H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,    H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
+    g_r = sum_t psi_r sum_m w B_m^T R^T r_m,                H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
+    H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from gaitcal.calibration.joint_phases import (
     calibrate_sequentially,
     calibrate_simultaneously,
 )
+from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cores import each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
@@ -55,7 +56,8 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
         lambda trial: prepare_trial(trial, nominal, settings), study.moving, longest=lambda t: t.joint is None
     )
     by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
-    fit = partial(joint_parameters, nominal=nominal, settings=settings, learnt=study.joint_prior)
+    prior = prior_of_study(settings.joint_prior, study.joint_prior)
+    fit = partial(joint_parameters, nominal=nominal, settings=settings, prior=prior)
     if settings.jp and trials:
         progress("joint parameters")
     if loss is None:
@@ -76,17 +78,17 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
 
 
 def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, learnt: JointPrior | None = None
+    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, prior: JointPrior | None = None
 ) -> tuple[JointCalibration | None, Parameters]:
     """The joint parameters that the settings ask for, fitted to prepared trials.
 
-    `learnt`: prior of a cohort; asked for where the evidence decides.
+    `prior`: in place of anatomy's, asked for where the evidence decides.
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
     if settings.decided_by is Protocol.EVIDENCE:
         taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
-        with_prior = replace(joint_settings(settings), learnt=learnt)
+        with_prior = replace(joint_settings(settings), prior=prior)
         by_evidence = calibrate_by_evidence(taking_part, nominal.parameters, with_prior, SIDES[settings.legs])
         return by_evidence, by_evidence.parameters
     calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.calibration.identifiability import NEEDED_TURN
-from gaitcal.calibration.joint_prior import leans_on_cohort
+from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.gait.words import (
     capitalised,
     counted,
@@ -150,8 +150,8 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
 def _kept(calibration: Calibration, names: Sequence[str]) -> str:
     """What becomes of joint parameters that the trials cannot see."""
     several, study = len(names) > 1, calibration.study
-    if leans_on_cohort(names, study.joint_prior):
-        return f"{'they stay' if several else 'it stays'} near what the cohort has"
+    if near := prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(names):
+        return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return "they stay near their nominal values" if several else "it stays near its nominal value"
     return "they keep their nominal values" if several else "it keeps its nominal value"
@@ -187,10 +187,10 @@ def counts_sentence(calibration: Calibration) -> str:
         what = "masses, mass centres, moments of inertia" + (", alike for right and left" if alike else "")
         parts.append(f"{counted(inertial, 'inertial parameter')} ({what})")
     kept = "All others keep their nominal values."
-    if calibration.unidentifiable and calibration.study.settings.decided_by is Protocol.EVIDENCE:
-        leaning = leans_on_cohort(calibration.unidentifiable, calibration.study.joint_prior)
-        near = "what the cohort has" if leaning else "nominal values"
-        kept = f"What these trials do not determine stays near {near}. {kept}"
+    study = calibration.study
+    if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
+        near = prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(calibration.unidentifiable)
+        kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
     return f"Fitted: {listed(parts) or 'nothing'}. {kept}"

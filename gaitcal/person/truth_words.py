@@ -142,7 +142,7 @@ def settings_sentence(calibration: Calibration) -> str:
 
 
 def _shown(value: object) -> str:
-    return ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+    return ", ".join(f"{k} {_shown(v)}" for k, v in value.items()) if isinstance(value, dict) else str(value)
 
 
 def not_compared_sentence(truth: TruthErrors) -> str:

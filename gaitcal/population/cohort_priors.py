@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_root
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import package_version
@@ -28,7 +28,7 @@ from gaitcal.study.cohort_prior import (
     expected,
     name_hash,
 )
-from gaitcal.study.people_design import Person, units
+from gaitcal.study.people_design import Person
 
 DIGITS = 9
 COLUMNS = ("name", "unit", "mean", "sd", "default_sd", "learnt")
@@ -100,6 +100,8 @@ def _stored(part: str, prior: PartPrior) -> StoredPart:
     return StoredPart(
         part=part,
         parameters=list(prior.names),
+        origin=_numbers(prior_of(prior.names, None)[0]),
+        unit=_lower(prior_root(prior.names, None)),
         learning=prior.learning.value,
         by_size=prior.by_size,
         wider=prior.wider,
@@ -137,11 +139,9 @@ def priors_rows(priors: CohortPriors) -> Iterator[dict[str, object]]:
         mean, covariance = expected(part, 0, person, (low, high))
         spread = np.sqrt(np.diag(covariance))
         default = prior_deviations(part.parameters)
-        for name, m, sd, unit, plain in zip(
-            part.parameters, mean, spread, units(part.parameters), default, strict=True
-        ):
+        for name, m, sd, plain in zip(part.parameters, mean, spread, default, strict=True):
             kind = JOINT_PARAMETERS[JP_INDEX[name]].kind
-            numbers = (float(value / kind.to_si) for value in (m * unit, sd * unit, plain))
+            numbers = (float(value / kind.to_si) for value in (m, sd, plain))
             row = dict(zip(COLUMNS, (name, kind.unit, *(round(value, 4) for value in numbers)), strict=False))
             yield {**row, "learnt": part.learning}
 

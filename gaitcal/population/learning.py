@@ -1,11 +1,11 @@
 """Which prior of joint parameters a cohort supports, decided by people who were left out.
 
-The default prior says N(0, 1) of every deviation (in its own units). Of that variance a part (`COMMON`) is the same in
-all people along directions in which both sides deviate alike: an error of the nominal model. From there on more and
-more is learnt (`Learning`): nothing; where people are on average; how far they spread along each direction that their
-recordings show; how all of it goes together; whether it goes with size and sex. People are dealt into folds; each step
-is taken if people of a fold are likelier by what the other folds teach, by more than the standard error of that gain.
-Spreads that still turn out too narrow for people left out are widened until they fit.
+Anatomy's prior says N(0, 1) of every deviation in its own units (`person_evidence.py`). Of that variance a part
+(`COMMON`) is the same in all people along directions in which both sides deviate alike: an error of the nominal model.
+From there on more and more is learnt (`Learning`): nothing; where people are on average; how far they spread along each
+direction that their recordings show; how all of it goes together; whether it goes with size and sex. People are dealt
+into folds; each step is taken if people of a fold are likelier by what the other folds teach, by more than the standard
+error of that gain. Spreads that still turn out too narrow for people left out are widened until they fit.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from gaitcal.population.random_effects import (
     log_density,
 )
 from gaitcal.records import dataclass
+from gaitcal.study.cohort_prior import UNLEARNT
 from gaitcal.study.people_design import design, mirror, sided_directions
 
 COMMON = (0.5, 0.2, 0.05)
@@ -45,7 +46,7 @@ WIDER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 class Learning(Enum):
     """How much is learnt; `value`: in files."""
 
-    NOTHING = "nothing"
+    NOTHING = UNLEARNT
     OFFSET = "offset"
     SPREAD = "offset and spread"
     WHOLE = "offset, spread and correlations"

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path
 
+from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.population.cohort_priors import Rules
@@ -69,7 +70,7 @@ def _parts(saved: SavedResult) -> dict[str, PartEvidence]:
     parts = None
     if influence is not None and saved.settings.decided_by is Protocol.EVIDENCE and saved.settings.jp:
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
-        parts = parts_of(influence, deviation, JP_NAMES)
+        parts = parts_of(influence, deviation, JP_NAMES, prior_of_study(saved.settings.joint_prior))
     if parts is None:
         raise NotUsedError("its joint parameters were not calibrated by the evidence of all trials")
     return parts

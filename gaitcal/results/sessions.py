@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
+from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
@@ -101,6 +102,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         remarks=(*of_model.remarks, *other),
         axis_deviations=axis_deviations(settings),
         error_shares=_shares(summary),
+        prior=prior_of_study(settings.joint_prior),
         leans_on_cohort=JOINT_PRIOR in (read_object(calibrated / SUMMARY) if calibrated is not folder else summary),
         relative=settings.angles == "relative",
     )

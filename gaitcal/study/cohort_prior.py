@@ -27,19 +27,21 @@ from gaitcal.files.snapshot import sha256_of
 from gaitcal.files.validation import Table, shown, validated
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.people_design import Person, design, units
+from gaitcal.study.people_design import Person, design
 from gaitcal.study.settings import CalibrationSettings
 
 if TYPE_CHECKING:
     from gaitcal.study.study import Study
 
-FORMAT = 1
+FORMAT = 2
 KIND = "joint parameters of a cohort"
+UNLEARNT = "nothing"
+"""How much is learnt of a part on which nobody leans."""
 MOST_BYTES = 100_000_000
 
 
 class StoredPopulation(Table):
-    """What one set of people teaches; symmetric matrices by rows of their lower triangles."""
+    """What one set of people teaches; matrices by rows of their lower triangles."""
 
     effects: list[float]
     effect_covariance: list[float]
@@ -47,10 +49,12 @@ class StoredPopulation(Table):
 
 
 class StoredPart(Table):
-    """One part of the body, in units of `people_design.UNIT`."""
+    """One part of the body: deviations `origin` + `unit` y from nominal values, the populations being of y."""
 
     part: str
     parameters: list[str] = Field(min_length=1)
+    origin: list[float]
+    unit: list[float]
     learning: str
     by_size: bool
     wider: float = Field(gt=0)
@@ -165,16 +169,16 @@ def joint_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
 
 
 def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int | None = None) -> JointPrior:
-    """What the cohort, without the people of a fold, says of anybody of that size and sex."""
+    """What the cohort, without the people of a fold, says of anybody of that size and sex: of what it has learnt."""
     low, high = priors.heights_m
-    found = [expected(part, 0 if fold is None else fold + 1, person, (low, high)) for part in priors.parts]
-    names = tuple(name for part in priors.parts for name in part.parameters)
-    unit = units(names)
+    parts = [part for part in priors.parts if part.learning != UNLEARNT]
+    found = [expected(part, 0 if fold is None else fold + 1, person, (low, high)) for part in parts]
+    names = tuple(name for part in parts for name in part.parameters)
     left_out = sum(p.fold == fold for p in priors.people)
     return JointPrior(
         names=names,
-        mean=unit * np.concatenate([mean for mean, _ in found]),
-        covariance=unit[:, None] * block_diag(*(own for _, own in found)) * unit,
+        mean=np.concatenate([np.zeros(0), *(mean for mean, _ in found)]),
+        covariance=block_diag(np.zeros((0, 0)), *(own for _, own in found)),
         file=path.name,
         people=len(priors.people) - left_out,
         left_out=left_out,
@@ -201,7 +205,7 @@ def _fold(priors: CohortPriors, name: str, inputs: Iterable[str]) -> int | None:
 
 
 def expected(part: StoredPart, number: int, person: Person, heights: tuple[float, float]) -> tuple[Array, Array]:
-    """(n,) and (n, n) mean and covariance of a person by the population of that number, in units of `UNIT`.
+    """(n,) m, rad and (n, n) mean and covariance of a person's deviations by the population of that number.
 
     Raises
     ------
@@ -212,9 +216,10 @@ def expected(part: StoredPart, number: int, person: Person, heights: tuple[float
     matrix = design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
     own, spread = (symmetric(values, n) for values, n in ((stored.effect_covariance, effects), (stored.spread, count)))
-    covariance = part.wider * (spread + matrix @ own @ matrix.T)
+    unit = np.tril(symmetric(part.unit, count))
+    covariance = part.wider * (unit @ (spread + matrix @ own @ matrix.T) @ unit.T)
     np.linalg.cholesky(covariance)
-    mean = matrix @ np.array(stored.effects)
+    mean = np.array(part.origin) + unit @ matrix @ np.array(stored.effects)
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
         raise ValueError("not finite")
     return mean, covariance

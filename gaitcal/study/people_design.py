@@ -1,12 +1,13 @@
 """How joint parameters of people go with their size and sex, and that people are alike on both sides.
 
-The deviations y of a person's joint parameters from their nominal values, in units of what is known of anybody
-(`UNIT`), are those of people of that size and sex, and the person's own:
+The deviations d of a person's joint parameters from their nominal values, in units of what is known of anybody (mean
+m0, covariance F F^T; `calibration/joint_prior.py`), are those of people of that size and sex, and the person's own:
 
-    y = X w + u,    u ~ N(0, Sigma),    X = [D B, z D B, x D B],
+    y = F^-1 (d - m0) = X w + u,    u ~ N(0, Sigma),    X = [D B, z D B, x D B],
 
 D positions by body height over `HEIGHT`, z the height in steps of `STEP` (within that of the people it was learnt of),
-x half a sex, B the directions in which both sides deviate alike. Without z and x, X = D B.
+x half a sex, B the directions in which both sides deviate alike. Without z and x, X = D B. F leaves a mirror image a
+mirror image, and mixes no positions with orientations.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ from gaitcal.records import dataclass
 HEIGHT, STEP = 1.70, 0.10
 """m."""
 SEXES = {"female": -0.5, "male": 0.5}
-UNIT = {Kind.POSITION: 0.020, Kind.ORIENTATION: float(np.deg2rad(10.0))}
-"""m, rad: what a deviation is told in, whatever prior is the default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +32,6 @@ class Person:
     height: float
     """m."""
     sex: str
-
-
-def units(names: Sequence[str]) -> Array:
-    """(n,) m, rad: the unit of each parameter."""
-    return np.array([UNIT[JOINT_PARAMETERS[JP_INDEX[name]].kind] for name in names])
 
 
 def mirror(names: Sequence[str]) -> Array:

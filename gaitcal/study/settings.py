@@ -57,6 +57,25 @@ class PlateErrorTable(Table):
     clock_ms: float = Field(default=2.0, ge=0, le=1000, description="clock of the plates against that of the cameras")
 
 
+class ParameterPriorTable(Table):
+    """An entry of `joint_prior` in `[calibration]`: what is expected of a joint parameter before any trial."""
+
+    mean: float | None = Field(
+        default=None,
+        ge=-1000,
+        le=1000,
+        description="expected deviation from the nominal value, mm or deg; without a side it is that of the right, and "
+        "the left has its mirror image; unless given, what anatomy says (`calibration/joint_prior.py`)",
+    )
+    deviation: float | None = Field(
+        default=None,
+        ge=0.01,
+        le=1000,
+        description="standard deviation about it, mm or deg; correlations stay. A joint's centre is told in both its "
+        "segments: name both, or they are as far apart as the two deviations then make them",
+    )
+
+
 class CalibrationSettings(Table):
     """`[calibration]`: how to calibrate. Every field has a default."""
 
@@ -89,6 +108,12 @@ class CalibrationSettings(Table):
         strict=False,
         description="priors.json of a cohort (`gaitcal cohort --learn-priors`): joint parameters lean on its people "
         "instead of on the literature; only where evidence decides",
+    )
+    joint_prior: dict[str, ParameterPriorTable] = Field(
+        default={},
+        description="joint parameter, with or without its side (`hip_r.pelvis.ant`, `hip.pelvis.ant`, in quotes) -> "
+        "`{ mean = -7, deviation = 12 }`, mm or deg: what is expected instead of what the literature says; what a "
+        "cohort has learnt comes before it; only where evidence decides",
     )
     position_bound_mm: float = Field(
         default=50.0, gt=0, description="how far a joint position may move from its nominal value, mm"

@@ -20,7 +20,7 @@ from gaitcal.records import dataclass
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.cohort_prior import with_cohort_priors
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior, require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, load_study_file
@@ -55,7 +55,7 @@ class Study:
     truth: Truth | None = None
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
-    """What a cohort says of the joint parameters (`cohort_prior.py`); None: the default prior."""
+    """What a cohort says of the joint parameters (`cohort_prior.py`), if one is asked."""
 
     @classmethod
     @with_one_blas_thread
@@ -87,6 +87,7 @@ class Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
         _check_weights(file, marker_set, path)
+        require_joint_prior(file.calibration, path)
         marker_set, trials = _worn(marker_set, trials)
         _check_renamed(file, trials, path)
         study = cls(

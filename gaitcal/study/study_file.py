@@ -261,8 +261,10 @@ class StudyFile(Table):
 
 def _plain(value: object, folder: Path | None) -> object:
     """A value as TOML can hold it: paths from `folder`, tables within a table as mappings."""
+    if isinstance(value, dict):
+        return {key: _plain(inner, folder) for key, inner in value.items()}
     if isinstance(value, Table):
-        return value.model_dump()
+        return value.model_dump(exclude_none=True)
     return _relative(value, folder) if isinstance(value, Path) else value
 
 

@@ -12,7 +12,7 @@ from pydantic_core import PydanticUndefined
 from gaitcal.cohort.cohort_file import CohortFile, ListedPerson
 from gaitcal.examples.registry import examples
 from gaitcal.model import marker_set
-from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
+from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.truth_table import TruthTable
 
@@ -23,13 +23,14 @@ TABLES: Final[dict[str, type[BaseModel]]] = {
     "trial": Trial,
     "calibration": CalibrationSettings,
     "plate_error": PlateErrorTable,
+    "joint_prior": ParameterPriorTable,
     "truth": TruthTable,
     "cohort": CohortFile,
     "person": ListedPerson,
     "marker_set": marker_set._File,
 }
 """Word in a page -> the table it stands for."""
-OF_STUDY: Final = ("subject", "markers", "trial", "calibration", "plate_error", "truth")
+OF_STUDY: Final = ("subject", "markers", "trial", "calibration", "plate_error", "joint_prior", "truth")
 _PLAIN: Final = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): ""}
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_prior import prior_deviations, prior_of
+from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.marker_set import load_marker_set
@@ -97,7 +97,7 @@ def told_of(one: LinearPerson, kind: str, name: str, rng: np.random.Generator) -
         information: Array = getattr(one.shown, kind)[part] * (part == "legs")  # which alone are looked at
         values, vectors = np.linalg.eigh(information)
         noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
-        deviation = one.deviation[index] / prior_deviations(names)
+        deviation = np.linalg.solve(prior_root(names, None), one.deviation[index] - prior_of(names, None)[0])
         parts[part] = PartEvidence(information=information, right=information @ deviation + noise)
     return PersonEvidence(name=name, person=one.person, recordings=frozenset(), parts=parts)
 
@@ -106,12 +106,13 @@ def linear_fit(said: PersonEvidence, prior: JointPrior | None) -> Fit:
     """Deviations from nominal joints, and their errors, by what recordings say and a prior."""
     fitted, root = np.zeros(len(JP_NAMES)), np.zeros((len(JP_NAMES),) * 2)
     for part, names in PARTS.items():
-        index, unit = [JP_INDEX[n] for n in names], prior_deviations(names)
+        index, origin, unit = [JP_INDEX[n] for n in names], prior_of(names, None)[0], prior_root(names, None)
         mean, covariance = prior_of(names, prior)
-        precision = np.linalg.inv(covariance / np.outer(unit, unit))
+        precision = unit.T @ np.linalg.solve(covariance, unit)
         found = np.linalg.inv(precision + said.parts[part].information)
-        fitted[index] = unit * (found @ (said.parts[part].right + precision @ (mean / unit)))
-        root[np.ix_(index, index)] = unit[:, None] * np.linalg.cholesky(found)
+        pulled = unit.T @ np.linalg.solve(covariance, mean - origin)
+        fitted[index] = origin + unit @ found @ (said.parts[part].right + pulled)
+        root[np.ix_(index, index)] = unit @ np.linalg.cholesky(found)
     return Fit(fitted=fitted, influence=Influence(JP_NAMES, root, JP_NAMES))
 
 

@@ -137,7 +137,7 @@ def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
     """What a person's recordings say."""
-    parts = parts_of(found.influence, found.fitted - made.nominal.parameters.joint, JP_NAMES)
+    parts = parts_of(found.influence, found.fitted - made.nominal.parameters.joint, JP_NAMES, None)
     if parts is None:
         raise RuntimeError("errors of joint parameters without rank")
     return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)

@@ -9,8 +9,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
+from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
-from gaitcal.study.people_design import units
 from priors.people import Fit
 
 WIDTH = 1.96
@@ -84,7 +84,7 @@ def _line(outcomes: Sequence[Outcome], name: str, chosen: Array) -> str:
 
 def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
     """Errors along the directions that a walk shows so well, in standard deviations of the default prior."""
-    told, unit = [], units(LEG_PARAMETERS)
+    told, unit = [], prior_root(LEG_PARAMETERS, None)
     edges = (-np.inf, *SEEN, np.inf)
     count = 0
     for prior in ("", *outcomes[0].fits):
@@ -92,7 +92,7 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
         for outcome, error in zip(outcomes, _errors(outcomes, prior), strict=True):
             values, vectors = np.linalg.eigh(outcome.information)
             there = (values >= edges[band]) & (values < edges[band + 1])
-            found.append(vectors[:, there].T @ (error / unit))
+            found.append(vectors[:, there].T @ np.linalg.solve(unit, error))
         count = sum(map(len, found))
         told.append(f"{prior or 'nominal'} {_rms(np.concatenate(found)):.2f}" if count else "none")
     return f"directions {name} ({count / len(outcomes):.0f} of 54), default standard deviations: {', '.join(told)}"

@@ -172,7 +172,7 @@ def _knowledge(session: MadeSession, names: tuple[str, ...]) -> JointKnowledge:
 
 def _standardised(sessions: list[MadeSession], names: tuple[str, ...], known: list[JointKnowledge]) -> Array:
     a, b = sessions
-    variance = difference_variance(a.influence, b.influence, names, Common.PERSON)
+    variance = difference_variance((a.influence, b.influence), names, Common.PERSON)
     out: Array = (known[1].fitted - known[0].fitted) / np.sqrt(variance)
     return out
 

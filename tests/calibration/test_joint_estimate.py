@@ -89,8 +89,8 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     problem, prior = with_tissue(np.random.default_rng(4), 40)
     rng, wrong = np.random.default_rng(5), perturbed_parameters(np.random.default_rng(5), 0.005, 0.0)
     mean, covariance = rng.normal(0, 0.002, 6), 1e-6 * np.cov(rng.normal(size=(6, 30)))
-    learnt = JointPrior(names=HIP, mean=mean, covariance=covariance, file="p", people=9, left_out=0, notes=())
-    estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior, learnt=learnt)
+    learnt = JointPrior(names=HIP, mean=mean, covariance=covariance)
+    estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior, prior=learnt)
     centre = wrong.joint[[JP_INDEX[n] for n in HIP]] + mean
     whiten_p, whiten_z = (np.linalg.inv(np.linalg.cholesky(c)) for c in (covariance, prior.covariance))
 

@@ -11,11 +11,9 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.model.kinematics import forward, segment_transforms
 from gaitcal.model.parameters import published_subject
-from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.people_design import other_side
 
 TWICE = [row.parameters for row in TABLE if len(row.parameters) == 2]
-HIP = ("hip_r.pelvis.ant", "hip_r.thigh.ant")
 
 
 def test_it_is_a_covariance_alike_on_both_sides() -> None:
@@ -59,15 +57,3 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(pair
 
     assert moved(1.0, 1.0) < 0.15 * moved(1.0, 0.0)
     assert moved(1.0, 0.0) == pytest.approx(moved(0.0, 1.0), rel=0.01)
-
-
-def test_what_a_cohort_learnt_stands_in_place_of_anatomy_and_nothing_of_both() -> None:
-    """Of one end of the hip alone: the other keeps its own spread, and no part of what they had in common."""
-    learnt = JointPrior(
-        names=HIP[:1], mean=np.array([0.003]), covariance=np.eye(1) * 1e-6, file="p", people=9, left_out=0, notes=()
-    )
-    mean, covariance = prior_of((*HIP, "knee_r.thigh.ant"), learnt)
-    np.testing.assert_array_equal(mean, [0.003, 0.0, 0.0])
-    plain = prior_of((*HIP, "knee_r.thigh.ant"), None)[1]
-    np.testing.assert_allclose(covariance, np.diag([1e-6, plain[1, 1], plain[2, 2]]))
-    assert plain[0, 1] > 0.0

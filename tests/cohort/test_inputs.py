@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.inputs import inputs_of
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.people import CohortPerson
+from gaitcal.errors import InputError
 
 STUDY = """
 [subject]
@@ -96,3 +98,14 @@ def test_a_draft_reads_tables_that_an_xml_names(tmp_path: Path) -> None:
 
 def test_a_name_too_long_for_a_folder_reads_nothing(tmp_path: Path) -> None:
     assert inputs_of(tmp_path / ("x" * 300)) == {}
+
+
+def test_joint_parameters_that_a_cohort_file_expects_are_known_ones(tmp_path: Path) -> None:
+    (tmp_path / "Ann").mkdir()
+    file = tmp_path / "cohort.toml"
+    text = '[[person]]\nfolder = "Ann"\n[calibration.joint_prior]\n"hip.pelvis.NAME" = { mean = -7 }\n'
+    file.write_text(text.replace("NAME", "ant"))
+    assert read_cohort(file, tmp_path / "out")[1].joint_prior["hip.pelvis.ant"].mean == -7.0
+    file.write_text(text.replace("NAME", "front"))
+    with pytest.raises(InputError, match=r"cohort.toml: calibration.joint_prior: found 'hip.pelvis.front'"):
+        read_cohort(file, tmp_path / "out")

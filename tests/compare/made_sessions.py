@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.joint_prior import prior_deviations, prior_root
+from gaitcal.compare.parameter_differences import placement
 from gaitcal.compare.session import Session
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.model.nominal import published_model
 
-NAMES = ("hip_r.pelvis.ant", "knee_r.thigh.front")
+NAMES = ("hip_r.pelvis.ant", "hip_r.thigh.ant", "knee_r.thigh.front", "talocrural_r.shank.sup")
+"""Two views of one bone end, an axis, and a mean that is not nominal."""
 STANCE = 60.0
 SHARED = {"knee_angle": 2.0, "knee_angle_moment": 1.0}
 """Variable -> deg, N·m: the error that all strides share."""
@@ -69,8 +72,14 @@ def made_session(
 
 
 def made_influence(rng: np.random.Generator) -> Influence:
-    """Of two joint parameters: three columns of markers, two of nominal joints."""
-    sigma = prior_deviations(NAMES)
-    markers = rng.normal(0.0, 1.0, (2, 3)) * sigma[:, None] / 5.0
+    """Three columns of markers, and half of each cause of nominal errors."""
+    markers = rng.normal(0.0, 1.0, (len(NAMES), 3)) * prior_deviations(NAMES)[:, None] / 5.0
     clusters = (*(f"markers/walk/{k}" for k in range(3)), *(f"nominal/{name}" for name in NAMES))
-    return Influence(NAMES, np.hstack([markers, np.diag(0.5 * sigma)]), clusters)
+    return Influence(NAMES, np.hstack([markers, 0.5 * prior_root(NAMES, None)]), clusters)
+
+
+def placed_anew() -> Array:
+    """(4, 4) Q by hand: each parameter by itself, but for the two views of the hip, which move by the same."""
+    out = np.diag(placement(NAMES) ** 2)
+    out[0, 1] = out[1, 0] = out[0, 0]
+    return out

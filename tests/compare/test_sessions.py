@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.difference_error import MDC
 from gaitcal.compare.difference_words import sentence
-from gaitcal.compare.parameter_differences import difference_variance, placement
+from gaitcal.compare.parameter_differences import difference_variance, own_causes, placement
 from gaitcal.compare.session import Common
 from gaitcal.compare.sessions import compare_sessions
 from gaitcal.errors import InputError
 from gaitcal.model.joint_parameters import JP_INDEX
-from tests.compare.made_sessions import NAMES, SD, SHARED, made_session
+from gaitcal.study.settings import ParameterPriorTable
+from tests.compare.made_sessions import NAMES, SD, SHARED, made_session, placed_anew
 
 EXACT = 1e-9
 SWING = 8.0
@@ -68,12 +71,33 @@ def test_one_stride_each_is_never_more_than_could_be_missed() -> None:
 def test_what_both_share_counts_once() -> None:
     one, other = (made_session(seed=seed).influence for seed in (0, 1))
     assert one is not None and other is not None
-    assert not difference_variance(one, other, NAMES, Common.MODEL).any()
+    assert not difference_variance((one, other), NAMES, Common.MODEL).any()
     markers = [(i.parameters[:, :3] ** 2).sum(axis=1) for i in (one, other)]
-    static = difference_variance(one, other, NAMES, Common.STATIC)
+    static = difference_variance((one, other), NAMES, Common.STATIC)
     assert static == pytest.approx(sum(markers), rel=1e-12)  # nominal columns are alike: they cancel
-    person = difference_variance(one, other, NAMES, Common.PERSON)
+    person = difference_variance((one, other), NAMES, Common.PERSON)
     assert person == pytest.approx(sum(markers) + 2.0 * placement(NAMES) ** 2, rel=1e-12)
+
+
+def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
+    """Errors K d of d ~ N(m0, P0), of which two static trials have P0 - Q in common: K F are columns of causes."""
+    rng, (_, spread) = np.random.default_rng(5), prior_of(NAMES, None)
+    clusters = tuple(f"nominal/{name}" for name in NAMES)
+    parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
+    one, other = (Influence(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
+    own, apart = spread - placed_anew(), parts[1] - parts[0]
+    wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
+    assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(wanted, rel=1e-9)
+    wanted = np.diag(apart @ spread @ apart.T)
+    assert difference_variance((one, other), NAMES, Common.STATIC) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apart() -> None:
+    """6 mm of the 12 that the hip's centre has along x; nothing of the 4 that pelvis and thigh are apart."""
+    assert own_causes(NAMES[:2], None) == pytest.approx(np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12)
+    narrow = prior_of_study({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
+    values = np.linalg.eigvalsh(own_causes(NAMES[:2], narrow))
+    assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, "markers are not put better than is known"
 
 
 def test_refused_and_doubtful_results_are_said_first() -> None:

@@ -10,13 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_prior import prior_deviations, prior_of
+from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.errors import InputError
 from gaitcal.files.package_data import package_version
 from gaitcal.population.cohort_priors import Rules, learn_cohort, priors_rows, priors_text, priors_words
 from gaitcal.population.person_evidence import PersonEvidence
 from gaitcal.population.result_evidence import Found, one_each
-from gaitcal.study.cohort_prior import CohortPriors, joint_prior, read_cohort_priors, symmetric, with_cohort_priors
+from gaitcal.study.cohort_prior import (
+    CohortPriors,
+    expected,
+    joint_prior,
+    prior_of_person,
+    read_cohort_priors,
+    symmetric,
+    with_cohort_priors,
+)
 from gaitcal.study.people_design import Person, mirror, other_side, sided_directions
 from gaitcal.study.study import Study
 from tests.population.made_people import NAMES, Array, people
@@ -24,6 +32,8 @@ from tests.synthetic_studies import write_synthetic_study
 
 RULES = Rules(marker_set="published", hip_centre="bell", ankle_zero="markers")
 SPREAD = 0.1
+ROUNDED = 1e-7
+"""Of a variance: what the nine digits of the file leave open."""
 
 
 def offset(rng: np.random.Generator, person: Person) -> Array:
@@ -73,18 +83,14 @@ def test_an_offset_is_learnt_and_read_back(priors: CohortPriors, study: Study, t
     assert prior is not None and prior.people == 12 and prior.left_out == 0
     mean, covariance = prior_of(NAMES, prior)
     alike, _ = sided_directions(NAMES)
-    common = alike @ np.linspace(-0.8, 0.8, alike.shape[1]) * prior_deviations(NAMES)
-    assert np.linalg.norm((mean - common) / prior_deviations(NAMES)) < 0.3 * np.linalg.norm(
-        common / prior_deviations(NAMES)
-    )
-    assert (np.sqrt(np.diag(covariance)) < prior_deviations(NAMES)).all()
+    common = alike @ np.linspace(-0.8, 0.8, alike.shape[1])
+    origin, default = prior_of(NAMES, None)
+    unit = np.linalg.inv(prior_root(NAMES, None))
+    assert np.linalg.norm(unit @ (mean - origin) - common) < 0.3 * np.linalg.norm(common)
+    assert (np.diag(covariance) < np.diag(default)).all() and (np.diag(unit @ covariance @ unit.T) < 1.0).all()
     assert "12 people of the cohort 'lab'" in prior.notes[0]
     assert leaning.inputs.keys() - study.inputs.keys() == {"priors.json"} and not leaning.changed_inputs()
-    # nobody tells of trunk and arms: what is known of them stays
-    upper = tuple(name for name in prior.names if name not in NAMES)
-    unknown, default = prior_of(upper, prior)
-    np.testing.assert_allclose(unknown, 0.0)
-    np.testing.assert_allclose(np.sqrt(np.diag(default)), prior_deviations(upper))
+    assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
     rows = list(priors_rows(priors))
     assert len(rows) == 98 and rows[0]["unit"] in ("mm", "deg") and rows[-1]["learnt"] == "nothing"
     assert "legs: offset" in next(priors_words(priors))
@@ -95,6 +101,11 @@ def test_people_like_the_default_prior_change_nothing() -> None:
     part = learnt.parts[0]
     assert part.learning == "nothing" and part.gain == [0.0, 0.0]
     np.testing.assert_array_equal(symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES)))
+    mean, covariance = expected(part, 0, Person(height=1.7, sex=""), (1.5, 1.9))
+    np.testing.assert_allclose(mean, prior_of(NAMES, None)[0])
+    np.testing.assert_allclose(covariance, prior_of(NAMES, None)[1], rtol=ROUNDED)
+    nobody = prior_of_person(learnt, Person(height=1.7, sex=""), Path("priors.json"))
+    assert nobody.names == () and nobody.covariance.shape == (0, 0)
 
 
 def test_the_order_of_people_makes_no_difference(priors: CohortPriors) -> None:
@@ -172,6 +183,8 @@ def _unknown(content: dict[str, object]) -> None:
     [
         (_without_covariance, "no covariances"),
         (_short, "no covariances"),
+        (lambda content: content["parts"][1]["unit"].pop(), "no covariances"),
+        (lambda content: content["parts"][1]["origin"].pop(), "no covariances"),
         (_unknown, "no joint parameter"),
         (lambda content: content.update(format=9), "found format 9"),
         (lambda content: content.update(kind="other"), "holds no priors"),

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.cli import app
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.fingerprint import fingerprint
@@ -33,7 +33,7 @@ from gaitcal.population.result_evidence import NotUsedError, evidence_of
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, gait, hip_trial
 from tests.derivatives import perturbed_parameters
@@ -60,9 +60,8 @@ def prior(mean: np.ndarray, covariance: np.ndarray) -> JointPrior:
 def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     problem, _ = hip_trial(1)
     nominal = perturbed_parameters(np.random.default_rng(2))
-    default = prior(*prior_of(HIP, None))
     (plain, errors), (same, as_learnt) = (
-        estimate_joints(gait(problem), nominal, HIP, learnt=learnt) for learnt in (None, default)
+        estimate_joints(gait(problem), nominal, HIP, prior=learnt) for learnt in (None, prior(*prior_of(HIP, None)))
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
     np.testing.assert_allclose(as_learnt.covariance, errors.covariance, rtol=1e-6, atol=1e-15)
@@ -77,9 +76,26 @@ def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(0.0, 0.001, (len(HIP), len(HIP)))
     learnt = prior(off, root @ root.T + 1e-8 * np.eye(len(HIP)))
-    estimate, errors = estimate_joints(gait(still), nominal, HIP, learnt=learnt)
+    estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=learnt)
     np.testing.assert_allclose(estimate.values, truth, atol=2e-4)
     assert (np.diag(learnt.covariance) - np.diag(errors.covariance) > -1e-12).all()
+
+
+def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_errors_are_of_causes() -> None:
+    """H^-1 P0^-1 F, a column a cause: H^-1 by all columns together, F by the prior."""
+    problem, _ = hip_trial(1)
+    still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
+    nominal = perturbed_parameters(np.random.default_rng(2))
+    both = {f"hip.{segment}.ant": ParameterPriorTable(mean=-7.0, deviation=0.5) for segment in ("pelvis", "thigh")}
+    study = prior_of_study(both)
+    estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=study)
+    off = estimate.values - nominal.joint[[JP_INDEX[name] for name in HIP]]
+    place = HIP.index("hip_r.pelvis.ant")
+    assert off[place] == pytest.approx(-0.007, abs=0.001)
+    assert errors.standard_errors["hip_r.pelvis.ant"] < 0.0005
+    own = [errors.clusters.index(f"nominal/{name}") for name in HIP]
+    wanted = errors.covariance @ np.linalg.solve(prior_of(HIP, study)[1], prior_root(HIP, study))
+    np.testing.assert_allclose(errors.parameters[:, own], wanted, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.gait.words import parameter_words
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.page.sections.answers import Answer, answers
 from gaitcal.page.sections.blocks import number
@@ -21,8 +20,10 @@ from gaitcal.person.marker_fit import RmsErrors
 from gaitcal.person.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
 from gaitcal.person.result import Calibration, Stage
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from tests.fake_result import fake_calibration
+
+SAID = CalibrationSettings(joint_prior={name: ParameterPriorTable(deviation=3.0) for name in JP_NAMES})
 
 
 @pytest.fixture(scope="module")
@@ -105,35 +106,32 @@ def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "mean", "kept"),
+    ("settings", "learnt", "kept"),
     [
         (CalibrationSettings(protocol="published"), None, "keep their nominal values"),
         (CalibrationSettings(), None, "stay near their nominal values"),
-        (CalibrationSettings(), 0.0, "stay near their nominal values"),
-        (CalibrationSettings(), 0.01, "stay near what the cohort has"),
+        (CalibrationSettings(), False, "stay near their nominal values"),
+        (CalibrationSettings(), True, "stay near what the cohort has"),
+        (SAID, None, "stay near what the study file expects"),
+        (SAID, True, "stay near what the cohort has"),
     ],
 )
 def test_what_becomes_of_an_unseen_parameter(
-    whole: Calibration, settings: CalibrationSettings, mean: float | None, kept: str
+    whole: Calibration, settings: CalibrationSettings, learnt: bool | None, kept: str
 ) -> None:
-    """`mean`: of all parameters that a cohort expects; one that teaches nothing leaves them at their nominal values."""
+    """`learnt`: by a cohort, of all of them; one that teaches nothing leaves them at their nominal values."""
     prior = None
-    if mean is not None:
-        names = whole.unidentifiable
+    if learnt is not None:
+        names = whole.unidentifiable if learnt else ()
+        count = len(names)
         prior = JointPrior(
-            names=names,
-            mean=np.full(len(names), mean),
-            covariance=np.diag(prior_deviations(names) ** 2),
-            file="priors.json",
-            people=12,
-            left_out=0,
-            notes=(),
+            names=names, mean=np.zeros(count), covariance=1e-4 * np.eye(count), file="priors.json", people=12
         )
     person = replace(whole, study=replace(whole.study, settings=settings, joint_prior=prior))
     assert any(kept in sentence for sentence in blind_spots(person))
     ending = counts_sentence(person)
     assert ending.endswith("All others keep their nominal values.")
-    assert ("stays near what the cohort has" in ending) == (mean == 0.01)
+    assert ("stays near what the cohort has" in ending) == bool(learnt)
     shown = json.dumps(joint_blocks(person))
     assert ("12 people of a cohort (priors.json)" in shown) == (prior is not None)
 
