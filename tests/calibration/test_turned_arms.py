@@ -46,7 +46,7 @@ def test_only_joints_of_that_arm_stay() -> None:
 
 @pytest.mark.slow
 def test_a_child_whose_elbow_bends_outwards(tmp_path: Path) -> None:
-    """One walk: the fit turned the right arm by 168 degrees, and the fitted model met its markers worse than before."""
+    """One walk: without walls the fit turned the right arm by 168 degrees and met its markers worse than before."""
     folder = Path(os.environ.get("GAITCAL_DATA", "none")) / "children" / "HC002D"
     if not folder.is_dir():
         pytest.skip("GAITCAL_DATA")
@@ -57,4 +57,3 @@ def test_a_child_whose_elbow_bends_outwards(tmp_path: Path) -> None:
     assert nominal is not None
     assert fitted is not None
     assert fitted < 0.9 * nominal
-    assert any("right arm stay nominal" in finding.cause for finding in calibration.findings)
