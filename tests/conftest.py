@@ -7,10 +7,12 @@ import logging
 import os
 import signal
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from threadpoolctl import threadpool_limits
 
 from tests.kept import run_folder
 
@@ -85,6 +87,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         slow[item.path] += item.get_closest_marker("slow") is not None
         count[item.path] += 1
     items.sort(key=lambda item: (-slow[item.path], -count[item.path], item.path))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _one_blas_thread() -> Iterator[None]:
+    """What lies below the functions of `import gaitcal` is called here by itself, and runs as they run it.
+
+    That they and programs ask for it themselves is shown in `test_runtime_blas.py`, where the user allows more.
+    """
+    import scipy.linalg  # noqa: F401  # brings a BLAS of its own
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(autouse=True)
