@@ -16,7 +16,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS
+from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS, Source, moved_joints
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
@@ -285,11 +285,13 @@ def trial_problem(
     root: str = "pelvis",
     segments: tuple[str, ...] = SEGMENTS,
     carrier: str = "",
+    isolated: str | None = None,
 ) -> TrialProblem:
     """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
 
     Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Joints do not turn
-    further than they can, and coordinates that the markers do not determine have a normal prior (`undetermined.py`).
+    further than they can, but for the `isolated` one, which a trial moves as far as it goes; coordinates that the
+    markers do not determine have a normal prior (`undetermined.py`).
     Where the root shows three markers in less than half of the frames and a `carrier` is named, that segment carries
     the body: the joints between the two are held at zero, and only markers on the carrier and beyond it pull. Raises
     `InputError` where the root has no three markers and nothing carries it, or the recording is too short for a spline.
@@ -332,10 +334,16 @@ def trial_problem(
         data=data,
         labels=labels,
         held=held,
-        priors=(walls(chain.coordinates, model.posture),),
+        priors=(walls(tuple(c for c in chain.coordinates if c not in _moved_by(isolated)), model.posture),),
         posture=model.posture,
     )
     return problem if held else _with_posture(problem, model)
+
+
+def _moved_by(isolated: str | None) -> tuple[str, ...]:
+    """Coordinates of the joint that an isolated trial moves."""
+    joints = moved_joints(isolated) if isolated else ()
+    return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 
 
 def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:

@@ -98,7 +98,9 @@ class PreparedTrial:
         return replace(self, body=body, reweighted=(fitted, legs))
 
     def _part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
-        part = trial_problem(self.name, self.model, self.recording, self.rule, root=root, segments=segments)
+        part = trial_problem(
+            self.name, self.model, self.recording, self.rule, root=root, segments=segments, isolated=self.joint
+        )
         return _smoothed(part, self.model, self.bandwidth, self.bandwidth.joints_hz)
 
 
@@ -107,7 +109,7 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     on_body, _ = without_strays(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
     recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
-    body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint))
+    body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint), isolated=trial.joint)
     if body.guessed:
         recording = recording.with_notes(
             f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, as uncertain as that "
@@ -116,7 +118,7 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     fitted = body
     if trial.joint is not None:
         root, *_ = segments = joint_segments(trial.joint)
-        fitted = trial_problem(trial.name, model, recording, rule, root=root, segments=segments)
+        fitted = trial_problem(trial.name, model, recording, rule, root=root, segments=segments, isolated=trial.joint)
     if body.held:
         told = (
             f"The pelvis is not seen: {carrier_of(trial.joint)} carries the body, {', '.join(body.held)} held at zero."

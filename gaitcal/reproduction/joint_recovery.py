@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import TypeVar
 
@@ -140,7 +141,8 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_
     if noise is not None:
         markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
     recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
-    return trial_problem(problem, model, recording, NodeRule(fixed=NODES))
+    # as published: markers alone, no prior on any coordinate
+    return replace(trial_problem(problem, model, recording, NodeRule(fixed=NODES)), priors=())
 
 
 def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
