@@ -23,6 +23,8 @@ from truth import opensim_trials, skin  # noqa: E402
 from tests.test_check_truth import SLOW_CAMERA, TRACKING, _bending  # noqa: E402
 
 EXACT_MM = 1.0
+CLEAN_MM = 0.5
+"""What hips of simulated people may be off without noise."""
 """Markers without noise, of which each half tells the hips."""
 
 
@@ -168,4 +170,5 @@ def test_hips_of_a_simulated_person(data_dir: Path, tmp_path: Path) -> None:
     )
     out: dict[str, float] = {}
     assert len(list(simulated.lines([*exact, *moved], out))) == 7
-    assert out["none, isolated: RMS"] < 0.1 < out["people, isolated: RMS"] < 60.0
+    # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size sees to that
+    assert out["none, isolated: RMS"] < CLEAN_MM < out["people, isolated: RMS"] < 60.0

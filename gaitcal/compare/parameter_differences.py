@@ -111,7 +111,7 @@ def difference_variance(
     nominal = []
     for columns, prior in zip((of_a, of_b), priors, strict=True):
         found = [columns.pop(NOMINAL + name, np.zeros(len(names))) for name in causes]
-        own = np.array(found).reshape(-1, len(names)).T
+        own = np.array(found).reshape(len(causes), len(names)).T
         nominal.append(own if shared else own @ own_causes(causes, prior))
     out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (0.0 if shared else 2.0 * placement(names) ** 2)
     for column in dict.fromkeys((*of_a, *of_b)):

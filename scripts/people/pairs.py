@@ -81,7 +81,7 @@ def scores(one: Fit, other: Fit) -> Array:
     both = set(told_parameters(other.influence))
     names = [n for n in told_parameters(one.influence) if n in both and n.startswith(LEG_JOINTS)]
     gap = (other.parameters.joint - one.parameters.joint)[[JP_INDEX[n] for n in names]]
-    variance = difference_variance(one.influence, other.influence, names, Common.STATIC)
+    variance = difference_variance((one.influence, other.influence), names, Common.STATIC)
     return np.asarray((gap / np.sqrt(variance))[variance > 0.0])
 
 
