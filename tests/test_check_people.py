@@ -23,9 +23,9 @@ from truth import opensim_trials, skin  # noqa: E402
 from tests.test_check_truth import SLOW_CAMERA, TRACKING, _bending  # noqa: E402
 
 EXACT_MM = 1.0
+"""Markers without noise, of which each half tells the hips."""
 CLEAN_MM = 0.5
 """What hips of simulated people may be off without noise."""
-"""Markers without noise, of which each half tells the hips."""
 
 
 def _fit(name: str, outward: float, error: float = 0.002) -> real.Fit:
