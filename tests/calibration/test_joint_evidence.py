@@ -13,7 +13,7 @@ from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import GAIT, LEG_PARAMETERS, EvidenceTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.marker_moves import source_of
-from gaitcal.calibration.soft_tissue_artefact import beside, marker_covariance, task_regressors
+from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -26,26 +26,30 @@ WHITE = 0.001
 """m: noise of every marker."""
 
 
-def soft_walk(seed: int, name: str, softness: float) -> TrialProblem:
-    """A whole body that moves at random, on markers of `softness` times the soft tissue that people have."""
+def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> TrialProblem:
+    """A whole body that moves at random, on markers of `softness` times the soft tissue that people have, and of `bent`
+    times it with the squares of angles.
+    """
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
     body, nodes = random_trial(rng, parameters, frames=120, nodes=10)
-    (psi,) = task_regressors([dict(zip(body.chain.coordinates, body.basis.evaluate(nodes).T, strict=True))])
+    angles = dict(zip(body.chain.coordinates, body.basis.evaluate(nodes).T, strict=True))
+    (psi,) = task_regressors([angles], squares=True)
     shift = np.zeros(body.data.measured.shape)
     for s, markers in body.data.placed.groups:
         for angle in beside(segment := body.chain.segments[s]):
-            covariance = softness**2 * marker_covariance(segment, body.data.local[markers])
-            moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
-            shift[markers] += moved.reshape(-1, 3, 1) * psi[angle]
+            for name_of_psi, size in ((angle, softness), (angle + SQUARES, bent)):
+                covariance = size**2 * marker_covariance(segment, body.data.local[markers])
+                moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
+                shift[markers] += moved.reshape(-1, 3, 1) * psi[name_of_psi]
     seen = body.shifted(shift).positions(nodes, body.constants(parameters))
     return replace(body.with_measured(seen + rng.normal(0, WHITE, seen.shape)), name=name)
 
 
 @cache
-def calibrated(softness: float) -> JointCalibration:
+def calibrated(softness: float, bent: float = 0.0) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
-    walk = soft_walk(11, "nominal", softness)
+    walk = soft_walk(11, "nominal", softness, bent)
     return calibrate_by_evidence([EvidenceTrial(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
 
 
@@ -97,6 +101,13 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
 def test_soft_markers_are_said_to_be_soft_and_stiff_ones_stiff() -> None:
     stiff, soft = (float(calibrated(s).notes[-1].split(f"{GAIT} ")[1].split()[0].strip(";,")) for s in (0.0, 1.0))
     assert stiff < 0.2 < 0.5 < soft < 2.0
+
+
+@pytest.mark.parametrize("bent", [0.0, 0.3])
+def test_squares_of_angles_have_columns_where_markers_show_them(bent: float) -> None:
+    found = calibrated(0.3, bent)
+    squares = [key for key in found.tissue["nominal"].keys if SQUARES in key]
+    assert bool(squares) is ("squares of angles" in found.notes[-1]) is bool(bent)
 
 
 def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
