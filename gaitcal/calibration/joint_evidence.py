@@ -49,7 +49,7 @@ GAIT = "gait"
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
 LEAST_SQUARES = 0.01
-"""E[s^2] below which columns of squares would move next to nothing: a tenth of what people show."""
+"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
 
 
 @dataclass(frozen=True)
