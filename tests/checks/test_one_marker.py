@@ -56,7 +56,7 @@ def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest
 def test_a_foot_without_its_toe_is_refused_with_the_angles_that_nobody_knows(pig: Study) -> None:
     (found,) = told(renamed(pig, {"RTOE": "Unknown"}, ("gait",)))
     assert found.severity is Severity.ERROR
-    assert "ankle_angle_r" in found.found and "subtalar_angle_r" in found.found
+    assert "subtalar_angle_r" in found.found  # the heel and the posture tell the ankle's
     assert "'Unknown'" in found.cure
 
 
