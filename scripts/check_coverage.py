@@ -18,8 +18,9 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from gaitcal.calibration.influence import influence_of
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
 from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
@@ -29,7 +30,6 @@ from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording.recording import Recording
 from gaitcal.synthetic.ground import residual_free_wrench
@@ -68,8 +68,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     truth = model.parameters
     free = tuple(name for side in "rl" for name in gait_parameters(side))
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
-    fit = calibrate_joints([problem], truth, free, [starting(problem, truth)])
-    influence = influence_of([problem], fit)
+    fit, influence = estimated(problem, truth, free)
     wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
     spread = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
@@ -97,10 +96,8 @@ def knee_draw(seed: int, noise_m: float) -> Draw:
     truth = published_model().parameters
     motion = isolated_motion("knee_r")
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
-    fit = calibrate_joints([problem], truth, isolated_parameters("knee_r"), [starting(problem, truth)])
-    return Draw(
-        _standardised(fit.free, fit.values, truth, influence_of([problem], fit).standard_errors), None, None, None, None
-    )
+    fit, influence = estimated(problem, truth, isolated_parameters("knee_r"))
+    return Draw(_standardised(fit.free, fit.values, truth, influence.standard_errors), None, None, None, None)
 
 
 def noisy_problem(
@@ -114,9 +111,9 @@ def noisy_problem(
     return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
 
 
-def starting(problem: TrialProblem, parameters: Parameters) -> Array:
-    """Nodes from rigid fits."""
-    return starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+def estimated(problem: TrialProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, Influence]:
+    """As the published protocol has it: nothing is expected, markers stay in their places."""
+    return estimate_joints([TaskTrials("trial", (problem,))], truth, free, prior=None, settings=JointSettings())
 
 
 def _torques(parameters: Parameters, motion: list[Array], wrench: Array) -> Array:

@@ -1,9 +1,9 @@
-"""Which joint parameters the trials cannot see.
+"""Which joint parameters the trials cannot see, where no prior holds them.
 
-A parameter whose standard error, from the markers alone and without any prior, is larger than what anybody would
-believe about a joint (20 mm, 20 degrees) is not determined. It is frozen at its nominal value, the worst first: given
-it, the covariance of the others becomes cov - cov_k cov_k^T / cov_kk, and the search goes on until every remaining
-parameter is determined. Directions along which S, the reduced Gauss-Newton matrix, vanishes count with an unbounded
+A parameter whose standard error, from the markers alone, is larger than what anybody would believe about a joint (20
+mm, 20 degrees) is not determined. It is frozen at its present value, the worst first: given it, the covariance of the
+others becomes cov - cov_k cov_k^T / cov_kk, and the search goes on until every remaining parameter is determined.
+Directions along which S, the reduced Gauss-Newton matrix in units of the noise, vanishes count with an unbounded
 variance, and so does an axis about which the joint hardly moved in its isolated trials: what residuals say of it there
 is noise that turns with the joint.
 """
@@ -15,8 +15,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import MarkerEvidence
-from gaitcal.calibration.joint_calibration import JointFit
+from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
@@ -35,7 +34,7 @@ UNBOUNDED = 1e6
 """Variance, in squares of the largest error believed, of what the markers cannot see at all."""
 
 _AXES: dict[str, dict[str, tuple[str, ...]]] = {
-    "hip": {"hip": ("hip_flexion", "hip_adduction", "hip_rotation")},
+    "hip": {"hip": ("hip_flexion", "hip_adduction")},
     "knee": {"knee": ("knee_angle",)},
     "ankle": {"talocrural": ("ankle_angle",), "subtalar": ("subtalar_angle",)},
 }
@@ -56,12 +55,17 @@ def largest_errors(names: Sequence[str]) -> Array:
     return np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
 
 
-def unseen_parameters(free: Sequence[str], evidence: MarkerEvidence, unmoved: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names of the free parameters that the trials of a fit do not determine, worst first; `unmoved` come first."""
+def unseen_parameters(
+    free: Sequence[str], covariance: Array, information: Array, unmoved: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Names of the free parameters that the trials of a fit do not determine, worst first; `unmoved` come first.
+
+    `covariance` (np, np) along the directions that S, `information` (np, np), tells at all.
+    """
     allowed = largest_errors(free)
-    covariance = evidence.covariance / np.outer(allowed, allowed)
-    null = evidence.unseen / allowed[:, None]
-    covariance = covariance + UNBOUNDED * null @ null.T
+    values, vectors = np.linalg.eigh(information)
+    null = vectors[:, values <= NULL * max(float(values.max(initial=0.0)), 1e-300)] / allowed[:, None]
+    covariance = covariance / np.outer(allowed, allowed) + UNBOUNDED * null @ null.T
     unseen = [name for name in free if name in unmoved]
     kept = [k for k, name in enumerate(free) if name not in unmoved]
     while kept:
@@ -75,19 +79,14 @@ def unseen_parameters(free: Sequence[str], evidence: MarkerEvidence, unmoved: Se
     return tuple(unseen)
 
 
-def unmoved_parameters(problems: Sequence[TrialProblem], fit: JointFit, joint: str) -> tuple[str, ...]:
-    """Free parameters of the axes of an isolated joint about which none of its trials moved by `LEAST_TURN`."""
+def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, float]) -> tuple[str, ...]:
+    """Free parameters of the axes of an isolated joint about which its trials moved by less than `LEAST_TURN`.
+
+    `turned`: coordinate, without its side -> the largest range (rad) in any of them (`turns_of`).
+    """
     kind, side = joint.split("_")
-    out: list[str] = []
-    for axis, names in _AXES[kind].items():
-        turns = [
-            _turn(problem, nodes, f"{name}_{side}")
-            for problem, nodes in zip(problems, fit.nodes, strict=True)
-            for name in names
-        ]
-        if max(turns) < LEAST_TURN:
-            out += [name for name in fit.free if name.startswith(f"{axis}_{side}.")]
-    return tuple(out)
+    still = [axis for axis, names in _AXES[kind].items() if max(turned[name] for name in names) < LEAST_TURN]
+    return tuple(name for name in free if name.split(".")[0] in {f"{axis}_{side}" for axis in still})
 
 
 def _turn(problem: TrialProblem, nodes: Array, coordinate: str) -> float:
@@ -151,9 +150,7 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"
 
 
-def in_words(
-    unseen: Sequence[str], trials: Sequence[str], done: str = "kept at nominal values", turned: Turns | None = None
-) -> tuple[Finding, ...]:
+def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, ...]:
     """One note a joint: what is not determined, what was done, what to record given what was (`turned`).
 
     Its error bar says the rest.
@@ -163,15 +160,14 @@ def in_words(
     for joint in joints:
         own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
         kind = "ankle" if joint.startswith(("talocrural", "subtalar")) else joint.split("_")[0]
-        advice = _advice(joint, kind, (turned or {}).get(f"{kind}_{joint[-1]}", {}))
-        have = f" by {', '.join(trials)}" if trials else ""
+        advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
         out.append(
             Finding(
                 severity=Severity.INFO,
                 topic="joint parameters",
                 where=STUDY,
                 cause=f"{joint} is not fully determined",
-                found=f"{', '.join(own)} not determined{have}; {done}",
+                found=f"{', '.join(own)} not determined; {done}",
                 cure=advice,
                 leg=joint[-1],
                 code=Code.UNDETERMINED,

@@ -1,6 +1,6 @@
-"""Phase 1: joint parameters and motions from markers (Reinbolt et al. 2007, eq. 1).
+"""Joint parameters, soft tissue and motions from markers: SciPy's `least_squares` on the compressed problem.
 
-Why an iteration of SciPy's `least_squares` ended, in words that name no variable of its code.
+Without a prior and without soft tissue this is phase 1 of Reinbolt et al. 2007, eq. 1 (`reduced_problem.py`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
-from gaitcal.calibration.soft_tissue_artefact import TissuePrior
+from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.study.joint_prior import JointPrior
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
@@ -30,33 +29,21 @@ TISSUE_SCALE = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class JointSettings:
-    """Bounds, priors and tolerances of a joint-parameter calibration."""
+    """Bounds and tolerances of a joint-parameter calibration."""
 
     position_bound: float = np.inf
     """m, largest distance of a position from its nominal value."""
     orientation_bound: float = np.inf
     """rad, the same for orientations."""
-    prior_position: float = np.inf
-    """m, standard deviation of a position about its nominal value; infinite: no prior."""
-    prior_orientation: float = np.inf
-    """rad."""
-    marker_noise: float = 0.010
-    """m: a prior one standard deviation off costs as much as this marker residual, squared and summed."""
-    cumulative: bool = False
-    """In a sequence of phases, what earlier trials know stays in the cost of later ones; and every phase finds out
-    `marker_noise` by itself, this value being where it starts."""
-    prior: JointPrior | None = None
-    """In place of anatomy's, where the evidence of all trials decides (`joint_evidence.py`)."""
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
     tracking: DescentSettings = field(default_factory=DescentSettings)
 
-    def prior_deviation(self, names: Sequence[str]) -> Array:
-        """(n,) m, rad: standard deviations of the priors of joint parameters."""
-        position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
-        out: Array = np.where(position, self.prior_position, self.prior_orientation)
-        return out
+    def bound(self, name: str) -> float:
+        """m, rad, of one joint parameter."""
+        position = JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION
+        return self.position_bound if position else self.orientation_bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,44 +57,12 @@ class JointFit:
     nodes: tuple[Array, ...]
     """Per trial (nn, nq)."""
     state: ReducedState
-    prior: Array
-    """(n, np) m per unit of p: rows of the prior, and of what earlier trials know."""
-    marker_noise: float
-    """m, what priors were weighed against."""
     iterations: int
     seconds: float
     converged: bool
     message: str
     at_bound: tuple[str, ...]
     """Free parameters that ended on a bound."""
-
-
-def calibrate_joints(
-    problems: Sequence[TrialProblem],
-    parameters: Parameters,
-    free: tuple[str, ...],
-    starts: Sequence[Array],
-    settings: JointSettings | None = None,
-    *,
-    start_values: Array | None = None,
-    nominal: Parameters | None = None,
-    information: Array | None = None,
-) -> JointFit:
-    """Fit the joint parameters `free` to the markers of all `problems` together.
-
-    Parameters
-    ----------
-    problems : the trials; each has its own motion, all share the joint parameters.
-    parameters : values of all that is not free, and where priors are centred.
-    starts : per trial, nodes (nn, nq) to start from.
-    start_values : (np,) where the free parameters start, m and rad; their present values unless given.
-    nominal : where bounds are centred; `parameters` unless given.
-    information : (98, 98) m^2 per units of p: the reduced Gauss-Newton matrix of earlier trials about `parameters`, so
-        that these trials add to what those know; none unless given.
-    """
-    return JointSearch(problems, parameters, free, starts, settings, nominal=nominal, information=information).run(
-        start_values
-    )
 
 
 class JointSearch:
@@ -122,36 +77,36 @@ class JointSearch:
         settings: JointSettings | None = None,
         *,
         nominal: Parameters | None = None,
-        information: Array | None = None,
-        tissue: TissuePrior | None = None,
+        tissue: TissuePrior = NO_TISSUE,
         expected: tuple[Array, Array] | None = None,
     ) -> None:
-        """As `calibrate_joints`.
+        """Set up the search.
 
-        `tissue`: prior of the soft tissue that the problems have; `expected`: (np,) m, rad and (np, np) mean and
-        precision of the joint parameters `free` before any trial, instead of the settings' priors.
+        Parameters
+        ----------
+        problems : the trials; each has its own motion, all share the joint parameters.
+        parameters : where the search starts, and the values of all that is not free.
+        free : of these, the joint parameters that some trial passes are fitted.
+        starts : per trial, nodes (nn, nq) to start from.
+        nominal : where bounds are centred; `parameters` unless given.
+        tissue : prior of the soft tissue that the problems have.
+        expected : (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial; nothing
+            is expected of them unless given.
         """
         self.parameters, self.settings = parameters, settings or JointSettings()
-        passed = {name for problem in problems for name in problem.with_free(free).chain.free}
-        self.free = tuple(name for name in free if name in passed)
-        index = [JP_INDEX[name] for name in self.free]
-        position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
-        self.middle, self.present = (nominal or parameters).joint[index], parameters.joint[index]
-        self.reach = np.where(position, self.settings.position_bound, self.settings.orientation_bound)
+        self.free = passed(problems, free)
+        index, nz = [JP_INDEX[name] for name in self.free], len(tissue.keys)
+        position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index], dtype=bool)
+        self.present = np.append(parameters.joint[index], np.zeros(nz))
+        self.middle = np.append((nominal or parameters).joint[index], np.zeros(nz))
+        self.reach = np.append([self.settings.bound(name) for name in self.free], np.full(nz, np.inf))
         self.scale = np.where(position, POSITION_SCALE, 1.0)
-        if expected is None:
-            rows = _prior_rows(
-                self.settings.marker_noise / self.settings.prior_deviation(self.free),
-                None if information is None else information[np.ix_(index, index)],
-            )
-            centre = self.present
-        else:
+        centre, rows = self.present[: len(index)], np.zeros((0, len(index)))
+        if expected is not None:
             centre, rows = expected[0], np.asarray(np.linalg.cholesky(expected[1]).T, float)
-        if tissue is not None:
-            of_tissue = np.linalg.inv(np.linalg.cholesky(tissue.covariance))
-            rows, nz = block_diag(rows, of_tissue), len(tissue.keys)
-            centre, self.present = np.append(centre, np.zeros(nz)), np.append(self.present, np.zeros(nz))
-            self.middle, self.reach = np.append(self.middle, np.zeros(nz)), np.append(self.reach, np.full(nz, np.inf))
+        if nz:
+            rows = block_diag(rows, np.linalg.inv(np.linalg.cholesky(tissue.covariance)))
+            centre = np.append(centre, np.zeros(nz))
             self.scale = np.append(self.scale, TISSUE_SCALE * np.sqrt(np.diag(tissue.covariance)))
         self.problem = ReducedProblem(
             problems,
@@ -161,7 +116,7 @@ class JointSearch:
             self.settings.tracking,
             prior=rows,
             centre=centre,
-            tissue=tissue.keys if tissue is not None else (),
+            tissue=tissue.keys,
         )
 
     def weigh(self, shares: Sequence[float]) -> None:
@@ -181,8 +136,6 @@ class JointSearch:
             parameters=self.problem.linkage(result.x),
             nodes=tuple(trial.nodes for trial in state.trials),
             state=state,
-            prior=self.problem.prior,
-            marker_noise=self.settings.marker_noise,
             iterations=int(result.nfev),
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
@@ -200,6 +153,8 @@ class JointSearch:
         return start_values if start_values is not None else self.present if best is None else best.p
 
     def _least_squares(self, start: Array, tolerance: float) -> OptimizeResult:
+        if not len(start):
+            return OptimizeResult(x=start, status=1, nfev=0, message="")
         lower, upper = self.middle - self.reach, self.middle + self.reach
         inside = np.clip(start, lower + 1e-9 * (upper - lower) if np.isfinite(self.reach).all() else lower, upper)
         return least_squares(
@@ -215,14 +170,10 @@ class JointSearch:
         )
 
 
-def _prior_rows(each: Array, information: Array | None) -> Array:
-    """(n, np) rows whose squares are the prior of each parameter and what earlier trials know of all together."""
-    rows = np.diag(each)[each > 0]
-    if information is None:
-        return rows
-    values, vectors = np.linalg.eigh(information)
-    kept = values > NULL * max(float(values[-1]), 1e-300)
-    return np.vstack([rows, np.sqrt(values[kept])[:, None] * vectors[:, kept].T])
+def passed(problems: Sequence[TrialProblem], names: Sequence[str]) -> tuple[str, ...]:
+    """The joint parameters of `names` that the linkage of some trial passes."""
+    found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
+    return tuple(name for name in names if name in found)
 
 
 STATUS = {

@@ -5,6 +5,8 @@
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
 with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft tissue of every kind of task with what
 people show (`soft_tissue_artefact.py`). The motions are eliminated (`reduced_problem.py`), (p, z) found by SciPy.
+The published protocol (Reinbolt et al. 2007, eq. 1) is this without z, without a prior (or a weak one), and with one
+f nu^2 for all trials of a phase, the mean of their own.
 
 nu_t is the noise of the trial's independent samples (`joint_noise.py`), from a fit of its own kind of task alone: what
 gait disagrees with is no noise of an isolated trial. Trials of one task repeat their errors. With g_t and H_t the
@@ -18,10 +20,10 @@ have 1 - s of their variance in common, so that together they count as  K / (s +
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
 
-    -H^-1 ( sum_t S_t^1/2 n_t  -  F_p^-T e_p  -  Sigma_z^-1/2 e_z ),      n, e_p, e_z independent, variance 1:
+    -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),      n, e_p, e_z independent, variance 1:
 
-F_p F_p^T = Sigma_p, the columns of F_p being causes (`joint_prior.py`): columns of an `Influence` by source, markers of
-each trial, nominal values, soft tissue. Their squares sum to H^-1.
+F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `Influence` by source, markers of each
+trial, nominal values, soft tissue (`influence.py`). Their squares sum to H^-1.
 """
 
 from __future__ import annotations
@@ -31,25 +33,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.influence import Influence, errors_by_source, nominal_influence
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.motion.undetermined import joints_left_open
 from gaitcal.study.joint_prior import JointPrior
 
-BY_EVIDENCE = JointSettings(marker_noise=1.0, tolerance=1e-7)
-"""Costs are in units of the noise already."""
+BY_EVIDENCE = JointSettings(tolerance=1e-7)
+"""Far below the error bars; an axis that trials hardly determine is held by its prior."""
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
@@ -58,7 +62,8 @@ NEAR = 1e-4
 """Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 % of where searches
 to the end have them, and a noise that is taken from a hundred samples is itself known to 7 %."""
 WIDE_MM, WIDE_RAD = 0.020, np.deg2rad(10.0)
-"""m, rad: how far joints may lie from nominal places where noise is sought: further than anatomy has them."""
+"""m, rad: how far joints may lie from nominal places where noise is sought, and what directions are measured by where
+nothing is expected: further than anatomy has them."""
 DETERMINED = 4.0
 """Information of trials over that of the prior from which they determine a direction."""
 
@@ -92,6 +97,12 @@ class JointEstimate:
     """Kind of task -> f, where several trials have it."""
     served: float
     """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
+    information: Array
+    """(np + nz, np + nz) sum S_t, what the markers say by themselves."""
+    covariance: Array
+    """(np + nz, np + nz) of (p, z) by noise and priors; nothing along directions that neither of them tells."""
+    at_bound: tuple[str, ...]
+    """Joint parameters that ended on their bounds."""
     iterations: int
     seconds: float
     converged: bool
@@ -126,37 +137,46 @@ def estimate_joints(
     free: tuple[str, ...],
     *,
     tissue: TissuePrior = NO_TISSUE,
-    prior: JointPrior | None = None,
+    prior: JointPrior | None = ANATOMY,
+    settings: JointSettings = BY_EVIDENCE,
+    equal_weights: bool = False,
+    present: Parameters | None = None,
+    known: Influence | None = None,
 ) -> tuple[JointEstimate, Influence]:
     """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
 
     Parameters
     ----------
-    nominal : what the prior is about, and values of all that is not free.
+    nominal : what the prior is about, and bounds.
     tissue : prior of the columns that the problems have.
-    prior : of the joint parameters, about `nominal`; anatomy's unless given.
+    prior : of the joint parameters, about `nominal`; None: nothing is expected of them.
+    equal_weights : whether all trials have one noise, the mean of their own.
+    present : where the search starts, and values of all that is not free; `nominal` unless given.
+    known : errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that are
+        free unless given, the rest being exact.
     """
     began = time.perf_counter()
-    problems = [problem for task in tasks for problem in task.problems]
-    noises = each(lambda task: noise_of(task, nominal, free), tasks)
+    problems, present = [problem for task in tasks for problem in task.problems], present or nominal
+    noises = each(lambda task: noise_of(task, present, free), tasks)
     noise = [nu for of_task in noises for nu in of_task]
-    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    expected = _expected(nominal, free, prior)
-    search = JointSearch(
-        problems, nominal, free, starts, BY_EVIDENCE, tissue=tissue if tissue.keys else None, expected=expected
-    )
-    search.weigh([1.0 / nu**2 for nu in noise])
+    starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
+    expected = None if prior is None else _expected(nominal, free, prior)
+    search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=tissue, expected=expected)
+    weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
     if any(len(task.problems) > 1 for task in tasks):
         search.approach(NEAR)
-        repeated = _repeated(tasks, search, noise, expected[1])
+        repeated = _repeated(tasks, search, noise, _wide(free) if expected is None else expected[1])
         kinds = [task.kind for task in tasks for _ in task.problems]
         noise = [nu * float(np.sqrt(repeated.get(kind, 1.0))) for nu, kind in zip(noise, kinds, strict=True)]
-        search.weigh([1.0 / nu**2 for nu in noise])
+        weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
-    parts = _placed(search, fit, noise)
+    parts = _placed(search, fit, weighed)
     precision = np.asarray(search.problem.prior.T @ search.problem.prior, float)
-    inverse = np.linalg.inv(sum(parts) + precision)
+    information = np.asarray(sum(parts), float)
+    inverse = _inverse(information + precision, singular=prior is None)
+    sizes = [own / of_weight for own, of_weight in zip(noise, weighed, strict=True)]
+    scores = _scores([p.name for p in problems], (*free, *tissue.keys), parts, sizes)
     estimate = JointEstimate(
         free=free,
         keys=tissue.keys,
@@ -165,13 +185,43 @@ def estimate_joints(
         nodes=fit.nodes,
         noise=tuple(noise),
         repeated=repeated,
-        served=float(np.trace(inverse @ sum(parts))),
+        served=float(np.trace(inverse @ information)),
+        information=information,
+        covariance=inverse @ (scores.covariance + precision) @ inverse,
+        at_bound=fit.at_bound,
         iterations=search.problem.evaluations,
         seconds=time.perf_counter() - began,
         converged=fit.converged,
         message=fit.message,
     )
-    return estimate, _influence([p.name for p in problems], estimate, precision, parts, inverse)
+    held: tuple[str, ...] = ()
+    if known is None:
+        known = nominal_influence(free, prior)
+    else:
+        held = tuple(name for name in known.free if name not in free)
+    coupling = _coupling(problems, estimate, held, weighed)
+    if tissue.keys:
+        count = len(free)
+        of_tissue = np.linalg.inv(np.linalg.cholesky(precision[count:, count:])).T
+        known = Influence(
+            (*known.free, *tissue.keys),
+            block_diag(known.parameters, of_tissue),
+            (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
+        )
+    return estimate, errors_by_source((*free, *tissue.keys), scores, inverse, precision, coupling, known)
+
+
+def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
+    """m, the noise that each trial then counts by."""
+    weighed = [float(np.sqrt(np.mean(np.square(noise))))] * len(noise) if equal else list(noise)
+    search.weigh([1.0 / nu**2 for nu in weighed])
+    return weighed
+
+
+def _inverse(matrix: Array, *, singular: bool) -> Array:
+    """H^-1; zero along the directions that nobody sees, if it may have some."""
+    out = np.linalg.pinv(matrix, rcond=NULL, hermitian=True) if singular and matrix.size else np.linalg.inv(matrix)
+    return np.asarray(out, float)
 
 
 def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tuple[float, ...]:
@@ -185,8 +235,7 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     if not own:
         return tuple(noise)
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    wide = np.array([WIDE_MM if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in own])
-    expected = nominal.joint[[JP_INDEX[n] for n in own]], np.diag(1.0 / wide**2)
+    expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
     search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, expected=expected)
     for _ in range(ROUNDS):
         search.weigh([1.0 / nu**2 for nu in noise])
@@ -198,7 +247,13 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     return tuple(noise)
 
 
-def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior | None) -> tuple[Array, Array]:
+def _wide(names: Sequence[str]) -> Array:
+    """(np, np) precision of joint parameters that may lie `WIDE_MM` or `WIDE_RAD` off."""
+    wide = np.array([WIDE_MM if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names])
+    return np.diag(1.0 / wide**2)
+
+
+def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior) -> tuple[Array, Array]:
     """(np,) expected values and (np, np) precision of joint parameters before any trial."""
     mean, covariance = prior_of(free, prior)
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(np.linalg.inv(covariance), float)
@@ -255,21 +310,27 @@ def _placed(search: JointSearch, fit: JointFit, noise: Sequence[float]) -> list[
     return out
 
 
-def _influence(
-    names: Sequence[str], estimate: JointEstimate, precision: Array, parts: Sequence[Array], inverse: Array
-) -> Influence:
-    """The errors of (p, z) by source."""
+def _scores(trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array], sizes: Sequence[float]) -> Influence:
+    """u_t of every trial by independent columns; `sizes`: its noise over the one that it counts by."""
     columns, sources = [], []
-    for name, part in zip(names, parts, strict=True):
+    for name, part, size in zip(trials, parts, sizes, strict=True):
         values, vectors = np.linalg.eigh(part)
-        kept = values > NULL * max(float(values[-1]), 1e-300)
-        columns.append(inverse @ (vectors[:, kept] * np.sqrt(values[kept])))
+        kept = values > NULL * max(float(values.max(initial=0.0)), 1e-300)
+        columns.append(vectors[:, kept] * np.sqrt(values[kept]) * size)
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
-    count = len(estimate.free)
-    root = np.linalg.cholesky(np.linalg.inv(precision[:count, :count]))
-    columns.append(np.linalg.solve(root, inverse[:count]).T)
-    sources += [f"nominal/{name}" for name in estimate.free]
-    if estimate.keys:
-        columns.append(inverse[:, count:] @ np.linalg.cholesky(precision[count:, count:]))
-        sources += [f"skin/{key}" for key in estimate.keys]
-    return Influence((*estimate.free, *estimate.keys), np.hstack(columns), tuple(sources))
+    return Influence(free, np.hstack(columns), tuple(sources))
+
+
+def _coupling(
+    problems: Sequence[TrialProblem], estimate: JointEstimate, held: tuple[str, ...], noise: Sequence[float]
+) -> Array:
+    """(np + nz, nk) what errors of joint parameters that were kept fixed do to the scores of the others."""
+    names = (*estimate.free, *held)
+    out = np.zeros((len(names), len(names)))
+    if held:
+        for problem, nodes, nu in zip(problems, estimate.nodes, noise, strict=True):
+            opened = problem.with_free(names)
+            places, count = [names.index(name) for name in opened.chain.free], len(opened.chain.free)
+            of_trial = eliminate(opened.equations(nodes, opened.constants(estimate.parameters)))
+            out[np.ix_(places, places)] += of_trial.hessian[:count, :count] / nu**2
+    return np.vstack([out[: len(estimate.free), len(estimate.free) :], np.zeros((len(estimate.keys), len(held)))])

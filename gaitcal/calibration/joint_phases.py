@@ -1,20 +1,30 @@
-"""The order of joint-parameter calibration: isolated trials joint by joint, then gait; or everything at once.
+"""Phases of joint-parameter calibration: what each fits, and what they come to together.
 
-Sequential, an isolated trial is fitted by its joint alone: the proximal segment is free in the laboratory, so that an
-uncalibrated neighbour joint has no say; gait trials are fitted by the whole linkage. Cumulative, gait adds to what the
-isolated trials know: their reduced Gauss-Newton matrices stay in its cost, about their own solutions, each in units of
-its own independent noise (`influence.py`). Simultaneous, every trial is fitted by pelvis and legs, whose joints are
-all free: each trial then also says what it knows of its neighbours, and no nominal joint is left to pull.
+A phase fits some joint parameters to some trials by the one estimator (`joint_estimate.py`); whatever it knew before
+is its prior, and what it finds is where the next one starts. Two protocols are lists of phases:
+
+default    legs with soft tissue and priors of anatomy, trunk and arms by themselves (`joint_evidence.py`).
+published  Reinbolt et al. 2007: no soft tissue, equal weights, bounds, and no prior, or a weak one of which every phase
+           makes a posterior, the prior of the next. Sequential, an isolated trial is fitted by its joint alone: the
+           proximal segment is free in the laboratory, so that an uncalibrated neighbour joint has no say; gait trials
+           are fitted by the whole linkage. Simultaneous, every trial is fitted by pelvis and legs, whose joints are all
+           free: each trial then also says what it knows of its neighbours, and no nominal joint is left to pull.
+
+Without a prior, a phase freezes what its trials cannot see, and fits the rest again (`identifiability.py`); with one,
+what the trials do not tell stays where the prior holds it, with the prior's spread as its error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from gaitcal.calibration.identifiability import (
+    LEG_JOINTS,
+    Turns,
     beyond_bounds,
     in_words,
     small_turns,
@@ -22,39 +32,46 @@ from gaitcal.calibration.identifiability import (
     unmoved_parameters,
     unseen_parameters,
 )
-from gaitcal.calibration.influence import (
-    LEAST_NOISE,
-    Influence,
-    MarkerEvidence,
-    independent_noise,
-    influence_of,
-    marker_evidence,
-    nominal_influence,
-)
-from gaitcal.calibration.joint_calibration import JointFit, JointSettings, calibrate_joints
+from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.joint_calibration import JointSettings, passed
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, TaskTrials, estimate_joints
+from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.findings import Finding
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters
+from gaitcal.model.joint_parameters import JP_INDEX, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
 
-PRIORS_OWN = 0.5
-"""Where less than this part of the noise is found that priors were weighed against, they may have made most of it
-themselves: it is looked for again after a fit with what was found."""
+GAIT = "gait"
+"""Kind of task of a trial that is no isolated one; that of isolated trials has their joint's name."""
+LEARNT = 0.9
+"""A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
 
 
 @dataclass(frozen=True)
 class JointTrial:
-    """A trial that takes part in joint calibration."""
+    """A trial that takes part."""
 
-    alone: TrialProblem
-    """An isolated trial on the segments of its joint; gait on the whole body."""
-    legs: TrialProblem
-    """The trial on the pelvis and the leg that moves, or both legs for gait."""
+    body: TrialProblem
+    """The whole body."""
+    fitted: TrialProblem
+    """The segments that a phase fits: of an isolated trial its joint alone, or pelvis and legs; of gait the whole body,
+    or pelvis and legs."""
     joint: str | None
     """The joint of an isolated trial; None for gait."""
+
+    @property
+    def name(self) -> str:
+        """Of the recording, whatever part of the body is fitted to it."""
+        return self.body.name
+
+    @property
+    def kind(self) -> str:
+        """Of task."""
+        return self.joint or GAIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +86,9 @@ class Phase:
     converged: bool
     message: str
     marker_noise: float | None = None
-    """m, the independent noise that priors were weighed against; None where there were none."""
+    """m, the noise of all its trials, where a weak prior is weighed against that; None where there is none."""
     noise: Mapping[str, float] = field(default_factory=dict)
-    """Trial, or `trial, joint alone` -> m, the noise of its independent samples, where each has its own."""
+    """Trial -> m, the noise of its independent samples."""
 
     @property
     def status(self) -> str:
@@ -98,154 +115,229 @@ class JointCalibration:
     """Fitted parameters on their bound, or beyond."""
     notes: tuple[str, ...] = ()
     """What the user should know and need not act upon."""
-    fits: tuple[JointFit, ...] = ()
-    """One a phase, where phases follow each other and trials keep the parameters of their own."""
+    reached: Mapping[str, Parameters] = field(default_factory=dict)
+    """Trial -> the parameters at the end of its phase, where a later one moves them again."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of its soft tissue on the markers of the whole body."""
 
 
-class _Run:
-    """Phases as they are done, one after the other."""
-
-    def __init__(self, nominal: Parameters, settings: JointSettings) -> None:
-        self.nominal, self.settings, self.parameters = nominal, settings, nominal
-        self.phases: list[Phase] = []
-        self.fits: list[JointFit] = []
-        self.influence = nominal_influence()
-        self.information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
-        """Per units of p: what the trials so far know of all joint parameters together, noise being 1."""
-        self.unseen: list[str] = []
-        self.turned: dict[str, dict[str, float]] = {}
-        self.findings: list[Finding] = []
-
-    def fit(
-        self,
-        name: str,
-        problems: Sequence[TrialProblem],
-        free: tuple[str, ...],
-        joint: str | None = None,
-        joints: Sequence[str | None] = (),
-    ) -> JointFit:
-        """One phase; `joint`: the one of isolated trials; `joints`: that of each, where they are several together."""
-        attempts, unseen = self._attempts(problems, free, joint)
-        fit = attempts[-1]
-        self.turned |= turns_of(problems, fit.nodes, joints or [joint] * len(problems))
-        seconds, iterations = sum(a.seconds for a in attempts), sum(a.iterations for a in attempts)
-        if unseen:
-            known = {n for earlier in self.fits for n in earlier.free}
-            new = [n for n in unseen if n not in known]
-            self.unseen += new
-            self.findings += in_words(new, [p.name for p in problems], turned=self.turned)
-        self.parameters = fit.parameters
-        self.fits.append(fit)
-        self.influence = influence_of(problems, fit, self.influence)
-        at = [JP_INDEX[n] for n in fit.free]
-        self.information[np.ix_(at, at)] += fit.state.hessian / fit.marker_noise**2
-        trials = tuple(p.name for p in problems)
-        noise = fit.marker_noise if self.settings.cumulative else None
-        self.phases.append(
-            Phase(
-                name=name,
-                trials=trials,
-                parameters=len(fit.free),
-                iterations=iterations,
-                seconds=seconds,
-                converged=fit.converged,
-                message=fit.message,
-                marker_noise=noise,
-            )
-        )
-        return fit
-
-    def _attempts(
-        self, problems: Sequence[TrialProblem], free: tuple[str, ...], joint: str | None
-    ) -> tuple[list[JointFit], tuple[str, ...]]:
-        """Fit, freeze what the trials cannot see, and fit the rest again, priors weighed against the noise found."""
-        attempts = [self._solve(problems, free, self.settings.marker_noise)]
-        first = attempts[0]
-        unmoved = unmoved_parameters(problems, first, joint) if joint else ()
-        evidence = marker_evidence(problems, first)
-        unseen = unseen_parameters(first.free, evidence, unmoved)
-        if not unseen and not self.settings.cumulative:
-            return attempts, unseen
-        noise, seen = self._noise(first, evidence, unseen), tuple(n for n in first.free if n not in unseen)
-        while True:
-            before = attempts[-1].marker_noise
-            attempts.append(self._solve(problems, seen, noise))
-            if noise >= PRIORS_OWN * before or noise <= LEAST_NOISE:
-                return attempts, unseen
-            noise = self._noise(attempts[-1], marker_evidence(problems, attempts[-1]))
-
-    def _noise(self, fit: JointFit, evidence: MarkerEvidence, unseen: Sequence[str] = ()) -> float:
-        seen = [k for k, name in enumerate(fit.free) if name not in unseen]
-        if not self.settings.cumulative or not seen:
-            return self.settings.marker_noise
-        deviation = self.settings.prior_deviation([fit.free[k] for k in seen])
-        return independent_noise(fit.state.hessian, evidence, np.array(seen), deviation)
-
-    def _solve(self, problems: Sequence[TrialProblem], free: tuple[str, ...], noise: float) -> JointFit:
-        p, settings = self.parameters, replace(self.settings, marker_noise=noise)
-        starts = [starting_nodes(t.chain, t.constants(p), t.data, t.basis) for t in problems]
-        known = noise**2 * self.information if settings.cumulative else None
-        return calibrate_joints(problems, p, free, starts, settings, nominal=self.nominal, information=known)
-
-    def done(self) -> JointCalibration:
-        """All phases together."""
-        fitted = {name for fit in self.fits for name in fit.free}
-        unseen = tuple(name for name in self.unseen if name not in fitted)
-        bounds = tuple(dict.fromkeys(name for fit in self.fits for name in fit.at_bound))
-        return JointCalibration(
-            parameters=self.parameters,
-            phases=tuple(self.phases),
-            free=tuple(dict.fromkeys(name for fit in self.fits for name in fit.free)),
-            influence=self.influence,
-            unidentifiable=unseen,
-            findings=(*dict.fromkeys(self.findings), *beyond_bounds(bounds)),
-            at_bound=bounds,
-            fits=tuple(self.fits),
-        )
+def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
+    """The joint parameters at the end of the phase that a trial took part in; `final` where no later one moves them."""
+    return final if joint is None else joint.reached.get(trial, final)
 
 
-def calibrate_sequentially(
-    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, gait: Mapping[str, tuple[str, ...]]
-) -> JointCalibration:
+@dataclass(frozen=True, kw_only=True)
+class JointPhase:
+    """What a phase fits."""
+
+    name: str
+    tasks: tuple[TaskTrials, ...]
+    free: tuple[str, ...]
+    recordings: tuple[str, ...]
+    """Name of each trial, whatever its problem is called."""
+    tissue: TissuePrior = NO_TISSUE
+
+    @property
+    def problems(self) -> list[TrialProblem]:
+        """Of all tasks."""
+        return [problem for task in self.tasks for problem in task.problems]
+
+    @property
+    def joints(self) -> list[str | None]:
+        """Of each problem; None for gait."""
+        return [None if task.kind == GAIT else task.kind for task in self.tasks for _ in task.problems]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseSettings:
+    """How phases are fitted, and what is known before them."""
+
+    search: JointSettings = BY_EVIDENCE
+    """Bounds and tolerances of the search."""
+    prior: JointPrior | None
+    """About nominal values; None: nothing is expected, and what trials cannot see is frozen."""
+    equal_weights: bool = False
+    """Whether all trials of a phase count as equally noisy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedPhase:
+    """What the fit of a phase gives."""
+
+    plan: JointPhase
+    estimate: JointEstimate
+    errors: Influence
+    summary: Phase
+    frozen: tuple[str, ...] = ()
+    """Joint parameters that were to be fitted and that these trials cannot see."""
+    turned: Turns = field(default_factory=dict)
+    """How far isolated trials move their joints."""
+    findings: tuple[Finding, ...] = ()
+
+
+def fit_phase(
+    plan: JointPhase,
+    nominal: Parameters,
+    how: PhaseSettings,
+    present: Parameters | None = None,
+    known: Influence | None = None,
+) -> FittedPhase:
+    """Fit one phase, from the parameters `present` with errors `known` (`estimate_joints`)."""
+    fit = partial(
+        estimate_joints,
+        plan.tasks,
+        nominal,
+        tissue=plan.tissue,
+        prior=how.prior,
+        settings=how.search,
+        equal_weights=how.equal_weights,
+        present=present,
+        known=known,
+    )
+    estimate, errors = fit(plan.free)
+    turned = turns_of(plan.problems, estimate.nodes, plan.joints)
+    frozen: tuple[str, ...] = ()
+    if how.prior is None:
+        alone = plan.tasks[0].kind if len(plan.tasks) == 1 else GAIT
+        unmoved = () if alone == GAIT else unmoved_parameters(plan.free, alone, turned[alone])
+        frozen = unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
+    iterations, seconds = estimate.iterations, estimate.seconds
+    if frozen:
+        estimate, errors = fit(tuple(name for name in plan.free if name not in frozen))
+        iterations, seconds = iterations + estimate.iterations, seconds + estimate.seconds
+    small = [
+        finding
+        for problem, nodes, joint in zip(plan.problems, estimate.nodes, plan.joints, strict=True)
+        if joint
+        for finding in small_turns(problem, nodes, joint)
+    ]
+    weighed = how.equal_weights and how.prior is not None
+    summary = Phase(
+        name=plan.name,
+        trials=tuple(dict.fromkeys(plan.recordings)),
+        parameters=len(estimate.values),
+        iterations=iterations,
+        seconds=seconds,
+        converged=estimate.converged,
+        message=estimate.message,
+        marker_noise=float(np.sqrt(np.mean(np.square(estimate.noise)))) if weighed else None,
+        noise=dict(zip(plan.recordings, estimate.noise, strict=True)),
+    )
+    return FittedPhase(
+        plan=plan,
+        estimate=estimate,
+        errors=errors,
+        summary=summary,
+        frozen=frozen,
+        turned=turned,
+        findings=tuple(dict.fromkeys(small)),
+    )
+
+
+def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
 
     `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
     """
-    run = _Run(nominal, settings)
-    for joint in ISOLATED_JOINTS:
-        own = [trial.alone for trial in trials if trial.joint == joint]
-        if own and joint[-1] in gait:
-            fit = run.fit(f"joint:{joint}", own, isolated_parameters(joint), joint)
-            for problem, nodes in zip(own, fit.nodes, strict=True):
-                run.findings += small_turns(problem, nodes, joint)
-    walks = [trial.alone for trial in trials if trial.joint is None]
-    if walks:
-        run.fit("gait", walks, tuple(name for names in gait.values() for name in names))
-    return run.done()
+    phases = [
+        _phase(f"joint:{joint}", [t for t in trials if t.joint == joint], isolated_parameters(joint))
+        for joint in ISOLATED_JOINTS
+        if joint[-1] in gait
+    ]
+    free = tuple(name for names in gait.values() for name in names)
+    phases.append(_phase(GAIT, [t for t in trials if t.joint is None], free))
+    return [phase for phase in phases if phase.free]
 
 
-def calibrate_simultaneously(
-    trials: Sequence[JointTrial], nominal: Parameters, settings: JointSettings, gait: Mapping[str, tuple[str, ...]]
-) -> JointCalibration:
+def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait.
 
     `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
     """
-    wanted: set[str] = set()
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
-    for trial in used:
-        if trial.joint is not None:
-            wanted.update(isolated_parameters(trial.joint))
-        else:
-            wanted.update(name for names in gait.values() for name in names)
+    of_gait = {name for names in gait.values() for name in names}
+    wanted = {name for t in used for name in (of_gait if t.joint is None else isolated_parameters(t.joint))}
     order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
-    run = _Run(nominal, settings)
-    if used:
-        free = tuple(name for name in order if name in wanted)
-        fit = run.fit("all joints", [t.legs for t in used], free, joints=[t.joint for t in used])
-        for trial, nodes in zip(used, fit.nodes, strict=True):
-            if trial.joint is not None:
-                run.findings += small_turns(trial.legs, nodes, trial.joint)
-    return run.done()
+    phase = _phase("all joints", used, tuple(name for name in order if name in wanted))
+    return [phase] if phase.free else []
+
+
+def _phase(name: str, trials: Sequence[JointTrial], wanted: tuple[str, ...]) -> JointPhase:
+    tasks = tuple(
+        TaskTrials(kind, tuple(t.fitted for t in trials if t.kind == kind))
+        for kind in dict.fromkeys(t.kind for t in trials)
+    )
+    recordings = tuple(t.name for task in tasks for t in trials if t.kind == task.kind)
+    free = passed([problem for task in tasks for problem in task.problems], wanted)
+    return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
+
+
+def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
+    """One phase after the other, each from where the last one ended; what it knows is the prior of the next."""
+    present, known, following = nominal, nominal_influence(), how
+    done: list[FittedPhase] = []
+    for plan in phases:
+        found = fit_phase(plan, nominal, following, present, known)
+        present, known = found.estimate.parameters, found.errors
+        if following.prior is not None:
+            following = replace(following, prior=following.prior.updated(_posterior(found.estimate, nominal)))
+        done.append(found)
+    whole = calibration_of(done, nominal, how.prior, how.search, known)
+    reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
+    return replace(whole, reached=reached)
+
+
+def _posterior(estimate: JointEstimate, nominal: Parameters) -> JointPrior:
+    index, count = _index(estimate.free), len(estimate.free)
+    mean = estimate.parameters.joint[index] - nominal.joint[index]
+    return JointPrior(names=estimate.free, mean=mean, covariance=estimate.covariance[:count, :count])
+
+
+def calibration_of(
+    done: Sequence[FittedPhase], nominal: Parameters, prior: JointPrior | None, bounds: JointSettings, known: Influence
+) -> JointCalibration:
+    """All phases together.
+
+    Parameters
+    ----------
+    prior : before any trial.
+    bounds : joint parameters on them, or beyond, are told.
+    known : errors of all joint parameters, of which those of phases that know of no other take the place.
+    """
+    parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
+    for phase in done:
+        estimate = phase.estimate
+        parameters = parameters.with_joint(estimate.free, estimate.parameters.joint[_index(estimate.free)])
+        deviations = np.sqrt(np.diag(estimate.covariance)).tolist()
+        spread |= dict(zip(estimate.free, deviations[: len(estimate.free)], strict=True))
+        bounded |= dict.fromkeys(estimate.at_bound)
+        known = known.updated(phase.errors)
+    free, apart = tuple(spread), np.abs(parameters.joint - nominal.joint)
+    bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.bound(n))
+    if prior is None:
+        unseen, near = tuple(n for phase in done for n in phase.frozen if n not in spread), ""
+    else:
+        before = np.sqrt(np.diag(prior_of(free, prior)[1]))
+        unseen = tuple(n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation)
+        near = prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)])
+    told = [n for n in unseen if n.startswith(LEG_JOINTS)]
+    kept = "kept at nominal values" if prior is None else f"held near {near or 'nominal values'}"
+    turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
+    return JointCalibration(
+        parameters=parameters,
+        phases=tuple(phase.summary for phase in done),
+        free=free,
+        influence=known,
+        unidentifiable=unseen,
+        findings=(
+            *(finding for phase in done for finding in phase.findings),
+            *in_words(told, kept, turned),
+            *beyond_bounds(tuple(bounded)),
+        ),
+        at_bound=tuple(bounded),
+        notes=prior.notes if prior else (),
+    )
+
+
+def _index(names: Sequence[str]) -> list[int]:
+    return [JP_INDEX[name] for name in names]

@@ -77,6 +77,8 @@ TABLE: tuple[_Row, ...] = (
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
+OTHER = np.where([p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG)
+"""(98,) mm, deg."""
 
 
 def _first_views() -> IntArray:
@@ -101,9 +103,8 @@ def in_both_views(deviation: Array) -> Array:
 
 
 def _anatomy() -> JointPrior:
-    position = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
     mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
-    deviation = np.where(position, OTHER_MM, OTHER_DEG)
+    deviation = OTHER.copy()
     for row in TABLE:
         for own in row.by_side:
             mean[own], deviation[own], apart[own[1:]] = row.mean, row.deviation, row.apart
@@ -112,6 +113,8 @@ def _anatomy() -> JointPrior:
 
 
 ANATOMY = _anatomy()
+WEAK = JointPrior(names=JP_NAMES, mean=np.zeros(len(JP_NAMES)), covariance=np.diag((JP_TO_SI * OTHER) ** 2))
+"""Of the published protocol, where it has one (`prior = "weak"`): the same for all joints, none tied to another."""
 MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
@@ -124,7 +127,7 @@ def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Arr
     """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values; anatomy's where `prior` says
     nothing of a parameter.
     """
-    at, whole = [JP_INDEX[name] for name in names], _with(ANATOMY, prior)
+    at, whole = [JP_INDEX[name] for name in names], ANATOMY if prior is None else ANATOMY.updated(prior)
     return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
 
@@ -152,15 +155,7 @@ def prior_of_study(told: Mapping[str, ParameterPriorTable], learnt: JointPrior |
     of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
     notes = (f"the study file says what to expect of {', '.join(told)}",) if told else ()
     covariance = np.outer(scale, scale) * COVARIANCE
-    return _with(replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes), learnt)
-
-
-def _with(whole: JointPrior, other: JointPrior | None) -> JointPrior:
-    """A prior of all joint parameters, another one in its place for those that it is of."""
-    if other is None:
-        return whole
-    at = [JP_INDEX[name] for name in other.names]
-    mean, covariance = whole.mean.copy(), whole.covariance.copy()
-    covariance[at], covariance[:, at] = 0.0, 0.0
-    mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
-    return replace(whole, mean=mean, covariance=covariance, of_cohort=other.names, notes=(*whole.notes, *other.notes))
+    prior = replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes)
+    if learnt is None:
+        return prior
+    return replace(prior.updated(learnt), of_cohort=learnt.names, notes=(*notes, *learnt.notes))

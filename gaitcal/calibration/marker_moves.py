@@ -1,12 +1,9 @@
 """What every source of error moves: the joint parameters, and through them and by itself the motion of a trial.
 
-A source c, a marker coordinate or one of those of the joint parameters (`influence.py`), moves the joint parameters by
-d p_c and the motion by
-
-    d N_c = n_c - S d p_c,
-
-with n_c what a coordinate of the trial's own markers does to its nodes while joints are known, and S = -d N/d p. The
-coordinates of the motion move by B d N_c; their squares sum to the variance that skin movement leaves in them.
+A source c of the joint parameters (`influence.py`) moves them by d p_c and the motion by  d N_c = - S d p_c,
+S = -d N/d p. A coordinate of the trial's own markers moves its nodes by n_c while joints are known: what it does to the
+joints is told by the noise of the trial. The coordinates of the motion move by B d N_c; squares sum to the variance
+that skin movement leaves in them.
 """
 
 from __future__ import annotations
@@ -35,34 +32,29 @@ COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
 
 @dataclass(frozen=True)
 class MarkerMoves:
-    """What every source of error moves: this trial's own marker coordinates come first, then all others."""
+    """What every source of error moves: this trial's own marker coordinates the nodes, all others the unknowns."""
 
     shift: Array
-    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source that is not the trial's
-    own are np or fewer with the same covariance."""
+    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
+    same covariance."""
     nodes: Array
-    """(nn * nq, own) n_c: what the own coordinates do by themselves."""
+    """(nn * nq, own) n_c: what the own coordinates do."""
     sensitivity: Array
     """(nn * nq, np) - d N / d p."""
-    sources: tuple[Source, ...]
-    """(nc,)."""
+    own: tuple[Source, ...]
+    """(own,) of the columns of `nodes`."""
+    others: tuple[Source, ...]
+    """(nc,) of the columns of `shift`."""
 
     @property
     def present(self) -> tuple[Source, ...]:
         """Every source once."""
-        return tuple(dict.fromkeys(self.sources))
-
-    def change(self, rows: slice) -> Array:
-        """(rows, nc) d N_c of some rows of the nodes."""
-        out = -self.sensitivity[rows] @ self.shift
-        out[:, : self.nodes.shape[1]] += self.nodes[rows]
-        return np.asarray(out, dtype=np.float64)
+        return tuple(dict.fromkeys((*self.own, *self.others)))
 
     @cached_property
     def together(self) -> Array:
-        """(np, np) or fewer columns: what all sources but the own coordinates make of the unknowns, as one."""
-        others = self.shift[:, self.nodes.shape[1] :]
-        return np.asarray(np.linalg.qr(others.T, mode="r")).T
+        """(np, np) or fewer columns: what all sources make of the unknowns, as one."""
+        return np.asarray(np.linalg.qr(self.shift.T, mode="r")).T
 
     def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
         """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
@@ -86,10 +78,8 @@ class MarkerMoves:
 
         `own` (frames, m, own) is what the own coordinates move, `by_unknown` (frames, m, np) what the unknowns.
         """
-        nf, m, count = own.shape
-        if self.shift[:, :count].any():
-            own = own + by_unknown @ self.shift[:, :count]
-        markers = np.array([source is Source.MOTION for source in self.sources[:count]])
+        nf, m, _ = own.shape
+        markers = np.array([source is Source.MOTION for source in self.own], dtype=bool)
         of_markers = squares(own[:, :, markers])
         others = squares(own[:, :, ~markers])
         others += _product_squares(by_unknown.reshape(nf * m, -1), self.together).reshape(nf, m)
@@ -97,20 +87,13 @@ class MarkerMoves:
 
     def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
         """Source -> (frames, m) its part of `variance`."""
-        (nf, m, count), out = own.shape, {}
-        names, flat = np.array([source.key for source in self.sources]), by_unknown.reshape(nf * m, -1)
-        moves_unknowns = np.asarray(self.shift.any(axis=0))
+        (nf, m, _), flat = own.shape, by_unknown.reshape(own.shape[0] * own.shape[1], -1)
+        out: dict[Source, Array] = {}
         for source in self.present:
-            of = np.asarray(names == source.key)
-            mine = np.flatnonzero(of[:count])
-            moved = np.flatnonzero(of & moves_unknowns)
-            both = moved[moved < count]
-            """Own coordinates that move unknowns, too: none after a calibration by evidence."""
-            alone = mine[~moves_unknowns[mine]]
-            found = squares(own if len(alone) == count else own[:, :, alone])
-            found += squares(own[:, :, both] + by_unknown @ self.shift[:, both])
-            found += _product_squares(flat, self.shift[:, moved[moved >= count]]).reshape(nf, m)
-            out[source] = found
+            mine = [k for k, of in enumerate(self.own) if of is source]
+            shared = [k for k, of in enumerate(self.others) if of is source]
+            found = squares(own if len(mine) == own.shape[2] else own[:, :, mine])
+            out[source] = found + _product_squares(flat, self.shift[:, shared]).reshape(nf, m)
         return out
 
 
@@ -171,30 +154,18 @@ def marker_moves(
     scores : of `whole_body_scores`, where known already.
     """
     scores = scores or whole_body_scores(problem, nodes, parameters, joint)
-    shift = np.zeros((scores.sensitivity.shape[1], len(scores.clusters)))
     found = [source_of(c) for c in scores.clusters]
-    sources = [source if source in (Source.BANDWIDTH, Source.POSTURE) else Source.MOTION for source in found]
+    own = [source if source in (Source.BANDWIDTH, Source.POSTURE) else Source.MOTION for source in found]
+    shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[Source]()
     if joint is not None:
         errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
-        place = {name: k for k, name in enumerate(scores.clusters)}
-        own = np.array([name in place for name in joint.clusters], dtype=bool)
-        shift[:, [place[name] for name in joint.clusters if name in place]] = errors[:, own]
-        for source, columns in _by_source(joint, errors, own).items():
+        named = [source_of(name) for name in joint.clusters]
+        for source in dict.fromkeys(named):
+            columns = errors[:, [k for k, of in enumerate(named) if of is source and errors[:, k].any()]]
             compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
             shift = np.hstack([shift, compressed])
-            sources += [source] * compressed.shape[1]
-    return MarkerMoves(shift, -scores.nodes, scores.sensitivity, tuple(sources))
-
-
-def _by_source(joint: Influence, errors: Array, own: Array) -> Mapping[Source, Array]:
-    """Source -> (np, k) columns that are not the trial's own and move something."""
-    out: dict[Source, Array] = {}
-    named = [source_of(name) for name in joint.clusters]
-    for source in dict.fromkeys(named):
-        chosen = [k for k, name in enumerate(named) if name is source and not own[k] and errors[:, k].any()]
-        if chosen:
-            out[source] = errors[:, chosen]
-    return out
+            others += [source] * compressed.shape[1]
+    return MarkerMoves(shift, -scores.nodes, scores.sensitivity, tuple(own), tuple(others))
 
 
 def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Source, Array]:

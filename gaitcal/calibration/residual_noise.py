@@ -141,10 +141,8 @@ class _TrialSources:
         self.node_moves, self.sensitivity = -own.nodes, own.sensitivity
         self.shift = influence.parameters[self.opened.places_in(influence.free)]
         """(np, nc) d p_c of joint parameters, then of the skin."""
-        markers = tuple(dict.fromkeys((*influence.clusters, *own.clusters)))
-        place = {name: k for k, name in enumerate(markers)}
-        self.own = np.array([place[name] for name in own.clusters], dtype=np.intp)
-        self.known = np.array([place[name] for name in influence.clusters], dtype=np.intp)
+        self.known = len(influence.clusters)
+        markers = (*influence.clusters, *own.clusters)
         feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
         self.markers, self.names = len(markers), (*markers, *feet, "plate/clock")
         self.rates = wrench_rates(trial.problem.basis.time, trial.reactions.wrench)
@@ -166,8 +164,8 @@ class _TrialSources:
         out = np.zeros((len(frames), 6, len(self.names)))
         by_unknown = -_through(residual, basis, frames, self.sensitivity)
         by_unknown[:, :, : residual.by_parameter.shape[2]] += residual.by_parameter
-        out[:, :, self.known] = by_unknown @ self.shift
-        out[:, :, self.own] += _through(residual, basis, frames, self.node_moves)
+        out[:, :, : self.known] = by_unknown @ self.shift
+        out[:, :, self.known : self.markers] = _through(residual, basis, frames, self.node_moves)
         plate_moves = _plate_moves(q, wrench_errors(wrench, self.rates[frames], self.plates.errors))
         out[:, :, self.markers : self.markers + plate_moves.shape[2]] = plate_moves
         if self.coarse:

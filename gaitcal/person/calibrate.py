@@ -19,7 +19,7 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
 from gaitcal.calibration.influence import Influence, TrialScores, nominal_influence
-from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.joint_phases import JointCalibration, parameters_for
 from gaitcal.calibration.marker_moves import whole_body_scores
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
@@ -35,7 +35,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import Motion, motion_of
 from gaitcal.person.fitted_motion import FittedMotion, fitted_motion
 from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
-from gaitcal.person.joint_parameters import joint_stage, parameters_for
+from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.person.phases import phases_of
 from gaitcal.person.prepare import PreparedTrial
 from gaitcal.person.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn

@@ -15,12 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.person.prepare import PreparedTrial
-from gaitcal.person.robust import JointFitter, ParametersOf
+from gaitcal.person.robust import JointFitter
 from gaitcal.records import dataclass
 
 FOLDS = 4
@@ -41,13 +42,8 @@ class HeldOut:
     """m, nominal and calibrated over the markers of pelvis and legs; None for an isolated trial."""
 
 
-def hold_out(
-    trials: Sequence[PreparedTrial], nominal: Parameters, fit: JointFitter, parameters_of: ParametersOf
-) -> dict[str, HeldOut]:
-    """Held-out error of every trial.
-
-    `fit` calibrates the joint parameters of trials; `parameters_of` gives those at which a trial was fitted.
-    """
+def hold_out(trials: Sequence[PreparedTrial], nominal: Parameters, fit: JointFitter) -> dict[str, HeldOut]:
+    """Held-out error of every trial; `fit` calibrates the joint parameters of trials."""
     before = {t.name: distances(t.fitted, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
     blocks = {t.name: fold_of_frame(t) for t in trials}
@@ -57,7 +53,7 @@ def hold_out(
         for t in trials:
             held = blocks[t.name] == fold
             if held.any():
-                after[t.name][held] = distances(t.fitted, parameters_of(joint, t.name, parameters))[held]
+                after[t.name][held] = distances(t.fitted, parameters_for(joint, t.name, parameters))[held]
     return {
         t.name: _held_out(t, before[t.name], after[t.name], len(np.unique(blocks[t.name])))
         for t in trials

@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
-from gaitcal.calibration.joint_evidence import EvidenceTrial, calibrate_by_evidence
+from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,
-    calibrate_sequentially,
-    calibrate_simultaneously,
+    PhaseSettings,
+    calibrate_in_phases,
+    sequential_phases,
+    simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.calibration.joint_prior import WEAK, prior_of_study
 from gaitcal.cores import each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
@@ -21,7 +23,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
 from gaitcal.person.hold_out import HeldOut, hold_out
-from gaitcal.person.prepare import PreparedTrial, joint_settings, prepare_trial
+from gaitcal.person.prepare import PreparedTrial, joint_bounds, prepare_trial
 from gaitcal.person.robust import calibrate_robustly, without_exchanged_labels
 from gaitcal.records import dataclass
 from gaitcal.runtime import Progress
@@ -55,7 +57,6 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     trials = each(
         lambda trial: prepare_trial(trial, nominal, settings), study.moving, longest=lambda t: t.joint is None
     )
-    by_evidence = settings.jp and settings.decided_by is Protocol.EVIDENCE
     prior = prior_of_study(settings.joint_prior, study.joint_prior)
     fit = partial(joint_parameters, nominal=nominal, settings=settings, prior=prior)
     if settings.jp and trials:
@@ -63,56 +64,48 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     if loss is None:
         joint, parameters = fit(trials)
     else:
-        together = not by_evidence and Mode(settings.mode) is Mode.SIMULTANEOUS
+        together = settings.jp and fits_legs_together(settings)
         trials, joint, parameters, outliers = calibrate_robustly(
-            trials, nominal.parameters, loss, fit, parameters_for, together=together
+            trials, nominal.parameters, loss, fit, together=together
         )
         findings += outliers
     held_out: Mapping[str, HeldOut] = {}
     if leave_out and joint is not None:
         progress("joint parameters with blocks of time left out")
-        held_out = hold_out(trials, nominal.parameters, fit, parameters_for)
+        held_out = hold_out(trials, nominal.parameters, fit)
     if joint is not None:
         trials = [replace(t, tissue=joint.tissue.get(t.name)) for t in trials]
     return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, findings=findings)
 
 
 def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, prior: JointPrior | None = None
+    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, prior: JointPrior
 ) -> tuple[JointCalibration | None, Parameters]:
     """The joint parameters that the settings ask for, fitted to prepared trials.
 
-    `prior`: in place of anatomy's, asked for where the evidence decides.
+    `prior`: of anatomy, study and cohort, asked for where the evidence decides.
     """
     if not settings.jp or not trials:
         return None, nominal.parameters
+    together, bounds, sides = fits_legs_together(settings), joint_bounds(settings), SIDES[settings.legs]
+    taking_part = [JointTrial(t.body, t.legs if together else t.fitted, t.joint) for t in trials]
     if settings.decided_by is Protocol.EVIDENCE:
-        taking_part = [EvidenceTrial(t.body, t.fitted, t.joint) for t in trials]
-        with_prior = replace(joint_settings(settings), prior=prior)
-        by_evidence = calibrate_by_evidence(taking_part, nominal.parameters, with_prior, SIDES[settings.legs])
-        return by_evidence, by_evidence.parameters
-    calibrate = calibrate_sequentially if Mode(settings.mode) is Mode.SEQUENTIAL else calibrate_simultaneously
-    calibration = calibrate(
-        [JointTrial(t.fitted, t.legs, t.joint) for t in trials],
-        nominal.parameters,
-        joint_settings(settings),
-        {side: parameters_of_gait(side, settings) for side in SIDES[settings.legs]},
-    )
-    return calibration, calibration.parameters
+        joint = calibrate_by_evidence(taking_part, nominal.parameters, bounds, sides, prior)
+    else:
+        phases = (simultaneous_phases if together else sequential_phases)(
+            taking_part, {side: parameters_of_gait(side, settings) for side in sides}
+        )
+        weak = WEAK if settings.prior == "weak" else None
+        how = PhaseSettings(search=bounds, prior=weak, equal_weights=True)
+        joint = calibrate_in_phases(phases, nominal.parameters, how)
+    return joint, joint.parameters
+
+
+def fits_legs_together(settings: CalibrationSettings) -> bool:
+    """Whether all trials are fitted at once, by pelvis and legs."""
+    return settings.decided_by is Protocol.PUBLISHED and Mode(settings.mode) is Mode.SIMULTANEOUS
 
 
 def parameters_of_gait(side: str, settings: CalibrationSettings) -> tuple[str, ...]:
     """The joint parameters that gait may move in one leg."""
     return leg_parameters(side) if settings.gait_parameters == "leg" else gait_parameters(side)
-
-
-def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
-    """The joint parameters at the end of the last phase that a trial took part in; `final` where it took part in none.
-
-    In a sequence an isolated trial's own phase comes before gait moves the joints once more.
-    """
-    if joint is not None and joint.fits:
-        for phase, fit in zip(reversed(joint.phases), reversed(joint.fits), strict=True):
-            if trial in phase.trials:
-                return fit.parameters
-    return final

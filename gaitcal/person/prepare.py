@@ -10,7 +10,6 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_prior import OTHER_DEG, OTHER_MM
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
@@ -169,15 +168,10 @@ def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
     return trial_problem("static", model, window, NodeRule())
 
 
-def joint_settings(settings: CalibrationSettings) -> JointSettings:
-    """Bounds and priors in SI units."""
-    weak = settings.prior == "weak"
+def joint_bounds(settings: CalibrationSettings) -> JointSettings:
+    """How far joint parameters may move, in SI units."""
     return JointSettings(
-        position_bound=1e-3 * settings.position_bound_mm,
-        orientation_bound=np.deg2rad(settings.orientation_bound_deg),
-        prior_position=1e-3 * OTHER_MM if weak else np.inf,
-        prior_orientation=np.deg2rad(OTHER_DEG) if weak else np.inf,
-        cumulative=weak,
+        position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
     )
 
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.joint_phases import JointCalibration, parameters_for
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.checks.exchanged import by_jumps
 from gaitcal.codes import Code
@@ -37,8 +37,6 @@ NAMED_SHARE = 0.01
 
 JointFitter = Callable[[list[PreparedTrial]], tuple[JointCalibration | None, Parameters]]
 """Calibrates the joint parameters of trials."""
-ParametersOf = Callable[[JointCalibration | None, str, Parameters], Parameters]
-"""The parameters at which the trial of a name was fitted."""
 
 
 def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, tuple[Finding, ...]]:
@@ -98,13 +96,7 @@ class _Rounds:
 
 
 def calibrate_robustly(
-    trials: Sequence[PreparedTrial],
-    nominal: Parameters,
-    loss: Loss,
-    fit: JointFitter,
-    parameters_of: ParametersOf,
-    *,
-    together: bool,
+    trials: Sequence[PreparedTrial], nominal: Parameters, loss: Loss, fit: JointFitter, *, together: bool
 ) -> tuple[list[PreparedTrial], JointCalibration | None, Parameters, tuple[Finding, ...]]:
     """Trials with their last weights, the joint parameters fitted with them, and what was left out.
 
@@ -115,10 +107,10 @@ def calibrate_robustly(
     change, count = np.inf, 1
     while joint is not None and change > SETTLED and count < MOST_ROUNDS:
         before = parameters.joint
-        present = [r.weigh(parameters_of(joint, r.trial.name, parameters)) for r in rounds]
+        present = [r.weigh(parameters_for(joint, r.trial.name, parameters)) for r in rounds]
         joint, parameters = fit(present)
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
-    finished = [r.finish(parameters, parameters_of(joint, r.trial.name, parameters)) for r in rounds]
+    finished = [r.finish(parameters, parameters_for(joint, r.trial.name, parameters)) for r in rounds]
     findings = [finding for _, outliers in finished for finding in outliers]
     if joint is not None and change > SETTLED:
         findings.append(

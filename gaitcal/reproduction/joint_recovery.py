@@ -2,7 +2,9 @@
 
 Three isolated trials, each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then
 gait with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no prior, no bounds.
-From zero, nodes and joint parameters step together (`step_together`); variable projection finishes.
+Variable projection solves each motion fully for the joint parameters of the moment; where those are absurd (all zero)
+that motion folds up and leads into a valley of its own. From zero, nodes and joint parameters therefore step together
+(`step_together`): damped, they move both a little. Variable projection, as in any calibration, finishes.
 
 Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters, positions (mm) and
 orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
@@ -19,8 +21,7 @@ from typing import TypeVar
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.far_start import step_together
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.model.joint_parameters import (
     JOINT_PARAMETERS,
     JP_INDEX,
@@ -33,6 +34,9 @@ from gaitcal.model.joint_parameters import (
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.arrow import ArrowFactor, SharedTrials
+from gaitcal.motion.descent import Descent, DescentSettings, descend
+from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.track import track_nodes
@@ -44,6 +48,8 @@ from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
 
 LEG = leg_parameters(SIDE)
+DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
+"""Every step on its own matrix: far away none serves twice."""
 
 
 def rms(values: Array | Sequence[float]) -> float | None:
@@ -182,7 +188,7 @@ def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecover
     found = solve_from_zero(problem, markers, held)
     truth, motion, free = true_model().parameters, true_motion(problem), free_parameters(problem)
     at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
-    from_truth = calibrate_joints([markers], held, free, [at_truth.nodes], start_values=truth.joint[_index(free)])
+    from_truth = JointSearch([markers], held, free, [at_truth.nodes]).run(truth.joint[_index(free)])
     # Not asdict, which would copy the parameters into dictionaries.
     fields = {name: getattr(found, name) for name in FoundFromZero.__dataclass_fields__}
     return JointRecovery(**fields, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
@@ -193,8 +199,8 @@ def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> Fo
     free = free_parameters(problem)
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
-    near = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = calibrate_joints([markers], held.with_joint(free, near.p), free, near.nodes)
+    p, nodes, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
+    fit = JointSearch([markers], held.with_joint(free, p), free, nodes).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
@@ -210,3 +216,14 @@ def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> Fo
         parameters=fit.parameters,
         nodes=fit.nodes[0],
     )
+
+
+def step_together(
+    problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
+) -> tuple[Array, list[Array], Descent[Evaluation, ArrowFactor]]:
+    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
+    where both end, and how.
+    """
+    shared = SharedTrials(problems, parameters, free)
+    end = descend(shared, shared.joined(p, starts), DAMPED)
+    return *shared.parted(end.x), end

@@ -131,8 +131,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
         raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
     names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
     values = joint.parameters.joint[[JP_INDEX[name] for name in names]]
-    rows = joint.influence.parameters[[joint.influence.free.index(name) for name in names]]
-    errors = Influence(names, rows, joint.influence.clusters)
+    errors = joint.influence.of(names)
     return SharedJoints(names=names, a=values, b=values, influences=(errors, errors))
 
 
@@ -189,15 +188,7 @@ def retracked(
 
 def _with_others(known: Influence | None, errors: Influence) -> Influence:
     """Errors of the shared parameters, beside those of trunk and arms as they were."""
-    if known is None:
-        return errors
-    kept = [k for k, name in enumerate(known.free) if name in JP_INDEX and name not in errors.free]
-    columns = [c for c in range(len(known.clusters)) if known.parameters[kept, c].any()]
-    whole = np.zeros((len(kept) + len(errors.free), len(columns) + len(errors.clusters)))
-    whole[: len(kept), : len(columns)] = known.parameters[np.ix_(kept, columns)]
-    whole[len(kept) :, len(columns) :] = errors.parameters
-    free = (*(known.free[k] for k in kept), *errors.free)
-    return Influence(free, whole, (*(known.clusters[c] for c in columns), *errors.clusters))
+    return errors if known is None else known.of([name for name in known.free if name in JP_INDEX]).updated(errors)
 
 
 def _table(a: Session, b: Session, shared: SharedJoints) -> pd.DataFrame:

@@ -7,7 +7,10 @@ The type that all three share, and what a study file may say of it (`[calibratio
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
@@ -40,6 +43,14 @@ class JointPrior:
     """Where it is from, in words."""
     sha256: str = ""
     """Of the file, hexadecimal."""
+
+    def updated(self, other: JointPrior) -> JointPrior:
+        """With what another one says of some of these parameters in its place, independent of the rest."""
+        at = [self.names.index(name) for name in other.names]
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        covariance[at], covariance[:, at] = 0.0, 0.0
+        mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
+        return replace(self, mean=mean, covariance=covariance)
 
     def held_near(self, names: Sequence[str]) -> str:
         """What those of some joint parameters that no trial shows stay near, in words; empty: their nominal values."""

@@ -93,10 +93,10 @@ class CalibrationSettings(Table):
     jp: bool = Field(default=True, description="calibrate joint parameters; false keeps the nominal ones")
     prior: Literal["none", "weak"] = Field(
         default="weak",
-        description="published protocol: pull of joint parameters towards what is known before a phase, 20 mm and 10 "
-        "deg being a standard deviation, against the noise that the markers show (skin movement repeats itself: few of "
-        "their samples are independent); gait adds to what isolated trials know; none: every phase by itself, as "
-        "published",
+        description="published protocol: weak: before the first phase, 20 mm and 10 deg about nominal values are a "
+        "standard deviation, against the noise that the trials show (skin movement repeats itself: few of their "
+        "samples are independent); what a phase then knows is the prior of the next; none: nothing is expected, every "
+        "phase is by itself, as published, and what its trials do not show stays",
     )
     gait_parameters: Literal["published", "leg"] = Field(
         default="published",

@@ -6,7 +6,7 @@ import check_memory
 
 from benchmarks.figure import Amount, Timing
 from benchmarks.trials import GAIT_JPS, calibrated, first_frames, problem, recording, start_of, subject
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.motion.motion import track
 from gaitcal.motion.node_rule import NodeRule
@@ -85,9 +85,9 @@ def _trials() -> list[Timing]:
         starts = [start_of(p) for p in trials]
 
         def task(trials: list = trials, starts: list = starts) -> object:
-            return calibrate_joints(trials, parameters, free, starts)
+            return JointSearch(trials, parameters, free, starts).run()
 
-        iterations = calibrate_joints(trials, parameters, free, starts).iterations
+        iterations = JointSearch(trials, parameters, free, starts).run().iterations
         out.append(
             Timing(
                 f"calibrate {number} gait trial{'s' * (number > 1)} together, 17 JPs",

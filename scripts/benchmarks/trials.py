@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from gaitcal.calibration.joint_calibration import JointFit, calibrate_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
@@ -74,4 +74,4 @@ def start_of(p: TrialProblem) -> np.ndarray:
 
 def calibrated(p: TrialProblem, free: tuple[str, ...]) -> JointFit:
     """Joint parameters and motion from rigid fits."""
-    return calibrate_joints([p], subject().parameters, free, [start_of(p)])
+    return JointSearch([p], subject().parameters, free, [start_of(p)]).run()

@@ -54,7 +54,7 @@ def test_the_source_widens_error_bars() -> None:
         problem.data.measured + np.random.default_rng(83).normal(0, 1e-4, problem.data.measured.shape)
     )
     moves = marker_moves(noisy, solved(noisy, nodes), PARAMETERS, None)
-    without = replace(moves, shift=moves.shift[:, :-1], nodes=moves.nodes[:, :-1], sources=moves.sources[:-1])
+    without = replace(moves, nodes=moves.nodes[:, :-1], own=moves.own[:-1])
     wide, narrow = (coordinate_standard_errors(noisy, m) for m in (moves, without))
     bias = noisy.basis.evaluate(moves.nodes[:, -1].reshape(nodes.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)

@@ -12,7 +12,7 @@ from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
 from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
 from gaitcal.model.joint_parameters import gait_parameters
@@ -90,7 +90,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     free = (*gait_parameters("r"), *gait_parameters("l"))
     nominal = MODEL.parameters
     start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
-    joint = calibrate_joints([problem], nominal, free, [start])
+    joint = JointSearch([problem], nominal, free, [start]).run()
     inertial = fit_consistent(equations(joint.nodes[0], joint.parameters), nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
     third = combined_fit(

@@ -9,9 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.calibration import open_motion, reduced_problem
-from gaitcal.calibration.far_start import step_together
-from gaitcal.calibration.influence import influence_of
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings, calibrate_joints
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
@@ -23,6 +21,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.recording import Recording
+from gaitcal.reproduction.joint_recovery import step_together
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
@@ -42,7 +41,7 @@ def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[TrialPr
 
 def fit(problem: TrialProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
     nodes = starting_nodes(problem.chain, problem.constants(start), problem.data, problem.basis)
-    return calibrate_joints([problem], start, free, [nodes], JointSettings(**settings))
+    return JointSearch([problem], start, free, [nodes], JointSettings(**settings)).run()
 
 
 def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
@@ -64,8 +63,8 @@ def test_from_absolute_zero_gait_is_found() -> None:
     recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=markers)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     zero = model.parameters.with_joint(free, np.zeros(17))
-    near = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
-    found = calibrate_joints([problem], zero.with_joint(free, near.p), free, near.nodes)
+    p, nodes, _ = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
+    found = JointSearch([problem], zero.with_joint(free, p), free, nodes).run()
     np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
 
 
@@ -156,70 +155,28 @@ def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     nominal, present = (truth.with_joint(name, np.array([true + off])) for off in (0.030, 0.022))
     nodes = starting_nodes(problem.chain, problem.constants(present), problem.data, problem.basis)
     settings = JointSettings(position_bound=0.010, orientation_bound=0.1)
-    found = calibrate_joints([problem], present, name, [nodes], settings, nominal=nominal)
+    found = JointSearch([problem], present, name, [nodes], settings, nominal=nominal).run()
     assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
     assert found.at_bound == name
 
 
 def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     """Trials of people with different knees, so that their weights tell; the search goes on from the even weights."""
-    settings, shares = JointSettings(prior_position=0.01, prior_orientation=0.1), (9.0, 0.5)
-    trials, start = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)], published_subject()
+    shares, start = (9.0, 0.5), published_subject()
+    expected = values(start, KNEE), np.eye(len(KNEE))
+    trials = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)]
     starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
-    search = JointSearch(trials, start, KNEE, starts, settings)
+    search = JointSearch(trials, start, KNEE, starts, expected=expected)
     even = search.approach(1e-7)
     search.weigh(shares)
     found = search.run()
     scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
-    expected = calibrate_joints(scaled, start, KNEE, starts, settings)
-    assert np.abs(even.p - expected.values).max() > 1e-3
-    np.testing.assert_allclose(found.values, expected.values, rtol=0, atol=2e-5)
+    wanted = JointSearch(scaled, start, KNEE, starts, expected=expected).run()
+    assert np.abs(even.p - wanted.values).max() > 1e-3
+    np.testing.assert_allclose(found.values, wanted.values, rtol=0, atol=2e-5)
     np.testing.assert_allclose(
-        found.state.hessian, expected.state.hessian, rtol=0, atol=1e-4 * np.abs(expected.state.hessian).max()
+        found.state.hessian, wanted.state.hessian, rtol=0, atol=1e-4 * np.abs(wanted.state.hessian).max()
     )
-
-
-def test_what_earlier_trials_know_counts_like_their_markers() -> None:
-    """One trial after the other, the first one's matrix kept, comes to the solution of both at once (small noise)."""
-    rng = np.random.default_rng(11)
-    truth = perturbed_parameters(rng)
-    trials = []
-    for frames in (60, 50):
-        problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
-        measured = problem.data.measured + rng.normal(0, 1e-4, problem.data.measured.shape)
-        trials.append(replace(problem, data=replace(problem.data, measured=measured)))
-    starts = [starting_nodes(p.chain, p.constants(truth), p.data, p.basis) for p in trials]
-    together = calibrate_joints(trials, truth, KNEE, starts)
-    first = calibrate_joints(trials[:1], truth, KNEE, starts[:1])
-    at = [JP_INDEX[name] for name in first.free]
-    information = np.zeros((98, 98))
-    information[np.ix_(at, at)] = first.state.hessian
-    after = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:], information=information)
-    alone = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:])
-    gap, without = (np.linalg.norm(found.values - together.values) for found in (after, alone))
-    assert gap < 0.05 * without
-    errors = [list(influence_of(p, f).standard_errors.values()) for p, f in ((trials, together), (trials[:1], first))]
-    known = influence_of(trials[1:], after, influence_of(trials[:1], first))
-    ratio = np.array(list(known.standard_errors.values())) / errors[0]
-    assert ((ratio > 0.6) & (ratio < 1.6)).all()  # sandwiches of different residuals
-    assert np.median(np.array(errors[0]) / errors[1]) < 0.95
-
-
-def test_standard_errors_are_those_of_repeated_white_noise() -> None:
-    """The scatter of the estimates over many draws against the mean standard error."""
-    problem, truth = knee_trial(7, frames=60)
-    rng = np.random.default_rng(8)
-    draws, errors = [], []
-    for _ in range(60):
-        noisy = problem.data.measured + rng.normal(0, 0.003, problem.data.measured.shape)
-        trial = replace(problem, data=replace(problem.data, measured=noisy))
-        found = fit(trial, truth, KNEE)
-        draws.append(found.values)
-        errors.append(np.sqrt(np.diag(influence_of([trial], found).covariance)))
-    ratio = np.mean(errors, axis=0) / np.std(draws, axis=0)
-    # 60 draws know a standard deviation to 9 %; the leverage correction is cautious where noise is white
-    assert ratio.min() > 0.7
-    assert ratio.max() < 2.0
 
 
 def test_a_motion_is_predicted_where_the_parameters_go(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import GAIT, LEG_PARAMETERS, EvidenceTrial, calibrate_by_evidence
-from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
+from gaitcal.calibration.joint_phases import GAIT, JointCalibration, JointTrial
 from gaitcal.calibration.marker_moves import source_of
 from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.torque_sources import Source
@@ -50,7 +50,7 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Trial
 def calibrated(softness: float, bent: float = 0.0) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
     walk = soft_walk(11, "nominal", softness, bent)
-    return calibrate_by_evidence([EvidenceTrial(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
+    return calibrate_by_evidence([JointTrial(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
 
 
 def nominal() -> Parameters:
@@ -84,7 +84,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     """Every kind of task with columns of its own; an isolated trial's on the segments of its joint alone."""
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
     segments = joint_segments("knee_r")
-    trials = [EvidenceTrial(knee, knee.part(segments[0], segments), "knee_r"), EvidenceTrial(walk, walk, None)]
+    trials = [JointTrial(knee, knee.part(segments[0], segments), "knee_r"), JointTrial(walk, walk, None)]
     found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
     assert set(found.tissue) == {"walk", "bends"}
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)

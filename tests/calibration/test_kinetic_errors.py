@@ -51,10 +51,11 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
     free = problem.with_free(FREE).chain.free
     own, others = 3, 2
     moves = MarkerMoves(
-        shift=rng.normal(0, 0.005, (len(free), own + others)),
+        shift=rng.normal(0, 0.005, (len(free), others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
-        sources=(Source.MOTION,) * own + (Source.JOINT_MARKERS, Source.SKIN),
+        own=(Source.MOTION,) * own,
+        others=(Source.JOINT_MARKERS, Source.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 2))
     start = parameters.joint[[JP_INDEX[name] for name in free]]
@@ -72,13 +73,12 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
         return (values(STEP) - values(-STEP)) / (2 * STEP)
 
     still, fixed, rigid, measured = np.zeros_like(nodes), np.zeros(len(free)), np.zeros(84), np.zeros_like(wrench)
-    changes = []
-    for k in range(own + others):
-        by_nodes = -moves.sensitivity @ moves.shift[:, k] + (moves.nodes[:, k] if k < own else 0.0)
-        changes.append(told(by_nodes.reshape(nodes.shape), moves.shift[:, k], rigid, measured))
+    changes = [told(column.reshape(nodes.shape), fixed, rigid, measured) for column in moves.nodes.T]
+    for shift in moves.shift.T:
+        changes.append(told(-(moves.sensitivity @ shift).reshape(nodes.shape), shift, rigid, measured))
     changes += [told(still, fixed, column, measured) for column in spread.T]
     changes += [told(still, fixed, rigid, other) for other in plate_changes(wrench, rates)]
-    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(own + others)))
+    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves, plates)
     assert_errors(found, np.array(changes))
     assert found.kinetics is not None and found.kinetics.own is not None

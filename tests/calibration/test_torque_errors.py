@@ -11,8 +11,8 @@ import pytest
 
 from gaitcal.calibration import marker_moves as moves_module
 from gaitcal.calibration import torque_errors
-from gaitcal.calibration.influence import Influence, influence_of, nominal_influence
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.calibration.marker_moves import (
     MarkerMoves,
     _product_squares,
@@ -71,19 +71,19 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     assert set(free) == set(FREE)
     own, others = 3, 2
     moves = MarkerMoves(
-        shift=rng.normal(0, 0.005, (len(free), own + others)),
+        shift=rng.normal(0, 0.005, (len(free), others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
-        sources=(Source.MOTION,) * own + (Source.JOINT_MARKERS, Source.SKIN),
+        own=(Source.MOTION,) * own,
+        others=(Source.JOINT_MARKERS, Source.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
-    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(own + others)))
+    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     errors: list[tuple[Array, Array, Array]] = []
     still, rigid = np.zeros(nodes.shape), np.zeros(84)
     order = [free.index(name) for name in FREE]
-    for k in range(own + others):
-        by_nodes = -moves.sensitivity @ moves.shift[:, k] + (moves.nodes[:, k] if k < own else 0.0)
-        errors.append((by_nodes.reshape(nodes.shape), moves.shift[order, k], rigid))
+    errors += [(column.reshape(nodes.shape), np.zeros(len(FREE)), rigid) for column in moves.nodes.T]
+    errors += [(-(moves.sensitivity @ s).reshape(nodes.shape), s[order], rigid) for s in moves.shift.T]
     errors += [(still, np.zeros(len(FREE)), column) for column in spread.T]
     changes = np.array([moved_torques(problem, nodes, parameters, wrench, error) for error in errors])
     dense = np.sqrt((changes**2).sum(axis=0))
@@ -191,22 +191,20 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
 
 
 def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
-    """Many columns of one source become few with the same covariance; those of the trial itself stay columns."""
+    """Many columns of one source become few with the same covariance."""
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
     problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
     names = problem.with_free(FREE).chain.free
-    own = f"{problem.name}/{problem.labels[0]}/x"
-    clusters = [own, *(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
+    clusters = [*(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
     influence = Influence(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
     moves = marker_moves(problem, nodes, parameters, influence)
     for source in (Source.JOINT_MARKERS, Source.JOINT_NOMINAL, Source.SKIN):
-        before = influence.parameters[:, [k for k, name in enumerate(clusters) if k and source_of(name) is source]]
-        after = moves.shift[:, [k for k, name in enumerate(moves.sources) if name is source]]
+        before = influence.parameters[:, [k for k, name in enumerate(clusters) if source_of(name) is source]]
+        after = moves.shift[:, [k for k, name in enumerate(moves.others) if name is source]]
         np.testing.assert_allclose(after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size)
         assert after.shape[1] <= len(names)
-    assert moves.sources[0] is Source.MOTION
-    np.testing.assert_array_equal(moves.shift[:, 0], influence.parameters[:, 0])
+    assert set(moves.own) == {Source.MOTION}
 
 
 def test_unknowns_that_nothing_moves_have_no_part() -> None:
@@ -228,15 +226,14 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     free = gait_parameters("r")
     closed = problem.with_free(())
     start = starting_nodes(closed.chain, closed.constants(model.parameters), problem.data, problem.basis)
-    fit = calibrate_joints([problem], model.parameters, free, [start])
+    fit = JointSearch([problem], model.parameters, free, [start]).run()
+    influence = nominal_influence(free)
     wrench = residual_free_wrench(model.parameters, motion)
 
-    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence_of([problem], fit))
+    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
 
     def errors() -> tuple[np.ndarray, np.ndarray]:
-        torques = torque_errors.torque_standard_errors(
-            problem, fit.nodes[0], fit.parameters, wrench, influence_of([problem], fit), None
-        )
+        torques = torque_errors.torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None)
         return torques.every, coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()

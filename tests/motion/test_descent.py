@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
@@ -20,6 +19,7 @@ from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.reproduction.joint_recovery import step_together
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")
@@ -196,7 +196,7 @@ def test_a_far_start_says_so(uphill: tuple[TrialProblem, Array]) -> None:
     problem, start = uphill
     parameters = published_model().parameters
     p = problem.with_free(KNEE).values(parameters)
-    found = step_together([problem], parameters, KNEE, [start], p)
+    _, _, found = step_together([problem], parameters, KNEE, [start], p)
     assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
     assert SharedTrials([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
 

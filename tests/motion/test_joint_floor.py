@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_calibration import calibrate_joints
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.model.chain import chain_of
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import JOINTS
@@ -73,7 +73,7 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
         weight *= rng.uniform(0.1, 1.0, (len(weight), 1))
         weight[5, 10:20] = weight[12, :] = 0.0
     problem = problem.with_weight(weight)
-    fit = calibrate_joints([problem], true, JP_NAMES, [nodes])
+    fit = JointSearch([problem], true, JP_NAMES, [nodes]).run()
     best = motion_of(problem, fit.parameters, fit.nodes[0])
     floor = joint_floor(problem, fit.parameters, best.q)
     assert floor is not None

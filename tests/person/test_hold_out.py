@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from gaitcal import cli
+from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.model.nominal import published_model
 from gaitcal.person.calibrate import calibrate
 from gaitcal.person.hold_out import FOLDS, fold_of_frame, hold_out, without
-from gaitcal.person.joint_parameters import parameters_for
 from gaitcal.person.prepare import PreparedTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
@@ -84,7 +84,7 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
         wrong = nominal.with_joint(("knee_r.shank.sup",), np.array([nominal.joint.max() + 0.05]))
         return None, wrong
 
-    held = hold_out([trial], nominal, bend, lambda joint, name, parameters: parameters)["knee_r"]  # type: ignore[arg-type]
+    held = hold_out([trial], nominal, bend)["knee_r"]  # type: ignore[arg-type]
     assert held.calibrated > held.nominal
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.calibration.far_start import step_together
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.reproduction import joint_recovery
 from gaitcal.reproduction.joint_recovery import LEG, free_parameters, synthetic_problem, true_model, true_motion
@@ -44,9 +43,11 @@ def test_problems_are_the_published_ones(clean: SeedResult) -> None:
 def test_everything_starts_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
 
+    plain = joint_recovery.step_together
+
     def spy(problems: Any, parameters: Any, free: Any, starts: Any, p: Any, **options: Any) -> Any:
         seen.append((starts, p))
-        return step_together(problems, parameters, free, starts, p, **options)
+        return plain(problems, parameters, free, starts, p, **options)
 
     monkeypatch.setattr(joint_recovery, "step_together", spy)
     joint_recovery.solve("full leg", synthetic_problem("full leg", None), true_model().parameters)

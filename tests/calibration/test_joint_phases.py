@@ -1,0 +1,99 @@
+"""Phases one after the other: what one knows is the prior of the next, and what nobody sees stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.calibration.joint_phases import (
+    GAIT,
+    JointCalibration,
+    JointTrial,
+    PhaseSettings,
+    calibrate_in_phases,
+    parameters_for,
+    sequential_phases,
+    simultaneous_phases,
+)
+from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.motion.trial_problem import TrialProblem
+from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
+from tests.derivatives import perturbed_parameters, random_trial
+
+PUBLISHED, WEAKLY = (PhaseSettings(search=JointSettings(), prior=p, equal_weights=True) for p in (None, WEAK))
+WEAK_LEAVES = 3e-4
+"""m, rad: of the weak prior against markers that err by what cameras do at least."""
+
+
+def two_trials(noise: float = 1e-4) -> tuple[list[TrialProblem], Parameters]:
+    """Of one knee, white noise."""
+    rng = np.random.default_rng(11)
+    truth, trials = perturbed_parameters(rng), []
+    for name, frames in (("isolated", 60), ("walk", 50)):
+        problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
+        measured = problem.data.measured + rng.normal(0, noise, problem.data.measured.shape)
+        trials.append(replace(problem.with_measured(measured), name=name))
+    return trials, truth
+
+
+def in_sequence(trials: list[TrialProblem], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
+    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    return calibrate_in_phases(sequential_phases(taking_part, {"r": KNEE}), nominal, how)
+
+
+def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
+    """One trial after the other comes to the solution of both at once, and to its error bars."""
+    trials, truth = two_trials()
+    after = in_sequence(trials, truth, WEAKLY)
+    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    together = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, WEAKLY)
+    alone = in_sequence(trials, truth, PUBLISHED)
+    same = values(together.parameters, KNEE)
+    gap, without = (np.linalg.norm(values(c.parameters, KNEE) - same) for c in (after, alone))
+    assert gap < 0.1 * without
+    first, both, only = (np.array([c.influence.standard_errors[n] for n in KNEE]) for c in (after, together, alone))
+    np.testing.assert_allclose(first, both, rtol=0.2)  # noises of two trials, each known to some 10 %
+    assert np.median(both / only) < 0.9
+
+
+def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_with() -> None:
+    trials, nominal = two_trials()
+    done = in_sequence(trials, nominal, PUBLISHED)
+    assert [(p.name, p.trials, p.parameters) for p in done.phases] == [
+        ("joint:knee_r", ("isolated",), 9),
+        (GAIT, ("walk",), 9),
+    ]
+    assert all(p.marker_noise is None and set(p.noise) == set(p.trials) for p in done.phases)
+    assert parameters_for(done, "walk", nominal) is not nominal
+    np.testing.assert_array_equal(parameters_for(done, "walk", nominal).joint, done.parameters.joint)
+    assert np.abs(parameters_for(done, "isolated", nominal).joint - done.parameters.joint).max() > 1e-6
+    assert parameters_for(done, "another", nominal) is nominal
+
+
+@pytest.mark.parametrize("how", [PUBLISHED, WEAKLY])
+def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
+    problem, truth = knee_trial(1)
+    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
+    trial = JointTrial(problem, problem, "knee_r")
+    done = calibrate_in_phases(sequential_phases([trial], {"r": ()}), start, how)
+    np.testing.assert_allclose(
+        values(done.parameters, KNEE), values(truth, KNEE), atol=1e-8 if how is PUBLISHED else WEAK_LEAVES
+    )
+
+
+def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:
+    problem, truth = knee_trial(1)
+    still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], problem.data.measured.shape[2], axis=2))
+    trial, nominal = JointTrial(still, still, "knee_r"), truth.with_joint(KNEE, values(truth, KNEE) + 0.003)
+    phases = sequential_phases([trial], {"r": ()})
+    frozen, held = (calibrate_in_phases(phases, nominal, how) for how in (PUBLISHED, WEAKLY))
+    assert set(frozen.unidentifiable) == set(KNEE) and not frozen.free
+    np.testing.assert_array_equal(values(frozen.parameters, KNEE), values(nominal, KNEE))
+    assert "kept at nominal values" in frozen.findings[-1].found
+    # held by a prior, two sides of a joint share what only their sum tells: sqrt(1/2) of anatomy's 10 mm each
+    assert held.free == KNEE and held.influence.standard_errors["knee_r.thigh.sup"] > 0.006
+    assert frozen.influence.standard_errors["knee_r.thigh.sup"] == pytest.approx(0.010)
