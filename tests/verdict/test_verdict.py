@@ -16,6 +16,7 @@ from gaitcal.verdict.bounds import DISAGREE
 from gaitcal.verdict.bounds import TOPIC as BOUNDS
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
+from gaitcal.verdict.joint_places import TOPIC as PLACES
 from gaitcal.verdict.marker_structure import TOPIC as AFTER
 from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons, stopping
 
@@ -186,3 +187,16 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
         assert without_consequences([lost, elsewhere]) == (lost, elsewhere)
     doubt = replace(lost, severity=Severity.WARNING)
     assert without_consequences([doubt, bounds, residual]) == (doubt, bounds, residual)
+
+
+def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
+    place = replace(
+        found(Severity.WARNING, STUDY, "the right hip joint lies where fewer than 1 in 1000 people have one", "r"),
+        topic=PLACES,
+        code=Code.JOINT_PLACE,
+    )
+    words = "lies further from where the static trial has it than people do"
+    hip, knee = (replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}") for j in ("hip_r", "knee_r"))
+    assert without_consequences([hip, place, knee]) == (place, knee)
+    another = replace(hip, code=Code.OTHER_BODY, severity=Severity.ERROR)
+    assert without_consequences([place, another]) == (another,)
