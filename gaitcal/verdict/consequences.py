@@ -27,7 +27,7 @@ def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """
     said = [f for f in findings if f.severity is not Severity.INFO]
     at_fault = {f.where for f in said if f.topic == FORCES and f.cause != CONTRADICTED}
-    explained = {f.where for f in said if f.topic == FORCES and f.code not in _UNEXPLAINED}
+    explained = {f.where for f in said if f.cause == DISAGREE or (f.topic == FORCES and f.code not in _UNEXPLAINED)}
     errors = [f for f in said if f.leg and f.severity is Severity.ERROR]
     spoilt = {(f.where, f.leg) for f in errors if touches_model(f.topic) and f.topic not in (BOUNDS, MARKERS_AFTER)}
     astray = {where for where, _ in spoilt}

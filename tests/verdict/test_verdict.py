@@ -156,6 +156,17 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
     assert without_consequences([replace(before, cause="marker 'L.Heel' left its place"), off])[-1] == off
 
 
+@pytest.mark.parametrize("where", ["walk", STUDY])
+def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str) -> None:
+    residual = replace(found(Severity.WARNING, "walk", "motion and forces disagree"), code=Code.UNEXPLAINED_RESIDUAL)
+    late = found(Severity.WARNING, where, "the forces come late")
+    assert without_consequences([residual]) == (residual,)
+    assert without_consequences([late, residual]) == (late,)
+    assert without_consequences([replace(late, where="walk2"), residual])[1:] == (residual,)
+    off = replace(late, topic=BOUNDS, cause=DISAGREE)
+    assert without_consequences([off, residual]) == (off,) if where == "walk" else (off, residual)
+
+
 def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
     markers = replace(found(Severity.ERROR, "walk"), topic="clusters")
     assert judge([markers], WALKS).trials["walk2"].judgement is DOUBTFUL
