@@ -129,6 +129,7 @@ class Code(Enum):
     KNEE_AXIS = "GC-129"
     MARKER_AWAY = "GC-130"
     RESULT_EDITED = "GC-131"
+    JOINT_PLACE = "GC-132"
 
     INPUT = "GC-200"
     NO_FILE = "GC-201"

@@ -12,6 +12,7 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
+from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
@@ -90,7 +91,7 @@ def fake_calibration(
     model = SubjectModel(subject=subject, parameters=parameters, nominal=parameters, markers=markers)
     trials, study_trials = [], [_study_trial("static", Role.STATIC, None, names)]
     if gait:
-        trials.append(_gait(names, rng, plates, valid, errors, cycles))
+        trials.append(held(_gait(names, rng, plates, valid, errors, cycles)))
         study_trials.append(_study_trial(names.trial, Role.GAIT, None, names))
     if isolated:
         trials.append(_isolated(names, rng))
@@ -325,3 +326,12 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     sizes = np.append(np.full(27, 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
     spread = TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()}) if errors else None
     return LoadedTrial(reactions, stages, spread)
+
+
+def held(trial: TrialResult) -> TrialResult:
+    """The trial with what its errors say of its pelvis residual."""
+    loads = trial.loads
+    if loads is None or loads.errors is None:
+        return trial
+    known = expected_residual(loads.final, loads.errors, loads.reactions, trial.body, 70.0 * 9.81)
+    return replace(trial, loads=replace(loads, expected=known))

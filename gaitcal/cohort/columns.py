@@ -75,6 +75,9 @@ def _columns() -> tuple[Column, ...]:
         words = f"pelvis residual of the {stage} model, RMS over valid frames of all walks"
         out.append(Column(f"residual_force_{stage}_N", float, "N", words))
         out.append(Column(f"residual_moment_{stage}_Nm", float, "N m", words))
+    words = "largest pelvis residual that errors explain, RMS over valid frames of all walks"
+    out.append(Column("residual_force_limit_N", float, "N", words))
+    out.append(Column("residual_moment_limit_Nm", float, "N m", words))
     for name in MEASURED:
         for side, word in _LEGS:
             where = f"{name} of the {word} leg's valid straight strides"

@@ -37,7 +37,9 @@ def _peak(name: str, title: str, unit: str, variable: str, peak: str) -> Measure
 MEASURES: Final = (
     Measure(name="mass", title="Mass", unit="kg", digits=1, column="mass_kg"),
     Measure(name="height", title="Height", unit="m", digits=2, column="height_m"),
-    Measure(name="marker_rms", title="Marker RMS", unit="mm", digits=1, column="marker_rms_calibrated_mm"),
+    Measure(
+        name="marker_rms", title="Marker RMS, pelvis and legs", unit="mm", digits=1, column="legs_rms_calibrated_mm"
+    ),
     Measure(name="residual", title="Pelvis residual", unit="N", digits=1, column="residual_force_calibrated_N"),
     Measure(name="speed", title="Speed", unit="m/s", digits=2, column="speed_{}", joined="mean"),
     Measure(name="cadence", title="Cadence", unit="steps/min", digits=0, column="cadence_{}", joined="mean"),

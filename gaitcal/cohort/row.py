@@ -110,6 +110,11 @@ def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]
     for name, k in (("nominal", 0), ("calibrated", -1)):
         yield f"residual_force_{name}_N", _together([(n, stages[k]["force_N"]) for n, stages in told])
         yield f"residual_moment_{name}_Nm", _together([(n, stages[k]["torque_Nm"]) for n, stages in told])
+    limits = [
+        (walk["valid_frames"], walk["pelvis_residual_limit"]) for walk in walks if "pelvis_residual_limit" in walk
+    ]
+    yield "residual_force_limit_N", _together([(n, limit["force_N"]) for n, limit in limits])
+    yield "residual_moment_limit_Nm", _together([(n, limit["torque_Nm"]) for n, limit in limits])
 
 
 def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:

@@ -1,11 +1,12 @@
-"""Pelvis residuals against the limits that people use.
+"""How large pelvis residuals are, and what is asked of simulations.
 
 Hicks et al., Journal of Biomechanical Engineering 2015: a residual force under 5 % of the peak net external force, and
 a residual moment under 1 % of the height of the mass centre times that force.
 
 An RMS of a residual is one over valid frames and the three components everywhere (`Moments.residual_rms`). The limits
-are those of a magnitude: they are held against its peak, and drawn beside its course, on the page alone. Nothing is
-accused by them, as most good recordings go beyond; `gaitcal/verdict` asks what is wrong.
+are those of a magnitude, for motions that were changed until they agree with the forces; they are drawn beside its
+course, and nothing is judged by them, as few walks lie within as they are measured: plates have the impact of a heel,
+and a smoothed motion does not. What is judged: `expected_residual.py`.
 """
 
 from __future__ import annotations

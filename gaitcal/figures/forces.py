@@ -1,4 +1,4 @@
-"""Ground reaction forces on each foot, and what they leave unexplained at the pelvis against common limits."""
+"""Ground reaction forces on each foot, and what they leave unexplained at the pelvis."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ AXES = (("Vertical", "up", UPWARD), ("Fore-aft", "forward", 0), ("Sideways", "to
 INVALID = "#f7e3c4"
 INVALID_KEY = Key(label="whole body not valid", colour=INVALID, kind="area")
 LEG_KEY = Key(label="moments of a leg not valid: right above, left below", colour=INVALID, kind="area")
-LIMIT_KEY = Key(label="common limit", colour=INK, dashes=(2.0, 2.0), width=1.0)
+LIMIT_KEY = Key(label="asked of simulations", colour=INK, dashes=(2.0, 2.0), width=1.0)
 LEAST = 5.0
 """Smallest range of a vertical axis, % of body weight."""
 

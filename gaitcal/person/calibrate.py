@@ -159,7 +159,7 @@ def calibrate(
         *diagnosis.findings,
         *fitted.findings,
         *(joint.findings if joint else ()),
-        *calibration_findings(settings, results, parameters, phases, nominal, joint),
+        *calibration_findings(study, results, parameters, phases, nominal, joint),
         *unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in walks]

@@ -13,6 +13,7 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
+from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
@@ -64,6 +65,8 @@ class LoadedTrial:
     """Standard errors of `final`."""
     kinetics: JointKinetics | None = None
     """Powers and moment vectors with the model of `final`; `errors.kinetics` has their standard errors."""
+    expected: ExpectedResidual | None = None
+    """The pelvis residual of `final` against what its errors let expect; None where they are not known."""
 
     @property
     def nominal(self) -> Moments:

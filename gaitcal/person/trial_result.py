@@ -22,13 +22,14 @@ from gaitcal.calibration.marker_moves import (
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.cores import all_of
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
+from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.torque_sources import Source
+from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.progression import facing, pelvis_angles
 from gaitcal.gait.spatiotemporal import strides_measured
@@ -44,9 +45,10 @@ from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.person.trial_findings import trial_findings
+from gaitcal.person.unmeasured import is_trunk_unmeasured
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import StudyTrial
-from gaitcal.verdict.force_diagnosis import ForceDiagnosis
+from gaitcal.verdict.force_diagnosis import ForceDiagnosis, beyond_expected
 
 
 def trial_result(
@@ -134,7 +136,18 @@ def trial_result(
         return told()
     result: TrialResult
     result, *parts = all_of(told, *(partial(erring.variances, part) for part in erring.parts))
-    return replace(result, loads=result.loads and replace(result.loads, errors=joined(parts)))
+    return _held(result, joined(parts), subject.weight)
+
+
+def _held(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
+    """The result with its errors of torques, and with what they say of its pelvis residual. `weight`: N."""
+    if result.loads is None:
+        return result
+    body, reactions = result.body, result.loads.reactions
+    expected = expected_residual(result.loads.final, errors, reactions, body, weight)
+    beyond = () if expected is None else beyond_expected(result.name, expected, not is_trunk_unmeasured(body))
+    loads = replace(result.loads, errors=errors, expected=expected)
+    return replace(result, loads=loads, doubts=(*result.doubts, *beyond))
 
 
 def _events(trial: PreparedTrial, model: SubjectModel, body: Motion, reactions: GroundReactions | None) -> TrialEvents:

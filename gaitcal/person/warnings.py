@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.inertial_parameters import impossible_bodies
@@ -13,14 +14,15 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.verdict.knee_axis_place import knee_axis_findings
+from gaitcal.study.study import Study
+from gaitcal.verdict.joint_places import joint_place_findings
 
 WORSE_M, WORSE = 5e-4, 0.02
 """m, and share of the nominal error, by how much markers are met worse before it is told."""
 
 
 def calibration_findings(
-    settings: CalibrationSettings,
+    study: Study,
     results: Sequence[TrialResult],
     parameters: Parameters,
     phases: Sequence[Phase],
@@ -29,8 +31,11 @@ def calibration_findings(
 ) -> tuple[Finding, ...]:
     """What the figures of a calibration that ended with `parameters` put in doubt."""
     isolated = {t.joint for t in results if t.joint is not None}
-    knees = () if joint is None else knee_axis_findings(nominal, parameters, joint.influence, isolated)
-    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases), *knees)
+    settings, places = study.settings, tuple[Finding, ...]()
+    if joint is not None:
+        prior = prior_of_study(settings.joint_prior, study.joint_prior)
+        places = tuple(joint_place_findings(nominal, parameters, joint.influence, prior, isolated))
+    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases), *places)
 
 
 def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters) -> Iterator[Finding]:

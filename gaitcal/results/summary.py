@@ -113,6 +113,9 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         out["valid_frames_r"], out["valid_frames_l"] = int(reactions.valid_r.sum()), int(reactions.valid_l.sum())
         if reactions.valid.any():
             out["pelvis_residual"] = _pelvis_residual(trial.loads)
+            if (due := trial.loads.expected) is not None:
+                out["pelvis_residual_expected"] = {"force_N": due.force.expected, "torque_Nm": due.moment.expected}
+                out["pelvis_residual_limit"] = {"force_N": due.force.limit, "torque_Nm": due.moment.limit}
         if reactions.has_torques:
             out["torque_change_bwh"] = _torque_change(trial.loads)
             if sources := _error_sources(trial.loads):

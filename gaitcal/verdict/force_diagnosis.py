@@ -13,9 +13,10 @@ nearly so. Taken for each other: gain and vertical gain; one plate and all; exch
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from gaitcal.codes import Code
+from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.records import dataclass
 from gaitcal.verdict.force_causes import Kind
@@ -78,19 +79,36 @@ def _findings(named: Named) -> list[Finding]:
     ]
 
 
+def beyond_expected(walk: str, residual: ExpectedResidual, trunk_seen: bool) -> Iterator[Finding]:
+    """A pelvis residual that is larger than its errors explain, after the fit."""
+    if residual.within:
+        return
+    force, moment = residual.force, residual.moment
+    found = f"the pelvis residual is {force.rms:.0f} N and {moment.rms:.0f} N·m RMS, where its errors let expect "
+    found += f"{force.expected:.0f} N and {moment.expected:.0f} N·m, and 1 walk in 1000 has more than "
+    found += f"{force.limit:.0f} N or {moment.limit:.0f} N·m"
+    yield _disagreement(walk, trunk_seen, found, residual.share)
+
+
 def _unexplained(one: Unexplained) -> Finding:
+    size = one.size**0.5
+    found = f"the disagreement is {size:.1f} times the usual one"
+    return _disagreement(one.trial.name, one.trial.trunk_seen, found, size / 2.0)
+
+
+def _disagreement(walk: str, trunk_seen: bool, found: str, weight: float) -> Finding:
     cause = "motion and forces disagree at the pelvis, and no single fault of the forces explains it"
     cure = "look at the markers of pelvis and trunk, whether each foot was wholly on a plate, and mass_kg"
-    if not one.trial.trunk_seen:
+    if not trunk_seen:
         cause = "motion and forces disagree at the pelvis, and markers do not determine how the trunk turns"
         cure = "markers on the trunk (C7, sternum); else look at plates and mass_kg"
     return Finding(
         severity=Severity.WARNING,
         topic=TOPIC,
-        where=one.trial.name,
+        where=walk,
         cause=cause,
-        found=f"the disagreement is {one.size**0.5:.1f} times the usual one",
+        found=found,
         cure=cure,
-        weight=one.size**0.5 / 2.0,
+        weight=weight,
         code=Code.UNEXPLAINED_RESIDUAL,
     )

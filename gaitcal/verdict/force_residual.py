@@ -3,8 +3,8 @@
     r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial parameter, which all
                                        trials of a person share
     e: first-order autoregressive in each of the six components of each trial, rho = exp(-dt / TAU), standard
-       deviations SD times body weight (forces) and body weight times height (moments)
-    white(r)_i = (r_i - rho_i r_(i-1)) / (SD sqrt(1 - rho_i^2))
+       deviations USUAL times body weight (forces) and body weight times height (moments)
+    white(r)_i = (r_i - rho_i r_(i-1)) / (USUAL sqrt(1 - rho_i^2))
     A = white(N) = U S V^T
     y = (I + A A^T)^(-1/2) white(r) = white(r) - U (1 - 1 / sqrt(1 + S^2)) U^T white(r)
 
@@ -18,13 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics.expected_residual import TAU, USUAL
 from gaitcal.verdict.force_evidence import ForceEvidence
 
-SD = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
-"""Of force (body weight) and moment (body weight times height) forward, up and to the right: RMS of what clean walks
-leave once inertial parameters have taken their part."""
-TAU = 0.07
-"""s, over which what clean walks leave forgets itself."""
 BROKEN_S = 0.06
 """Frames further apart know nothing of each other."""
 
@@ -59,7 +55,7 @@ class ForceResidual:
     def _white(self, trial: int, r: Array) -> Array:
         """(6 k, ...) of (k, 6, ...)."""
         evidence = self.trials[trial]
-        scale = SD * np.repeat([evidence.weight, evidence.bwh], 3)
+        scale = USUAL * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()

@@ -80,6 +80,7 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
         "valid_frames": 10,
         "rms_mm": {"nominal": 5.0, "calibrated": 3.0},
         "pelvis_residual": {"nominal": {"force_N": 30.0, "torque_Nm": 6.0}, "jp": {"force_N": 20.0, "torque_Nm": 4.0}},
+        "pelvis_residual_limit": {"force_N": 35.0, "torque_Nm": 9.0},
     }
     other = {**walk, "frames": 300, "rms_mm": {"nominal": 5.0, "calibrated": 1.0}}
     summary = {

@@ -35,6 +35,7 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     assert (ann["verdict_r"], ann["verdict_l"], ann["walks_refused_l"]) == ("trustworthy", "refused", "2")
     assert float(ann["marker_rms_calibrated_mm"]) == pytest.approx(np.sqrt((100 * 9 + 300) / 400), abs=1e-6)
     assert float(ann["residual_force_calibrated_N"]) == 20.0
+    assert (float(ann["residual_force_limit_N"]), float(ann["residual_moment_limit_Nm"])) == (35.0, 9.0)
     assert float(ann["speed_r"]) == 1.25
     assert ann["speed_l"] == ""
     parquet = pq.read_table(out / PEOPLE_PARQUET)

@@ -147,7 +147,9 @@ def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
 def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path) -> None:
     page = opened(visit, told, "trust")
     words = text(page, ".of-trial .traced figcaption")
-    assert "Peak 39.4 N in the valid frames; common limit 40.0 N, never above it." in words[0], "60 N do not count"
+    assert "Peak 39.4 N in the valid frames; asked of simulations 40.0 N, never above it." in words[0], (
+        "60 N do not count"
+    )
     duration = page.run("gaitcal.trial.duration")
     page.run("gaitcal.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")

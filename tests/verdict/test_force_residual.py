@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaitcal.dynamics.expected_residual import TAU, USUAL
 from gaitcal.verdict.force_evidence import ForceEvidence
-from gaitcal.verdict.force_residual import BROKEN_S, SD, TAU, ForceResidual
+from gaitcal.verdict.force_residual import BROKEN_S, ForceResidual
 from tests.verdict.walks import exact_walk
 
 SAME = 1e-8
@@ -27,7 +28,7 @@ def dense(trials: list[ForceEvidence]) -> np.ndarray:
         apart = np.abs(trial.time[:, None] - trial.time[None, :])
         piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= BROKEN_S)])
         memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / TAU), 0.0)
-        scale = np.diag((SD * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
+        scale = np.diag((USUAL * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
         blocks.append(np.kron(memory, scale))
     spread = np.concatenate([t.spread.reshape(-1, t.spread.shape[2]) for t in trials])
     out = spread @ spread.T

@@ -16,6 +16,7 @@ from gaitcal.verdict.bounds import DISAGREE
 from gaitcal.verdict.bounds import TOPIC as BOUNDS
 from gaitcal.verdict.consequences import without_consequences
 from gaitcal.verdict.force_diagnosis import TOPIC as FORCES
+from gaitcal.verdict.joint_places import TOPIC as PLACES
 from gaitcal.verdict.marker_structure import TOPIC as AFTER
 from gaitcal.verdict.verdict import Judgement, Verdict, judge, reasons, stopping
 
@@ -155,6 +156,17 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
     assert without_consequences([replace(before, cause="marker 'L.Heel' left its place"), off])[-1] == off
 
 
+@pytest.mark.parametrize("where", ["walk", STUDY])
+def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str) -> None:
+    residual = replace(found(Severity.WARNING, "walk", "motion and forces disagree"), code=Code.UNEXPLAINED_RESIDUAL)
+    late = found(Severity.WARNING, where, "the forces come late")
+    assert without_consequences([residual]) == (residual,)
+    assert without_consequences([late, residual]) == (late,)
+    assert without_consequences([replace(late, where="walk2"), residual])[1:] == (residual,)
+    off = replace(late, topic=BOUNDS, cause=DISAGREE)
+    assert without_consequences([off, residual]) == (off,) if where == "walk" else (off, residual)
+
+
 def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
     markers = replace(found(Severity.ERROR, "walk"), topic="clusters")
     assert judge([markers], WALKS).trials["walk2"].judgement is DOUBTFUL
@@ -186,3 +198,16 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
         assert without_consequences([lost, elsewhere]) == (lost, elsewhere)
     doubt = replace(lost, severity=Severity.WARNING)
     assert without_consequences([doubt, bounds, residual]) == (doubt, bounds, residual)
+
+
+def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
+    place = replace(
+        found(Severity.WARNING, STUDY, "the right hip joint lies where fewer than 1 in 1000 people have one", "r"),
+        topic=PLACES,
+        code=Code.JOINT_PLACE,
+    )
+    words = "lies further from where the static trial has it than people do"
+    hip, knee = (replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}") for j in ("hip_r", "knee_r"))
+    assert without_consequences([hip, place, knee]) == (place, knee)
+    another = replace(hip, code=Code.OTHER_BODY, severity=Severity.ERROR)
+    assert without_consequences([place, another]) == (another,)

@@ -7,8 +7,10 @@ from enum import Enum
 
 from gaitcal.page.bones.knee_axis import AxisInCondyle, AxisInKnee, KneeAxis
 from gaitcal.page.bones.person_landmarks import KneeEvidence
-from gaitcal.verdict.knee_axis_place import PALPATION_M
 
+PALPATION_M = 0.008
+"""m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture 21:226-237, 2005, give 6
+to 21 mm for landmarks of the leg, all directions together)."""
 _LOW_MISFIT = 0.005
 """m: below it, a bone's epicondyles lie where the markers say."""
 _STANDS = {

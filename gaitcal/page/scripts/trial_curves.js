@@ -69,7 +69,7 @@ Gaitcal.TrialCurve = class {
     const share = above
       ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of them`
       : "never above it";
-    return `${told}; common limit ${Gaitcal.numeral(this.limit)} ${this.unit}, ${share}.`;
+    return `${told}; asked of simulations ${Gaitcal.numeral(this.limit)} ${this.unit}, ${share}.`;
   }
 
   at(seconds) {
@@ -123,7 +123,7 @@ Gaitcal.TrialCurve = class {
         Gaitcal.svg(
           "text",
           { class: "limit", x: "99.5%", y, dy: -3, "text-anchor": "end" },
-          `limit ${Gaitcal.numeral(this.limit)} ${this.unit}`,
+          `asked of simulations ${Gaitcal.numeral(this.limit)} ${this.unit}`,
         ),
       );
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitcal.dynamics.residual_limits import ResidualLimits
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.page.sections.gait_numbers import GaitNumbers
@@ -109,26 +108,17 @@ def _change(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer |
 
 
 def _residual(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer | None:
-    views = [(view, view.limits) for view in gait if view.limits]
+    views = [view for view in gait if view.stages]
     if not views:
         return None
-
-    def excess(pair: tuple[GaitNumbers, ResidualLimits]) -> float:
-        last, limits = pair[0].stages[-1], pair[1]
-        return max(last.peak_force / limits.force, last.peak_moment / limits.moment)
-
-    view, limits = worst = max(views, key=excess)
-    first, last = view.stages[0], view.stages[-1]
-    valid = view.layout.valid
-    outside = (last.force > limits.force) | (last.moment > limits.moment)
-    share = 100.0 * float(outside[valid].mean())
-    inside = excess(worst) <= 1.0
-    if inside:
-        meaning = "Force and moment stay within the common limits in all valid frames."
-    else:
+    view = max(views, key=lambda v: 0.0 if v.expected is None else v.expected.share)
+    first, last, held = view.stages[0], view.stages[-1], view.expected
+    tone, judged, meaning = "plain", "", "No standard errors are known to hold it against."
+    if held is not None:
+        tone, judged = ("good", "within its errors") if held.within else ("look", "beyond its errors")
         meaning = (
-            f"The peaks are {last.peak_force:.0f} N (limit {limits.force:.0f}) and {last.peak_moment:.0f} N·m (limit "
-            f"{limits.moment:.0f}); {share:.0f} % of the valid frames are above a limit."
+            f"Its errors let expect {held.force.expected:.1f} N and {held.moment.expected:.1f} N·m, and more than "
+            f"{held.force.limit:.1f} N or {held.moment.limit:.1f} N·m in 1 walk of 1000."
         )
     body = view.trial.body
     if is_trunk_unmeasured(body):
@@ -141,8 +131,8 @@ def _residual(calibration: Calibration, gait: tuple[GaitNumbers, ...]) -> Answer
         value=f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m",
         text=f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N "
         f"and {first.rms_moment:.1f} N·m. {meaning}",
-        tone="good" if inside else "look",
-        verdict="within the limits" if inside else "above the limits",
+        tone=tone,
+        verdict=judged,
         trial=view.trial.name,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, layout
@@ -20,7 +21,9 @@ class GaitNumbers:
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
     limits: ResidualLimits | None = None
-    """Given where `stages` are."""
+    """What is asked of simulations; given where `stages` are."""
+    expected: ExpectedResidual | None = None
+    """Of the last of `stages`; None where its errors are not known."""
 
     def valid_frames(self, side: str = "") -> int:
         """Frames in which the torques of a leg (`r`, `l`) are valid, or those of the whole body (nothing)."""
@@ -44,4 +47,5 @@ def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
         limits=residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
         if stages
         else None,
+        expected=loads.expected,
     )

@@ -87,23 +87,20 @@ def _fit(every: Sequence[TrialResult]) -> Line | None:
 
 
 def _residual(walks: Sequence[GaitNumbers]) -> Line | None:
-    """Of the walk whose peaks are highest against the limits."""
-    found = [(max(w.stages[-1].peak_force / w.limits.force, w.stages[-1].peak_moment / w.limits.moment), w)
-             for w in walks if w.limits is not None]  # fmt: skip
+    """Of the walk whose residual is largest against its limit."""
+    found = [walk for walk in walks if walk.stages]
     if not found:
         return None
-    excess, walk = max(found, key=lambda pair: pair[0])
-    last, limits = walk.stages[-1], walk.limits
-    if limits is None:
-        return None
+    walk = max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share)
+    last, held = walk.stages[-1], walk.expected
     words = f"Forces and motion agree to {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
-    if excess <= 1.0:
-        return Line("good", visible(f"{words} ({named(walk.trial.name)}), peaks within the common limits."))
-    peaks = (
-        f"peaks {number(last.peak_force, 0)} N and {number(last.peak_moment, 0)} N·m "
-        f"(limits {number(limits.force, 0)}, {number(limits.moment, 0)})"
-    )
-    return Line("look", visible(f"{words} ({named(walk.trial.name)}), {peaks}."))
+    words += f" ({named(walk.trial.name)})"
+    if held is None:
+        return Line("plain", visible(f"{words}."))
+    limits = f"(limits {number(held.force.limit)} N, {number(held.moment.limit)} N·m)"
+    if held.within:
+        return Line("good", visible(f"{words}, within what their errors explain {limits}."))
+    return Line("look", visible(f"{words}: more than their errors explain {limits}."))
 
 
 def counting_line(mass: float, walks: Sequence[GaitNumbers]) -> Line:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.findings import Severity
 from gaitcal.gait.words import parameter_words
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import COORDINATE_INDEX
@@ -21,7 +22,8 @@ from gaitcal.person.parameter_words import blind_spots, counts_sentence, joint_g
 from gaitcal.person.result import Calibration, Stage
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
-from tests.fake_result import fake_calibration
+from gaitcal.verdict.force_diagnosis import beyond_expected
+from tests.fake_result import fake_calibration, held
 
 SAID = CalibrationSettings(joint_prior={name: ParameterPriorTable(deviation=3.0) for name in JP_NAMES})
 
@@ -73,13 +75,20 @@ def test_the_largest_change_is_told(whole: Calibration) -> None:
     assert "left hip adduction" in answer.text
 
 
-@pytest.mark.parametrize(("part", "factor"), [("residual_force", 20.0), ("residual_moment", 20.0)])
-def test_one_residual_above_its_limit_is_above_the_limits(whole: Calibration, part: str, factor: float) -> None:
-    assert answered(whole)["Do motion and ground forces agree?"].verdict == "within the limits"
+@pytest.mark.parametrize(("part", "factor"), [("residual_force", 20.0), ("residual_moment", 60.0)])
+def test_one_residual_above_its_limit_is_beyond_its_errors(whole: Calibration, part: str, factor: float) -> None:
+    assert answered(whole)["Do motion and ground forces agree?"].verdict == "within its errors"
     final = whole.trials[0].loads
     assert final is not None
     larger = with_final(whole, **{part: factor * getattr(final.final, part)})
-    assert answered(larger)["Do motion and ground forces agree?"].verdict == "above the limits"
+    larger = replace(larger, trials=(held(larger.trials[0]), *larger.trials[1:]))
+    answer = answered(larger)["Do motion and ground forces agree?"]
+    assert (answer.verdict, answer.tone) == ("beyond its errors", "look")
+    loads = larger.trials[0].loads
+    assert loads is not None and loads.expected is not None
+    (told,) = beyond_expected("walk", loads.expected, trunk_seen=True)
+    assert told.severity is Severity.WARNING and told.weight > 1.0, "what the page holds up, the verdict does"
+    assert f"{loads.expected.force.limit:.0f} N or {loads.expected.moment.limit:.0f} N·m" in told.found
 
 
 def test_numbers_are_set_with_minus_signs_and_thin_spaces() -> None:

@@ -1,0 +1,250 @@
+"""Does a fitted joint of a leg lie where people have it?
+
+Each segment beside a joint places it by some parameters theta: the pelvis a hip's centre, the thigh a knee's axis by
+two positions and two turns. Landmarks and what is known of people expect theta_0, the nominal values and the mean of
+the prior. With d = theta - theta_0, of n parameters,
+
+    z^2 = d^T (P + E)^-1 d,     doubted where chi^2 of n degrees of freedom is larger in `RARE` of all cases only,
+
+P the scatter of people about theta_0, in which that of palpation and regressions is (`joint_prior.py`), and E what
+noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
+theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: the prior that holds a
+joint accuses nobody, and a fit without one is judged alike. Two hips that are each a little too far out are together
+where nobody has them: the distance between them is judged in the same way.
+
+A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's, as a prior made
+wide to let a joint go does not make people scatter more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.joint_prior import COVARIANCE
+from gaitcal.codes import Code
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.gait.words import joint_words
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.records import dataclass
+from gaitcal.study.joint_prior import JointPrior
+
+TOPIC = "joint places"
+RARE = 1e-3
+"""Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at."""
+CT_RATIO = "0.65 to 0.82"
+"""Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
+LEAST_SHARE = 0.3
+"""Of the largest offset in units of its scatter: what is smaller is not told."""
+JOINTS = ("hip", "knee", "talocrural", "subtalar")
+NOMINAL = "nominal/"
+"""Beginning of the names of an influence's sources that are no markers but the prior's own error."""
+_LANDMARKS = {
+    "hip": "the pelvis's landmarks",
+    "knee": "the epicondyles",
+    "talocrural": "the malleoli and anatomy",
+    "subtalar": "the malleoli and anatomy",
+}
+_MARKERS = {
+    "hip": "the ASIS and PSIS markers",
+    "knee": "the knee markers",
+    "talocrural": "the markers of malleoli and foot",
+    "subtalar": "the markers of malleoli and foot",
+}
+_WAYS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
+_SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
+
+
+def joint_place_findings(
+    model: SubjectModel, fitted: Parameters, influence: Influence, prior: JointPrior, isolated: Collection[str] = ()
+) -> Iterator[Finding]:
+    """Joints of the legs that lie where fewer than `RARE` of all people have them, the worst view of each joint.
+
+    Parameters
+    ----------
+    model : the nominal one, with the landmarks of the static trial.
+    influence : errors of the fitted joint parameters.
+    prior : what is expected of this person, of all joint parameters.
+    isolated : joints (`knee_r`, ...) that have an isolated trial of their own.
+    """
+    places = _Places(model, fitted, influence, prior)
+    for side in SIDES:
+        for joint in (f"{name}_{side}" for name in JOINTS):
+            views = [place for place in places.of(joint) if place.probability < RARE]
+            if views:
+                yield _finding(joint, views, model, joint in isolated)
+    apart = places.hips_apart()
+    if apart.probability < RARE:
+        yield _apart(apart, model, fitted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A joint as one segment has it, or the distance of two."""
+
+    names: tuple[str, ...]
+    """n joint parameters."""
+    offset: Array
+    """(n,) m, rad: d."""
+    scatter: Array
+    """(n, n): P."""
+    error: Array
+    """(n, n): E."""
+
+    @property
+    def square(self) -> float:
+        """z^2."""
+        return float(self.offset @ np.linalg.solve(self.scatter + self.error, self.offset))
+
+    @property
+    def probability(self) -> float:
+        """That a person has a joint so far from where it is expected, or further."""
+        return float(chdtrc(len(self.offset), self.square))
+
+    @property
+    def words(self) -> str:
+        """`in the pelvis 34 mm outward and 12 mm down (people scatter by 9 and 10; markers leave ± 3 and 4)`."""
+        deviation, error = (np.sqrt(np.diag(of)) for of in (self.scatter, self.error))
+        times = np.abs(self.offset) / deviation
+        told = [k for k in np.argsort(-times) if times[k] >= LEAST_SHARE * times.max()]
+        ways = " and ".join(_way(self.names[k], float(self.offset[k])) for k in told)
+        people, fit = (" and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in told) for of in (deviation, error))
+        segment = self.names[0].split(".")[1]
+        return f"in the {segment} {ways} (people scatter by {people}; the fit's own markers leave ± {fit})"
+
+
+class _Places:
+    """Where the joints of one fit lie against what is expected."""
+
+    def __init__(self, model: SubjectModel, fitted: Parameters, influence: Influence, prior: JointPrior) -> None:
+        expected = model.nominal.joint.copy()
+        expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
+        self._offset = fitted.joint - expected
+        own = [k for k, name in enumerate(influence.clusters) if not name.startswith(NOMINAL)]
+        self._moves = np.zeros((len(JP_NAMES), len(own)))
+        known = [(JP_INDEX[name], row) for row, name in enumerate(influence.free) if name in JP_INDEX]
+        for at, row in known:
+            self._moves[at] = influence.parameters[row, own]
+
+    def of(self, joint: str) -> Iterator[Place]:
+        """A joint as each segment beside it has it."""
+        for segment in dict.fromkeys(name.split(".")[1] for name in JP_NAMES if name.startswith(f"{joint}.")):
+            names = tuple(name for name in JP_NAMES if name.startswith(f"{joint}.{segment}."))
+            yield self._along(names, np.eye(len(names)))
+
+    def hips_apart(self) -> Place:
+        """The distance between the hips in the pelvis, across it; positive where they lie further apart."""
+        return self._along(("hip_r.pelvis.lat", "hip_l.pelvis.lat"), np.array([[1.0, -1.0]]))
+
+    def _along(self, names: tuple[str, ...], directions: Array) -> Place:
+        """Of combinations (k, n) of joint parameters."""
+        at = [JP_INDEX[name] for name in names]
+        moves = directions @ self._moves[at]
+        return Place(
+            names=names,
+            offset=directions @ self._offset[at],
+            scatter=directions @ COVARIANCE[np.ix_(at, at)] @ directions.T,
+            error=moves @ moves.T,
+        )
+
+
+def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: bool) -> Finding:
+    kind, side = joint.split("_")
+    odds = _odds(min(place.probability for place in views))
+    return Finding(
+        severity=Severity.WARNING,
+        topic=TOPIC,
+        where=STUDY,
+        leg=side,
+        cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {round(1 / RARE)} people have one",
+        found=f"it lies, from where {_LANDMARKS[kind]} have it, {'; '.join(place.words for place in views)}; {odds} so "
+        f"far{_few_markers(model, joint)}",
+        cure=_cure(kind, isolated),
+        weight=_weight(views),
+        code=Code.KNEE_AXIS if kind == "knee" else Code.JOINT_PLACE,
+    )
+
+
+def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
+    gap, nominal = (1e3 * _distance(p, "hip_r.pelvis", "hip_l.pelvis") for p in (fitted, model.nominal))
+    deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
+    return Finding(
+        severity=Severity.WARNING,
+        topic=TOPIC,
+        where=STUDY,
+        cause=f"the hips lie {'further apart' if place.offset[0] > 0 else 'nearer together'} than 999 in 1000 people's",
+        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {_LANDMARKS['hip']} have them {nominal:.0f} mm apart, "
+        f"people scatter by {deviation:.0f} about that, and the fit's own markers leave ± {error:.0f} mm; "
+        f"{_odds(place.probability)} so far",
+        cure=_cure("hip", isolated=False),
+        weight=_weight([place]),
+        code=Code.JOINT_PLACE,
+    )
+
+
+def _over_spines(model: SubjectModel, gap_mm: float) -> str:
+    """The distance of the hips as a share of that of the ASIS: as measured by hand, else between their markers."""
+    ends = [model.landmarks[name][1] for name in ("asis_r", "asis_l") if name in model.landmarks]
+    width = model.subject.asis_distance or (float(np.linalg.norm(ends[0] - ends[1])) if len(ends) == 2 else 0.0)
+    if not width:
+        return ""
+    return f", {1e-3 * gap_mm / width:.2f} of the {1e3 * width:.0f} mm between the ASIS (in CT {CT_RATIO})"
+
+
+def _weight(places: Sequence[Place]) -> float:
+    """How many times the limit."""
+    return max(float(np.sqrt(place.square / chdtri(len(place.offset), RARE))) for place in places)
+
+
+def _odds(probability: float) -> str:
+    if probability < 1e-6:
+        return "fewer than 1 person in a million lie"
+    return f"1 person in {float(f'{1 / probability:.1g}'):.0f} lies"
+
+
+def _distance(parameters: Parameters, one: str, other: str) -> float:
+    """M between two centres."""
+    ends = [[JP_INDEX[f"{name}.{way}"] for way in _WAYS] for name in (one, other)]
+    return float(np.linalg.norm(parameters.joint[ends[0]] - parameters.joint[ends[1]]))
+
+
+def _size(name: str, value: float) -> float:
+    """In mm or deg."""
+    return float(value / JP_TO_SI[JP_INDEX[name]])
+
+
+def _way(name: str, value: float) -> str:
+    joint, _, direction = name.split(".")
+    if JOINT_PARAMETERS[JP_INDEX[name]].kind is not Kind.POSITION:
+        return f"turned by {abs(_size(name, value)):.0f} deg seen from {_SEEN_FROM[direction]}"
+    if direction == "lat":
+        way = "outward" if (value > 0) == joint.endswith("_r") else "inward"
+    else:
+        way = _WAYS[direction][value < 0]
+    return f"{abs(_size(name, value)):.0f} mm {way}"
+
+
+def _few_markers(model: SubjectModel, joint: str) -> str:
+    """Segments beside a joint on which skin that moves cannot show by deforming."""
+    beside = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint == joint)
+    pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
+    count = {part: sum(s == part and w > 0 for s, w in pairs) for part in beside if not part.startswith("talus")}
+    few = [f"{n} on the {part.split('_')[0]}" for part, n in count.items() if n < FEWEST_MARKERS]
+    return f"; too few markers show how skin moves: {' and '.join(few)}" if few else ""
+
+
+def _cure(kind: str, isolated: bool) -> str:
+    skin = "skin that slides in step with the motion does this, and no error bar shows all of it"
+    trial = "compare with a slow isolated trial of large range, non-weight-bearing"
+    if not isolated:
+        trial = 'an isolated trial of the joint (role "joint") tells more'
+    keep = "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the nominal joints"
+    return f"look at {_MARKERS[kind]} in the static trial; {skin}; {trial}; {keep}"
