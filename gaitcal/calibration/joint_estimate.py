@@ -38,11 +38,12 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSe
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.roughness import frame_rate
+from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.motion.undetermined import joints_left_open
@@ -178,7 +179,8 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
     explains, wherever it may lie.
     """
-    problems = [replace(problem, tissue=None) for problem in task.problems]
+    problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in task.problems]
+    secondary = secondary_prior(problems)
     own = free_of(problems, free)
     least = [least_noise(p.basis) for p in problems]
     noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
@@ -187,13 +189,19 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     wide = np.array([WIDE_MM if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in own])
     expected = nominal.joint[[JP_INDEX[n] for n in own]], np.diag(1.0 / wide**2)
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, expected=expected)
+    search = JointSearch(
+        problems, nominal, own, starts, BY_EVIDENCE, tissue=secondary if secondary.keys else None, expected=expected
+    )
+    precision = search.problem.prior.T @ search.problem.prior
     for _ in range(ROUNDS):
         search.weigh([1.0 / nu**2 for nu in noise])
         state = search.approach(NEAR)
-        served = float(np.trace(np.linalg.solve(state.hessian + expected[1], state.hessian)))
-        moved = nominal.with_joint(own, state.p)
-        seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]
+        served = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
+        moved = search.problem.linkage(state.p)
+        seen = [
+            seen_noise(p, moved, trial.nodes)
+            for p, trial in zip(search.problem.moved(state.p), state.trials, strict=True)
+        ]
         noise = trial_noises(seen, least, served)
     return tuple(noise)
 
