@@ -143,8 +143,8 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
     q = basis.evaluate(nodes)
-    poses = forward(chain, constants, q)
-    spatial = jacobian(chain, constants, poses)
+    poses = forward(chain, constants, q, data.secondary)
+    spatial = jacobian(chain, constants, poses, data.secondary)
     x = problem.positions(nodes, constants)
     residual = x - data.measured
     inverse = _frame_inverses(problem, constants, q)

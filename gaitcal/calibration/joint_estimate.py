@@ -41,12 +41,13 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSe
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.roughness import frame_rate
+from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.motion.undetermined import joints_left_open
@@ -228,7 +229,8 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
     explains, wherever it may lie.
     """
-    problems = [replace(problem, tissue=None) for problem in task.problems]
+    problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in task.problems]
+    secondary = secondary_prior(problems)
     own = free_of(problems, free)
     least = [least_noise(p.basis) for p in problems]
     noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
@@ -236,13 +238,17 @@ def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tu
         return tuple(noise)
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, expected=expected)
+    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=secondary, expected=expected)
+    precision = search.problem.prior.T @ search.problem.prior
     for _ in range(ROUNDS):
         search.weigh([1.0 / nu**2 for nu in noise])
         state = search.approach(NEAR)
-        served = float(np.trace(np.linalg.solve(state.hessian + expected[1], state.hessian)))
-        moved = nominal.with_joint(own, state.p)
-        seen = [seen_noise(p, moved, trial.nodes) for p, trial in zip(problems, state.trials, strict=True)]
+        served = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
+        moved = search.problem.linkage(state.p)
+        seen = [
+            seen_noise(p, moved, trial.nodes)
+            for p, trial in zip(search.problem.moved(state.p), state.trials, strict=True)
+        ]
         noise = trial_noises(seen, least, served)
     return tuple(noise)
 

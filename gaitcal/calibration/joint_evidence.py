@@ -45,6 +45,7 @@ from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.secondary_motion import SecondaryColumns, secondary_columns
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
@@ -92,9 +93,16 @@ def _legs(trials: Sequence[JointTrial], nominal: Parameters, sides: Sequence[str
     free = free_of(list(still.values()), [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     if not free:
         return None
-    regressors, scales = _artefact(used, still, nominal)
+    regressors, scales, secondary = _artefact(used, still, nominal)
     tasks = tuple(
-        TaskTrials(kind, tuple(_with_tissue(still[t.name], kind, regressors[t.name]) for t in used if t.kind == kind))
+        TaskTrials(
+            kind,
+            tuple(
+                _with_tissue(still[t.name], kind, regressors[t.name], secondary.get(t.name))
+                for t in used
+                if t.kind == kind
+            ),
+        )
         for kind in kinds
     )
     before = tissue_prior([problem for task in tasks for problem in task.problems], scales)
@@ -106,7 +114,10 @@ def _legs(trials: Sequence[JointTrial], nominal: Parameters, sides: Sequence[str
         tissue=before,
     )
     phase = fit_phase(plan, nominal, how)
-    tissue = {t.name: tissue_of(t.body, t.kind, regressors[t.name], before.keys) for t in used}
+    tissue = {
+        t.name: tissue_of(t.body, t.kind, regressors[t.name], before.keys, secondary=secondary.get(t.name))
+        for t in used
+    }
     return _Legs(
         phase=replace(phase, errors=_with_found_tissue(phase.errors, phase.estimate)),
         tissue={name: columns for name, columns in tissue.items() if columns is not None},
@@ -116,9 +127,9 @@ def _legs(trials: Sequence[JointTrial], nominal: Parameters, sides: Sequence[str
 
 def _artefact(
     trials: Sequence[JointTrial], parts: Mapping[str, TrialProblem], nominal: Parameters
-) -> tuple[dict[str, dict[str, Array]], dict[str, SoftTissueScale]]:
-    """Trial -> coordinate -> (nf,) psi of the joints that its task moves, and kind of task -> how soft the person is
-    there: in gait, and in all isolated trials alike.
+) -> tuple[dict[str, dict[str, Array]], dict[str, SoftTissueScale], dict[str, SecondaryColumns]]:
+    """Trial -> coordinate -> (nf,) psi of the joints that its task moves; kind of task -> how soft the person is there:
+    in gait, and in all isolated trials alike; and trial of gait -> what knees do besides flexing.
     """
     angles = dict(zip(parts, each(partial(_angles, nominal), list(parts.values())), strict=True))
     regressors, scales = dict[str, dict[str, Array]](), dict[str, SoftTissueScale]()
@@ -126,6 +137,8 @@ def _artefact(
     for kind in kinds:
         names = [t.name for t in trials if t.kind == kind]
         regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
+    gait = [t.name for t in trials if t.kind == GAIT]
+    secondary = dict(zip(gait, secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
     for alike in ([k for k in kinds if k == GAIT], [k for k in kinds if k != GAIT]):
         members = [t for t in trials if t.kind in alike]
         scale = soft_tissue_scale([_with_tissue(parts[t.name], t.kind, regressors[t.name]) for t in members])
@@ -133,7 +146,7 @@ def _artefact(
         if scale.squares < LEAST_SQUARES:
             for t in members:
                 regressors[t.name] = {n: psi for n, psi in regressors[t.name].items() if not n.endswith(SQUARES)}
-    return regressors, scales
+    return regressors, scales, secondary
 
 
 def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
@@ -142,8 +155,10 @@ def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def _with_tissue(problem: TrialProblem, kind: str, regressors: Mapping[str, Array]) -> TrialProblem:
-    return replace(problem, tissue=tissue_of(problem, kind, regressors))
+def _with_tissue(
+    problem: TrialProblem, kind: str, regressors: Mapping[str, Array], secondary: SecondaryColumns | None = None
+) -> TrialProblem:
+    return replace(problem, tissue=tissue_of(problem, kind, regressors, secondary=secondary))
 
 
 def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:

@@ -109,12 +109,18 @@ class ReducedProblem:
         return self.parameters.with_joint(self.free, p[: len(self.free)])
 
     def _placed(self, k: int, values: Array) -> tuple[TrialProblem, TrialProblem]:
-        """A trial with its soft tissue where its own part of p has it: for motions alone, and with all of p open."""
+        """A trial with its soft tissue and secondary motions where its own part of p has them: for motions alone, and
+        with all of p open.
+        """
         opened = self.open[k]
         if opened.tissue is None:
             return self.fixed[k], opened
-        shift = opened.tissue.shift(values[len(opened.chain.free) :], len(opened.labels))
-        return self.fixed[k].shifted(shift), opened.shifted(shift)
+        moved = opened.displaced(values[opened.joint_parameters :])
+        return self.fixed[k].with_data(moved.data), moved
+
+    def moved(self, p: Array) -> list[TrialProblem]:
+        """Per trial, the motion alone, with soft tissue and secondary motions where p has them."""
+        return [self._placed(k, p[columns])[0] for k, columns in enumerate(self.columns)]
 
     def settle(self, p: Array) -> ReducedState:
         """The same with every motion solved to the end, and nothing kept from other points."""

@@ -160,7 +160,8 @@ class _TrialSources:
         """The residual, and (frames, 6, sources) what each source makes of it; N and N·m."""
         basis, wrench = self.trial.problem.basis, self.trial.reactions.wrench[frames]
         q, v, a = (basis.evaluate(self.trial.nodes, k)[frames] for k in range(3))
-        residual = root_residual(self.parameters, self.opened.chain.free, q, v, a, wrench)
+        free = self.opened.chain.free[: self.opened.joint_parameters]
+        residual = root_residual(self.parameters, free, q, v, a, wrench)
         out = np.zeros((len(frames), 6, len(self.names)))
         by_unknown = -_through(residual, basis, frames, self.sensitivity)
         by_unknown[:, :, : residual.by_parameter.shape[2]] += residual.by_parameter

@@ -20,7 +20,17 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.linkage import JOINTS, SEGMENTS, ZERO_ANGLES, Element, Source, joint_elements, root_elements
+from gaitcal.model.linkage import (
+    BENDS,
+    JOINTS,
+    SECONDARY,
+    SEGMENTS,
+    ZERO_ANGLES,
+    Element,
+    Source,
+    joint_elements,
+    root_elements,
+)
 from gaitcal.records import dataclass
 
 
@@ -78,7 +88,8 @@ class Chain:
     ----------
     root : segment that is free in the laboratory (six coordinates).
     segments : the segments of the part, root included.
-    free : names of the joint parameters whose derivatives are wanted; those the part does not pass are left out.
+    free : names of the joint parameters whose derivatives are wanted, and of secondary motions (of
+        `SECONDARY`, with one of `BENDS`); those the part does not pass are left out.
     reactions : whether the knees carry their locked reaction joints (two more coordinates).
     """
 
@@ -114,6 +125,10 @@ class Chain:
                 pending, above = list(before), (set(ancestors[start][0]), set(ancestors[start][1]))
             for e in sequence:
                 if e.source is Source.COORDINATE:
+                    for second in SECONDARY.get(e.name, ()):
+                        for name in (second.name + bend for bend in BENDS if second.name + bend in free):
+                            passed[name] = (frame, [*pending, _Step(second, len(coordinates))])
+                            above[1].add(name)
                     coordinates.append(e.name)
                     elements.append(e)
                     parents.append(frame)
@@ -140,6 +155,12 @@ class Chain:
         self.parents: tuple[int, ...] = tuple(parents)
         self.free: tuple[str, ...] = tuple(name for name in free if name in passed)
         self._passed = [passed[name] for name in self.free]
+        self.secondary: tuple[tuple[int, int, Element, int], ...] = tuple(
+            (k, steps[-1].source, steps[-1].element, BENDS.index(name[-len(BENDS[0]) :]))
+            for k, (name, (_, steps)) in enumerate(zip(self.free, self._passed, strict=True))
+            if steps[-1].element.source is Source.COORDINATE
+        )
+        """Of every free secondary motion: place in `free`, frame of its coordinate, element, index in `BENDS`."""
         self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
         self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
         self.parameter_rotates: BoolArray = np.array([w[-1].element.rotates for _, w in self._passed], bool)

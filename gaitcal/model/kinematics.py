@@ -8,6 +8,8 @@ the point c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio'
 
 from __future__ import annotations
 
+from dataclasses import field
+
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
@@ -23,10 +25,30 @@ class Poses:
     """(nq, 3, 3, nf): axes[k, j] is the j-th unit axis of frame k in the laboratory."""
     origins: Array
     """(nq, 3, nf) m."""
+    secondary_axes: dict[int, Array] = field(default_factory=dict)
+    """Frame -> (3, nf) y about which the last of its joint's secondary motions turns."""
 
 
-def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
+@dataclass(frozen=True, kw_only=True)
+class SecondaryMotion:
+    """What joints do besides moving along their coordinates (`linkage.SECONDARY`)."""
+
+    amounts: dict[str, Array]
+    """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
+    regressors: dict[str, tuple[Array, Array]]
+    """Coordinate -> (nf,) of each of `BENDS`: d amount / d variable."""
+
+    def frames(self, part: slice | IntArray) -> SecondaryMotion:
+        """The same for some frames."""
+        return SecondaryMotion(
+            amounts={name: values[:, part] for name, values in self.amounts.items()},
+            regressors={name: (a[part], b[part]) for name, (a, b) in self.regressors.items()},
+        )
+
+
+def forward(chain: Chain, constants: ChainConstants, q: Array, secondary: SecondaryMotion | None = None) -> Poses:
     """Poses of all moving frames for coordinates `q` (nf, nq), m and rad."""
+    given, second = secondary.amounts if secondary else {}, dict[int, Array]()
     nf, nq = q.shape
     columns = np.ascontiguousarray(q.T)
     cos, sin = np.cos(columns), np.sin(columns)
@@ -46,19 +68,30 @@ def forward(chain: Chain, constants: ChainConstants, q: Array) -> Poses:
             origins[k] += origin
         if not plain[k]:
             frame = np.matmul(constants.offset_rotation[k].T, frame.reshape(3, 3 * nf)).reshape(3, 3, nf)
+        if (name := chain.coordinates[k]) in given:
+            x, y, front, trans = given[name]
+            origins[k] += frame[0] * x + frame[1] * y
+            frame = _turned(frame, 0, np.cos(front), np.sin(front))
+            second[k] = frame[1]
+            frame = _turned(frame, 1, np.cos(trans), np.sin(trans))
         if not e.rotates:
             axes[k] = frame
             origins[k] += frame[e.axis] * (e.sign * columns[k])
             continue
-        # a right-handed turn about one axis mixes the two others: a' = c a + s b, b' = c b - s a
-        a, b = (e.axis + 1) % 3, (e.axis + 2) % 3
-        c, s = cos[k], sin[k] if e.sign > 0 else -sin[k]
-        axes[k, e.axis] = frame[e.axis]
-        np.multiply(frame[a], c, out=axes[k, a])
-        axes[k, a] += frame[b] * s
-        np.multiply(frame[b], c, out=axes[k, b])
-        axes[k, b] -= frame[a] * s
-    return Poses(axes, origins)
+        _turned(frame, e.axis, cos[k], sin[k] if e.sign > 0 else -sin[k], out=axes[k])
+    return Poses(axes, origins, second)
+
+
+def _turned(frame: Array, axis: int, c: Array, s: Array, out: Array | None = None) -> Array:
+    """(3, 3, nf) axes of a frame after a right-handed turn about one of them, of cosine and sine (nf,)."""
+    # it mixes the two others: a' = c a + s b, b' = c b - s a
+    out, a, b = np.empty_like(frame) if out is None else out, (axis + 1) % 3, (axis + 2) % 3
+    out[axis] = frame[axis]
+    np.multiply(frame[a], c, out=out[a])
+    out[a] += frame[b] * s
+    np.multiply(frame[b], c, out=out[b])
+    out[b] -= frame[a] * s
+    return out
 
 
 def segment_transforms(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
@@ -76,8 +109,10 @@ def segment_poses(chain: Chain, constants: ChainConstants, poses: Poses) -> tupl
     return both[:, :3], both[:, 3]
 
 
-def jacobian(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
-    """(nq + np, 6, nf) spatial velocity [v; w] about the laboratory origin per unit of each coordinate and free JP."""
+def jacobian(chain: Chain, constants: ChainConstants, poses: Poses, secondary: SecondaryMotion | None = None) -> Array:
+    """(nq + np, 6, nf) spatial velocity [v; w] about the laboratory origin per unit of each coordinate and free JP, and
+    of each free secondary motion, which must be given where one is free.
+    """
     nq, n_free, nf = len(chain.coordinates), len(chain.free), poses.origins.shape[-1]
     out = np.empty((nq + n_free, 6, nf))
     axes = out[:nq, 3:]
@@ -91,7 +126,15 @@ def jacobian(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
         out[nq:, 3:] = placed[:, 0]
         points = placed[:, 1]
         points += poses.origins[chain.parameter_frame]
+        for k, frame, element, _ in chain.secondary if secondary else ():
+            if element.rotates:
+                points[k] = poses.origins[frame]  # after both slides
+                if element.axis == 1:
+                    out[nq + k, 3:] = poses.secondary_axes[frame]  # after the turn about x
         _moments(out[nq:], points, chain.parameter_slides)
+        if secondary:
+            for k, frame, _, bend in chain.secondary:
+                out[nq + k] *= secondary.regressors[chain.coordinates[frame]][bend]
     return out
 
 

@@ -191,6 +191,22 @@ def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, .
     return (*joint.elements[:after], reaction, *joint.elements[after:])
 
 
+def _secondary(side: str) -> tuple[Element, ...]:
+    """In the axes of the knee's flexion before it flexes: slides along x and y, then turns about them."""
+    kinds = (("ant", False, 0), ("sup", False, 1), ("front", True, 0), ("trans", True, 1))
+    return tuple(
+        Element(rotates=r, axis=k, sign=1.0, source=Source.COORDINATE, name=f"knee_{side}.secondary.{name}")
+        for name, r, k in kinds
+    )
+
+
+SECONDARY: dict[str, tuple[Element, ...]] = {f"knee_angle_{side}": _secondary(side) for side in SIDES}
+"""Coordinate -> motions of its joint that go with it and that the linkage leaves out: a knee rolls, glides and turns as
+it flexes. Their amounts are given (`motion/secondary_motion.py`), in m and rad; no model has coordinates of them."""
+BENDS = ("^2", "^3")
+"""Ends of the names of variables: what of a secondary motion goes with the square of the coordinate, and the cube."""
+
+
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
 """What an isolated trial may move; the ankle is the talocrural and the subtalar joint together."""
 

@@ -37,7 +37,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import Chain, ChainConstants
-from gaitcal.model.kinematics import forward, jacobian, segment_transforms
+from gaitcal.model.kinematics import SecondaryMotion, forward, jacobian, segment_transforms
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.records import dataclass
 
@@ -56,6 +56,8 @@ class MarkerData:
     """(nm, nf) >= 0."""
     shift: Array | None = None
     """(nm, 3, nf) m, how far each marker is from its place, in its segment's axes; None: not at all."""
+    secondary: SecondaryMotion | None = None
+    """What joints do besides moving along their coordinates; None: nothing."""
 
     @property
     def segment(self) -> IntArray:
@@ -88,7 +90,8 @@ class MarkerData:
         if isinstance(part, slice) and part == slice(0, self.weight.shape[1]):
             return self
         shift = None if self.shift is None else self.shift[:, :, part]
-        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part], shift)
+        secondary = None if self.secondary is None else self.secondary.frames(part)
+        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part], shift, secondary)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,10 +152,15 @@ class VariablePairs:
 
 
 def marker_positions(
-    chain: Chain, constants: ChainConstants, placed: PlacedMarkers, q: Array, shift: Array | None = None
+    chain: Chain,
+    constants: ChainConstants,
+    placed: PlacedMarkers,
+    q: Array,
+    shift: Array | None = None,
+    secondary: SecondaryMotion | None = None,
 ) -> Array:
-    """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` as in `MarkerData`."""
-    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q)), shift)
+    """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` and `secondary` as in `MarkerData`."""
+    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q, secondary)), shift)
 
 
 def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array:
@@ -167,7 +175,7 @@ def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array
 
 def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:
     """Sum of w |r|^2 over markers and frames, m^2."""
-    r = marker_positions(chain, constants, data.placed, q, data.shift)
+    r = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     r -= data.measured
     return float(np.vdot(data.weight[:, None] * r, r))
 
@@ -183,9 +191,9 @@ def frame_equations(
     curved: bool = False,
 ) -> FrameEquations:
     """Cost, half gradient and (optionally) matrix of every frame: Gauss-Newton's, or if `curved` half the Hessian."""
-    poses = forward(chain, constants, q)
+    poses = forward(chain, constants, q, data.secondary)
     segments = segment_transforms(chain, constants, poses)
-    columns = jacobian(chain, constants, poses)
+    columns = jacobian(chain, constants, poses, data.secondary)
     columns[~pairs.active] = 0.0
     # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it moves)
     arms, cost = _segment_arms(data, segments)

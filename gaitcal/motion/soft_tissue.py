@@ -24,6 +24,7 @@ from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import forward, jacobian, segment_transforms
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.secondary_motion import SecondaryColumns
 from gaitcal.motion.spline import SplineBasis, basis_matrix
 
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -51,13 +52,18 @@ class SegmentTissue:
 
 @dataclass(frozen=True)
 class SoftTissue:
-    """The columns of a trial: segment by segment, regressor by regressor, shifts before turns."""
+    """What moves the markers of a trial against the linkage besides its motion.
+
+    The columns of segments, regressor by regressor, shifts before turns; and what its joints do beside them.
+    """
 
     groups: tuple[SegmentTissue, ...]
+    secondary: SecondaryColumns | None = None
+    """Variables of the chain, before the columns of segments."""
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """(nz,) `regressor/segment/component`."""
+        """(nz,) of the segments, `regressor/segment/component`."""
         return tuple(f"{n}/{group.carrier}/{c}" for group in self.groups for n in group.names for c in COMPONENTS)
 
     def shift(self, z: Array, markers: int) -> Array:
@@ -92,10 +98,10 @@ def with_tissue_columns(
     """The normal equations of a trial at `nodes` with the columns of its soft tissue after its joint parameters."""
     q = basis.evaluate(nodes)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(chain.free)
-    poses = forward(chain, constants, q)
+    poses = forward(chain, constants, q, data.secondary)
     segments = segment_transforms(chain, constants, poses)
-    columns = jacobian(chain, constants, poses)
-    position = marker_positions(chain, constants, data.placed, q, data.shift)
+    columns = jacobian(chain, constants, poses, data.secondary)
+    position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, own, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis_matrix(basis).T.tocsr(), 0
@@ -131,8 +137,8 @@ def with_tissue_columns(
 
 def tissue_gradient(chain: Chain, data: MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants) -> Array:
     """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
-    segments = segment_transforms(chain, constants, forward(chain, constants, q))
-    position = marker_positions(chain, constants, data.placed, q, data.shift)
+    segments = segment_transforms(chain, constants, forward(chain, constants, q, data.secondary))
+    position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     out = []
     for group in tissue.groups:
         axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))

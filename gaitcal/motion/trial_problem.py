@@ -26,6 +26,7 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.roughness import Smoothing
+from gaitcal.motion.secondary_motion import SecondaryColumns
 from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_columns
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
@@ -89,19 +90,40 @@ class TrialProblem:
         return self._pairs.active[: len(self.chain.coordinates)]
 
     @property
+    def secondary(self) -> SecondaryColumns | None:
+        """What joints do besides moving along their coordinates, if that is unknown."""
+        return self.tissue.secondary if self.tissue else None
+
+    @property
     def unknowns(self) -> tuple[str, ...]:
         """(np,) names of what is sought besides the motion: free joint parameters, then soft tissue."""
-        return (*self.chain.free, *(self.tissue.keys if self.tissue else ()))
+        keys = dict(zip(self.secondary.names, self.secondary.keys, strict=True)) if self.secondary else {}
+        return (*(keys.get(name, name) for name in self.chain.free), *(self.tissue.keys if self.tissue else ()))
+
+    @property
+    def joint_parameters(self) -> int:
+        """How many of `unknowns` are joint parameters, which come first."""
+        return sum(name in JP_INDEX for name in self.chain.free)
 
     def displaced(self, z: Array) -> TrialProblem:
-        """The same trial with its soft tissue at z (nz,), m or m/rad."""
-        if self.tissue is None or not len(z):
-            return self
-        return self.shifted(self.tissue.shift(z, len(self.labels)))
+        """The same trial with its secondary motions and soft tissue at z (nz,): `unknowns` but joint parameters."""
+        data, count = self.data, 0
+        if self.secondary is not None:
+            count = len(self.secondary.names)
+            data = replace(data, secondary=self.secondary.at(z[:count]))
+        if self.tissue is not None and self.tissue.groups and len(z) > count:
+            data = replace(data, shift=self.tissue.shift(z[count:], len(self.labels)))
+        return self.with_data(data)
 
     def shifted(self, shift: Array) -> TrialProblem:
         """The same trial with its markers (nm, 3, nf) m from their places."""
-        other = replace(self, data=replace(self.data, shift=shift))
+        return self.with_data(replace(self.data, shift=shift))
+
+    def with_data(self, data: MarkerData) -> TrialProblem:
+        """The same trial with the same markers moved or measured elsewhere; what does not depend on that is not worked
+        out again.
+        """
+        other = replace(self, data=data)
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
@@ -147,8 +169,13 @@ class TrialProblem:
         return parameters.joint[[JP_INDEX[name] for name in self.chain.free]]
 
     def with_free(self, free: tuple[str, ...]) -> TrialProblem:
-        """The same trial with other joint parameters free."""
-        return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free))
+        """The same trial with other joint parameters free, and if there are any, its secondary motions too."""
+        data, secondary = self.data, self.secondary
+        if free and secondary:
+            free = (*(name for name in free if name in JP_INDEX), *secondary.names)
+            if data.secondary is None:
+                data = replace(data, secondary=secondary.at(np.zeros(len(secondary.names))))
+        return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free), data=data)
 
     def places_in(self, free: Sequence[str]) -> IntArray:
         """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
@@ -166,12 +193,8 @@ class TrialProblem:
         return replace(self, data=data, smoothing=smoothing, priors=priors)
 
     def with_measured(self, measured: Array) -> TrialProblem:
-        """The same trial with other measured markers (nm, 3, nf), m; what does not depend on them is not worked out
-        again.
-        """
-        other = replace(self, data=replace(self.data, measured=measured))
-        other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
-        return other
+        """The same trial with other measured markers (nm, 3, nf), m."""
+        return self.with_data(replace(self.data, measured=measured))
 
     def equations(self, nodes: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
         """Normal equations at `nodes` (nn, nq); if `curved`, with half the whole Hessian instead of Gauss-Newton's.
@@ -201,7 +224,7 @@ class TrialProblem:
             pull.add_to(equations.band, nodes)
             more, gradient = pull.both(nodes)
             equations = replace(equations, cost=equations.cost + more, node_gradient=equations.node_gradient + gradient)
-        if self.tissue is None:
+        if self.tissue is None or not self.tissue.groups:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
 
@@ -242,7 +265,7 @@ class TrialProblem:
         for pull in self.pulls:
             more, gradient = pull.both(nodes)
             cost, by_nodes = cost + more, by_nodes + gradient
-        if self.tissue is not None:
+        if self.tissue is not None and self.tissue.groups:
             by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
@@ -267,7 +290,9 @@ class TrialProblem:
         for stretch in self.basis.stretches:
             frames = stretch.frames
             part = self.data.frames(frames)
-            out[:, :, frames] = marker_positions(self.chain, constants, part.placed, q[frames], part.shift)
+            out[:, :, frames] = marker_positions(
+                self.chain, constants, part.placed, q[frames], part.shift, part.secondary
+            )
         return out
 
 
