@@ -10,7 +10,7 @@ frames on either side of a place between two frames, a marker leaves
     gain = ln (Q_one + f) / (Q_two + f),    f = the squares of NOISE_M in the 2 H - 6 degrees of freedom of each axis
 
 A seam is where the median gain of the markers is above ln 2 and the median step above half of what a marker moves in a
-frame, and half of the change of its velocity more, which is the step that a velocity that breaks there, as in landing, makes.
+frame, and above what a velocity that breaks there makes of a step, as in landing: half of its change in a frame more.
 The step d along the velocity v tells how many frames of length h are missing: n = d v / (v^2 h), -1 for one that stands
 twice.
 """
