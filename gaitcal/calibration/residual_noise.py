@@ -6,7 +6,7 @@ With rho the pelvis residual [F; T] of the valid frames, in units of a scale, ev
 
 for marker coordinates and nominal joint parameters (`influence.py`), and directly for
 
-    plates       gain, place and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
+    plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
                  (`dynamics/plate_errors.py`, with the sources of their sizes)
     inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
@@ -30,7 +30,7 @@ from gaitcal.calibration.influence import Influence, TrialScores, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
-from gaitcal.dynamics.plate_errors import DEFAULT, PlateErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
@@ -143,7 +143,7 @@ class _TrialSources:
         """(np, nc) d p_c of joint parameters, then of the skin."""
         self.known = len(influence.clusters)
         markers = (*influence.clusters, *own.clusters)
-        feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in ("gain", "x", "y", "z"))
+        feet = tuple(f"plate/{foot}/{what}" for foot in FEET for what in OF_A_PLATE)
         self.markers, self.names = len(markers), (*markers, *feet, "plate/clock")
         self.rates = wrench_rates(trial.problem.basis.time, trial.reactions.wrench)
         self.coarse = None if trial.problem.penalty else _coarser(trial.problem.basis, trial.nodes)

@@ -16,6 +16,7 @@ from gaitcal.checks import (
     contacts,
     direction,
     exchanged,
+    free_moment,
     frozen,
     hip_centres,
     jumps,
@@ -102,6 +103,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     contacts.covered,
     contacts.contacts,
     plates.horizontal,
+    free_moment.free_moment,
     plates.beside_feet,
     body_mass.carried_mass,
 )

@@ -33,7 +33,7 @@ from gaitcal.records import dataclass
 
 OUTLINE_M = 0.03
 """m, two standard deviations of the outline: 10 mm of heel and toe markers on skin or shoe, 8 mm of the sole's breadth
-and of the toe marker's place across it, 7 mm of the plate's place (`plate_errors.py`). In 41 steps of nine people whose
+and of the toe marker's place across it, 8 mm of the plate's place (`plate_errors.py`). In 41 steps of nine people whose
 plates are right no centre of more than a fifth of body weight lies outside at all; in two people that OpenSim
 simulated, up to 13 mm."""
 MOMENT_NM = 2.0

@@ -1,29 +1,39 @@
-"""What errors of force plates make of the ground reactions on the feet: place, gain and clock of the plates.
+"""What errors of force plates make of the ground reactions on the feet: place, turn, gain and clock of the plates.
 
 The wrench w = [F; M] of the ground on a foot, M about the laboratory origin, is wrong by
 
     gain    g      d w = g w
     place   d      d w = [0; d x F]                the plate lies elsewhere by d; so does every centre of pressure
+    turn    a      d w = a [y x F; c x (y x F)]    about the vertical y through the centre of pressure c on the floor:
+                                                   what a turn about the plate's middle adds to that is place
     clock   s      d w = s dw/dt                   all plates together: they share one converter
 
 Linear in w as generalised forces are, they become  d tau = -J_foot^T d w  (`Dynamics.of_ground`). Each foot stands on a
 plate of its own, errors of plates being independent.
 
-Sizes: four commercial plates placed the centre of pressure 2.3, 2.6, 11.8 and 14.0 mm off on average, 0.5 to 2.3 mm
-once they were calibrated where they stood, which left forces 3 to 5 N wrong (Cappello et al., Gait & Posture 33:724,
-2011); corrected piezoelectric plates 5.8 (SD 3.7) mm, uncorrected up to 30 mm (Schmiedmayer and Kastner, J Biomech Eng
-122:523, 2000); calibration in place takes away 63 % of the error of the centre of pressure and a fifth of that of
-forces (Collins et al., Gait & Posture 29:59, 2009), 60 % of it in another laboratory (Gait & Posture 58:98, 2017).
-5 mm along each axis are 7 mm in the plane. The clock has no such source: 2 ms is a fifth of a frame at 100 Hz.
+Sizes are what spot checks of laboratories find where nobody has calibrated the plates in place. The centre of pressure
+on the plate: 2.3, 2.6, 11.8 and 14.0 mm off on average on four commercial plates (Cappello et al., Gait & Posture
+33:724, 2011), 9.7 mm RMS, that is 6.9 mm along each axis; 3.5 and 6.3 mm on average along the short and the long side
+of three piezoelectric plates, 20 mm at most (Bobbert and Schamhardt, J Biomech 23:705, 1990), 6.4 mm RMS along each
+axis; up to 30 mm elsewhere (Schmiedmayer and Kastner, J Biomech 32:1237, 1999). The plate in the room: 5 to 10 mm are
+reckoned with (McCaw and DeVita, J Biomech 28:985, 1995), 5 mm along each axis. Together 8 mm. What can be done: 0.5 to
+2.3 mm on the first four plates once they were calibrated where they stood, less than 4 mm in four laboratories that
+test themselves (Gait & Posture 2016, doi 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm
+along each axis, tell the turn to 0.8 deg, taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a
+person's weight. The clock has no such source: 2 ms is a fifth of a frame at 100 Hz.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
+from gaitcal.recording.force_plate import LOADED_N, UP, centre_on_ground
 from gaitcal.records import dataclass
 from gaitcal.study.settings import PlateErrorTable
+
+OF_A_PLATE = ("gain", "x", "y", "z", "turn")
+"""Errors of either foot's plate, in the order of the columns of `wrench_errors`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,16 +46,23 @@ class PlateErrors:
     """Of 1."""
     clock: float
     """s, plates against cameras."""
+    turn: float = 0.0
+    """rad, of a plate about the vertical."""
 
     @staticmethod
     def of(table: PlateErrorTable) -> PlateErrors:
         """From `calibration.plate_error`."""
-        return PlateErrors(place=1e-3 * table.place_mm, gain=1e-2 * table.gain_percent, clock=1e-3 * table.clock_ms)
+        return PlateErrors(
+            place=1e-3 * table.place_mm,
+            gain=1e-2 * table.gain_percent,
+            turn=float(np.deg2rad(table.turn_deg)),
+            clock=1e-3 * table.clock_ms,
+        )
 
     @property
     def any(self) -> bool:
         """Whether some error is not zero."""
-        return bool(self.place or self.gain or self.clock)
+        return bool(self.place or self.gain or self.turn or self.clock)
 
 
 DEFAULT = PlateErrors.of(PlateErrorTable())
@@ -60,15 +77,29 @@ def wrench_rates(time: Array, wrenches: Array) -> Array:
 
 
 def wrench_errors(wrenches: Array, rates: Array, errors: PlateErrors) -> Array:
-    """(nf, 2, 6, 9) one standard deviation of each source: gain and place of either foot's plate, then the clock.
+    """(nf, 2, 6, 11) one standard deviation of each source: `OF_A_PLATE` of either foot's, then the clock.
 
     `rates`: of the foot wrenches (nf, 2, 6), from `wrench_rates` of the whole trial.
     """
-    feet = wrenches.shape[1]
-    out = np.zeros((*wrenches.shape, 4 * feet + 1))
+    feet, each = wrenches.shape[1], len(OF_A_PLATE)
+    out = np.zeros((*wrenches.shape, each * feet + 1))
     for foot in range(feet):
-        out[:, foot, :, 4 * foot] = errors.gain * wrenches[:, foot]
+        wrench, first = wrenches[:, foot], each * foot
+        out[:, foot, :, first] = errors.gain * wrench
         for k, axis in enumerate(np.eye(3)):
-            out[:, foot, 3:, 4 * foot + 1 + k] = errors.place * np.cross(axis, wrenches[:, foot, :3])
+            out[:, foot, 3:, first + 1 + k] = errors.place * np.cross(axis, wrench[:, :3])
+        out[:, foot, :, first + 4] = errors.turn * _turned(wrench)
     out[..., -1] = errors.clock * rates
+    return out
+
+
+def _turned(wrench: Array) -> Array:
+    """(nf, 6) how wrenches (nf, 6) change by a turn about the vertical through their centre of pressure, per rad.
+
+    Where a foot hardly presses there is no such centre, and nothing to turn.
+    """
+    out = np.zeros_like(wrench)
+    on = wrench[:, 1] > LOADED_N
+    out[on, :3] = cross(UP, wrench[on, :3])
+    out[on, 3:] = cross(centre_on_ground(wrench[on], 0.0), out[on, :3])
     return out

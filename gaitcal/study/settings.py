@@ -51,8 +51,13 @@ class PlateErrorTable(Table):
     """
 
     place_mm: float = Field(
-        default=5.0, ge=0, le=1000, description="place of a plate, and of its centres of pressure, along each axis"
+        default=8.0,
+        ge=0,
+        le=1000,
+        description="place of a plate, and of its centres of pressure, along each axis; spot checks find 8 of plates "
+        "that were not calibrated as they stand",
     )
+    turn_deg: float = Field(default=1.0, ge=0, le=180, description="turn of a plate about the vertical")
     gain_percent: float = Field(default=1.0, ge=0, le=100, description="gain of a plate")
     clock_ms: float = Field(default=2.0, ge=0, le=1000, description="clock of the plates against that of the cameras")
 
@@ -192,8 +197,9 @@ class CalibrationSettings(Table):
 
     plate_error: PlateErrorTable = Field(
         default=PlateErrorTable(),
-        description="standard deviations of place (mm, along each axis), gain (%) and clock (ms) of force plates: part "
-        "of the error bars of torques, and of what inertial parameters are weighed against; 0 switches a part off",
+        description="standard deviations of place (mm, along each axis), turn (deg), gain (%) and clock (ms) of "
+        "plates: part of the error bars of torques, and of what inertial parameters are weighed against; 0 switches a "
+        "part off",
     )
 
     segment_axes: Literal["palpated", "exact"] = Field(

@@ -41,7 +41,7 @@ PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
 
 
-EXACT_PLATES = PlateErrorTable(place_mm=0.0, gain_percent=0.0, clock_ms=0.0)
+EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
 """Synthetic ground reactions are those that the motion asks for."""
 
 

@@ -43,6 +43,28 @@ def frames_dropped(part: Part) -> Change:
     return spoil
 
 
+def frame_lost(share: float, count: int = 1) -> Change:
+    """So many frames are missing at a share of the trial, and the times are numbered on as if nothing were."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        at = round(share * len(recording.time))
+        kept = np.delete(recording.markers, np.arange(at, at + count), axis=0)
+        return replace(recording, time=recording.time[: len(kept)], markers=kept)
+
+    return spoil
+
+
+def frame_twice(share: float) -> Change:
+    """One frame stands in the file twice, and the last one is left out."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        at = round(share * len(recording.time))
+        twice = np.insert(recording.markers, at, recording.markers[at], axis=0)
+        return replace(recording, markers=twice[:-1])
+
+    return spoil
+
+
 def backwards(recording: Recording, markers: MarkerSet) -> Recording:
     """Played from the end to the beginning."""
     return replace(recording, markers=recording.markers[::-1].copy())

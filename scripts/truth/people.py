@@ -125,7 +125,7 @@ def _static_point(study: Study, known: Recording, track: Array) -> Array:
     return np.asarray(back.mean(axis=0))
 
 
-EXACT_PLATES = {"place_mm": 0.0, "gain_percent": 0.0, "clock_ms": 0.0}
+EXACT_PLATES = {"place_mm": 0.0, "turn_deg": 0.0, "gain_percent": 0.0, "clock_ms": 0.0}
 """Ground reactions of people that another program made, or we."""
 
 

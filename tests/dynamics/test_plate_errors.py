@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
+from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
@@ -26,6 +28,17 @@ def walk() -> tuple[Dynamics, tuple[Array, Array, Array], Array, Array]:
     return Dynamics(parameters), state, residual_free_wrench(parameters, motion), motion.basis.time  # type: ignore[return-value]
 
 
+def turned(wrench: Array, angle: float) -> Array:
+    """(nf, 6) a plate turned about the vertical through each centre of pressure, where one stands."""
+    out = wrench.copy()
+    on = wrench[:, 1] > LOADED_N
+    point, rotation = centre_on_ground(wrench[on]), Rotation.from_rotvec([0.0, angle, 0.0])
+    free = wrench[on, 3:] - np.cross(point, wrench[on, :3])
+    out[on, :3] = rotation.apply(wrench[on, :3])
+    out[on, 3:] = np.cross(point, out[on, :3]) + rotation.apply(free)
+    return out
+
+
 def errors_of(dynamics: Dynamics, q: Array, wrench: Array, time: Array, errors: PlateErrors) -> Array:
     """(nf, 29) standard errors of torques."""
     columns = dynamics.of_ground(q, wrench_errors(wrench, wrench_rates(time, wrench), errors))
@@ -41,11 +54,11 @@ def test_the_ground_s_part_is_what_forces_with_and_without_it_differ_by() -> Non
     assert np.abs(part).max() > 10.0
 
 
-@pytest.mark.parametrize("which", ["place", "gain", "clock"])
+@pytest.mark.parametrize("which", ["place", "gain", "turn", "clock"])
 def test_each_part_is_the_scatter_of_torques_of_plates_that_err_so(which: str) -> None:
-    """Plates drawn at random, their wrenches changed as a laboratory would: moved, louder, a little late."""
+    """Plates drawn at random, their wrenches changed as a laboratory would: moved, louder, turned, a little late."""
     dynamics, (q, v, a), wrench, time = walk()
-    size = {"place": 0.004, "gain": 0.02, "clock": 0.0005}[which]
+    size = {"place": 0.004, "gain": 0.02, "turn": 0.02, "clock": 0.0005}[which]
     errors = PlateErrors(**{"place": 0.0, "gain": 0.0, "clock": 0.0, which: size})
     expected = errors_of(dynamics, q, wrench, time, errors)
     rng = np.random.default_rng(62)
@@ -63,6 +76,8 @@ def test_each_part_is_the_scatter_of_torques_of_plates_that_err_so(which: str) -
                 other[:, foot] *= 1.0 + rng.normal(0.0, size)
             elif which == "place":
                 other[:, foot, 3:] += np.cross(rng.normal(0.0, size, 3), wrench[:, foot, :3])
+            elif which == "turn":
+                other[:, foot] = turned(wrench[:, foot], rng.normal(0.0, size))
         squares += (dynamics.forces(q, v, a, other) - true) ** 2
     seen = np.sqrt(squares / DRAWS)
     inner = slice(2, -2)  # at the ends of a trial a clock reaches beyond it
@@ -72,10 +87,11 @@ def test_each_part_is_the_scatter_of_torques_of_plates_that_err_so(which: str) -
 
 
 def test_sizes_are_those_of_the_study_in_SI() -> None:
-    errors = PlateErrors.of(PlateErrorTable(place_mm=3.0, gain_percent=2.0, clock_ms=5.0))
+    errors = PlateErrors.of(PlateErrorTable(place_mm=3.0, turn_deg=2.0, gain_percent=2.0, clock_ms=5.0))
     assert (errors.place, errors.gain, errors.clock) == pytest.approx((0.003, 0.02, 0.005))
+    assert errors.turn == pytest.approx(np.deg2rad(2.0))
     assert errors.any
-    assert not PlateErrors.of(PlateErrorTable(place_mm=0.0, gain_percent=0.0, clock_ms=0.0)).any
+    assert not PlateErrors.of(PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)).any
 
 
 def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:

@@ -107,7 +107,7 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
 def test_plate_errors_are_an_inline_table_that_is_written_and_read_back(folder: Path) -> None:
     study = load(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = 0, clock_ms = 1.5 }"))
     plates = study.calibration.plate_error
-    assert (plates.place_mm, plates.gain_percent, plates.clock_ms) == (0.0, 1.0, 1.5)
+    assert (plates.place_mm, plates.turn_deg, plates.gain_percent, plates.clock_ms) == (0.0, 1.0, 1.0, 1.5)
     assert load(folder, study.to_toml(folder)) == study
     line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = -1 }"))
     assert "calibration.plate_error.place_mm" in line and "found -1" in line

@@ -60,7 +60,12 @@ def attacks() -> Row:
     yield from row("lbf", "subject01 multi", p.plates(p.gain(LBF)), f"{GAIN}|lbf|pound")
     yield from row("kN", "p01", p.plates(p.gain(0.001)), f"{GAIN}|kN|{NOTHING}")
     yield from row("free moment in N·mm", "subject01 synthetic pig", p.plates(p.free_moment(1000.0)), FREE)
-    yield from row("free moment of wrong sign", "subject01 synthetic p01", p.plates(p.free_moment(-1.0)), FREE)
+    yield from row(
+        "free moment of wrong sign",
+        "subject01 synthetic p01 pig kad multi child p18",
+        p.plates(p.free_moment(-1.0)),
+        FREE,
+    )
     for ms, bases in (
         (20, "subject01 synthetic"),
         (-20, "p01"),
@@ -73,8 +78,10 @@ def attacks() -> Row:
     yield from row("clock 5 % fast", "subject01 synthetic", p.plates(p.other_clock(1.05)), CLOCK)
     for mm, bases in (
         ((10, 0, 0), "subject01 synthetic"),
-        ((20, 0, 0), "subject01 p01"),
-        ((0, 0, 20), "synthetic subject01"),
+        ((20, 0, 0), "subject01 p01 kad"),
+        ((0, 0, 20), "synthetic subject01 pig"),
+        ((-30, 0, 0), "kad p18"),
+        ((0, 0, 30), "child multi"),
         ((40, 0, 0), "subject01 synthetic pig"),
         ((0, 0, -40), "p01 p18"),
         ((80, 0, 0), "subject01 child"),
@@ -85,8 +92,15 @@ def attacks() -> Row:
     yield from row(
         "plates 50 mm too high", "subject01 pig", p.plates(p.moved((0, 50, 0))), f"{PLACE}|high|height|level"
     )
-    for degrees, bases in ((5.0, "subject01 synthetic"), (90.0, "subject01 synthetic pig"), (180.0, "subject01 p01")):
+    for degrees, bases in (
+        (2.0, "kad pig"),
+        (5.0, "subject01 synthetic kad multi child p01"),
+        (90.0, "subject01 synthetic pig"),
+        (180.0, "subject01 p01"),
+    ):
         yield from row(f"plates turned {degrees:g} deg about the vertical", bases, p.plates(p.turned(degrees)), YAW)
+    yield from row("one plate turned 5 deg about the vertical", "pig p18", p.plates(p.turned(5.0), 1), YAW)
+    yield from row("room of the plates turned 3 deg", "subject01 multi", p.room_turned(3.0, "y"), f"{YAW}|{PLACE}")
     yield from row("one plate turned 180 deg", "synthetic child", p.plates(p.turned(180.0), 1), f"{YAW}|{POINT}")
     yield from row("plates tilted 5 deg", "subject01 synthetic", p.plates(p.turned(5.0, "x")), TILT)
     yield from row("room of the plates tilted 5 deg", "p01 synthetic", p.room_turned(5.0, "z"), TILT)

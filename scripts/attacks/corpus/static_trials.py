@@ -26,6 +26,7 @@ LANDMARKS = (
     ("ankle_med_r", "shank_r", (-30, 0, 0), "uf3"),
     ("asis_r", "pelvis", (0, 30, 0), "subject01 p18"),
     ("asis_l", "pelvis", (0, 0, 30), "pig synthetic"),
+    ("asis_r", "pelvis", (40, 0, 0), "kad uf3"),
     ("asis_l", "pelvis", (0, -20, 0), "child"),
     ("sacrum", "pelvis", (0, 40, 0), "synthetic"),
     ("sacrum", "pelvis", (0, 0, 30), "uf3"),
@@ -62,7 +63,7 @@ def attacks() -> Row:
     """Every attack on a static trial."""
     row = rows(Kind.STATIC)
     knees = "knee|{knee_lat_r}|{knee_lat_l}"
-    with_medial = "subject01 synthetic p01 uf3 functional"
+    with_medial = "subject01 synthetic p01 p18 uf3 functional"
     yield from row(
         "medial knee labels left with right",
         with_medial,

@@ -11,6 +11,7 @@ from attacks.corpus.isolated_trials import recording_of
 from attacks.corpus.words import EXCHANGED, MIRROR, MOVED, PERSON, UNITS, WALKS, Row, rows
 from attacks.labelling import exchanged, sides_exchanged
 from attacks.markers import in_every, labels_of
+from attacks.placement import displaced, slid
 from attacks.whole_files import axes, scaled
 from gaitcal import Study, load_marker_set
 
@@ -50,6 +51,18 @@ def without_a_table(study: Study) -> Study:
     return replace(
         study, trials=tuple(replace(t, plates={"1": "r", "2": "r"}) if t.name == WALK else t for t in study.trials)
     )
+
+
+PELVIS = (
+    # landmarks, mm (forward, up, right), bases: put on elsewhere, and there in all trials
+    (("asis_r",), (0, 30, 0), "subject01 synthetic kad p01"),
+    (("asis_l",), (0, 0, -30), "subject01 synthetic multi"),
+    (("asis_r",), (-30, 0, 0), "pig p18"),
+    (("asis_r", "asis_l"), (0, 30, 0), "subject01 synthetic child"),
+    (("asis_r", "asis_l"), (-30, 0, 0), "synthetic kad"),
+    (("sacrum",), (0, 40, 0), "subject01 synthetic pig"),
+    (("sacrum",), (0, 0, 30), "kad uf3"),
+)
 
 
 def attacks() -> Row:
@@ -102,6 +115,22 @@ def attacks() -> Row:
         in_every(sides_exchanged("thigh")),
         "thigh",
         f"{EXCHANGED}|{MIRROR}",
+    )
+    for landmarks, mm, bases in PELVIS:
+        axis = ("forward", "up", "right")[[bool(x) for x in mm].index(True)]
+        yield from row(
+            f"{' and '.join(landmarks)} {max(mm, key=abs):+d} mm {axis} in all trials",
+            bases,
+            in_every(*(displaced("pelvis", name, mm) for name in landmarks)),
+            "asis|sacr|pelvi|hip|" + "|".join(f"{{{name}}}" for name in landmarks),
+            MOVED,
+        )
+    yield from row(
+        "pelvis markers 30 mm up in all trials",
+        "subject01 synthetic kad",
+        in_every(slid("pelvis", (0, 30, 0))),
+        "pelvi|hip|asis",
+        MOVED,
     )
     yield from row("z mirrored in all trials", "subject01 uf3 pig", in_every(axes((0, 1, 2), (1, 1, -1))), MIRROR)
     yield from row("all trials x 1.1", "subject01 uf3", in_every(scaled(1.1)), f"{PERSON}|{UNITS}|tall")

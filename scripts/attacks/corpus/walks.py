@@ -20,7 +20,17 @@ from attacks.trajectories import (
     of_marker,
     spline_filled,
 )
-from attacks.whole_files import axes, backwards, frames_dropped, hardly_moving, other_rate, scaled, tilted
+from attacks.whole_files import (
+    axes,
+    backwards,
+    frame_lost,
+    frame_twice,
+    frames_dropped,
+    hardly_moving,
+    other_rate,
+    scaled,
+    tilted,
+)
 from gaitcal import Study
 
 HALF = (0.5, 1.0)
@@ -74,6 +84,19 @@ def attacks() -> Row:
     for segment, bases in (("thigh_r", "subject01 synthetic p01"), ("shank_l", "uf3 p18"), ("foot_r", "subject01")):
         yield from row(
             f"{segment} cluster slid 20 mm up", bases, in_walk(slid(segment, (0, 20, 0))), cluster(segment), MOVED
+        )
+    for mm, bases in (
+        ((0, 30, 0), "subject01 synthetic pig"),
+        ((40, 0, 0), "synthetic kad"),
+        ((0, 0, 30), "multi p01"),
+    ):
+        axis = ("forward", "up", "right")[[bool(x) for x in mm].index(True)]
+        yield from row(
+            f"pelvis markers slid {max(mm)} mm {axis}",
+            bases,
+            in_walk(slid("pelvis", mm)),
+            "pelvi|{pelvis}|hip|thigh|trunk|lumbar",
+            MOVED,
         )
     for segment, bases in (("thigh_r", "subject01 synthetic uf3 p18"), ("shank_l", "p01 child")):
         yield from row(
@@ -157,6 +180,23 @@ def attacks() -> Row:
         "subject01 synthetic pig child",
         in_walk(frames_dropped((0.45, 0.55))),
         r"jump|frames|\btime\b|clock|gap|missing|\blate\b|early",
+    )
+    for share, count, bases in (
+        (0.5, 1, "subject01 synthetic pig kad multi child p01 uf3"),
+        (0.3, 1, "subject01 synthetic p18"),
+        (0.7, 2, "pig kad"),
+    ):
+        yield from row(
+            f"{count} frame lost at {share:g}, times numbered on",
+            bases,
+            in_walk(frame_lost(share, count)),
+            r"frame|clock|seam|jump|\btime\b|\blate\b|early",
+        )
+    yield from row(
+        "one frame twice",
+        "subject01 synthetic kad multi",
+        in_walk(frame_twice(0.5)),
+        r"frame|clock|seam|jump|\btime\b|twice|frozen|repeat",
     )
     for factor, bases in ((2.0, "subject01 synthetic pig uf3"), (0.5, "p01")):
         yield from row(f"{factor:g} times the frame rate in the header", bases, in_walk(other_rate(factor)), RATE)
