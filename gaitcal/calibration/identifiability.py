@@ -39,7 +39,6 @@ _AXES: dict[str, dict[str, tuple[str, ...]]] = {
     "ankle": {"talocrural": ("ankle_angle",), "subtalar": ("subtalar_angle",)},
 }
 """Joint of an isolated trial -> its axes (first words of joint parameters) -> their coordinates."""
-_COORDINATES = {"hip": ("hip_flexion", "hip_adduction"), "knee": ("knee_angle",)}
 _WORDS = {
     "hip_flexion": "flexion",
     "hip_adduction": "abduction",
@@ -89,18 +88,17 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
     return tuple(name for name in free if name.split(".")[0] in {f"{axis}_{side}" for axis in still})
 
 
-def _turn(problem: TrialProblem, nodes: Array, coordinate: str) -> float:
-    """Range (rad) of a coordinate over a trial."""
-    return float(np.ptp(problem.basis.evaluate(nodes)[:, problem.chain.coordinates.index(coordinate)]))
+def _turns(problem: TrialProblem, nodes: Array, joint: str) -> dict[str, float]:
+    """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
+    kind, side = joint.split("_")
+    ranges = dict(zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(nodes), axis=0).tolist(), strict=True))
+    return {name: ranges[f"{name}_{side}"] for names in _AXES[kind].values() for name in names}
 
 
 def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
     """Movements of an isolated trial that are too small to show their axis."""
-    kind, side = joint.split("_")
-    names = _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle"))
     out = []
-    for name in names:
-        turned = _turn(problem, nodes, f"{name}_{side}")
+    for name, turned in _turns(problem, nodes, joint).items():
         if turned < NEEDED_TURN:
             out.append(
                 Finding(
@@ -110,7 +108,7 @@ def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Findin
                     cause=f"{joint} hardly moved in {_WORDS[name]}",
                     found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg show that axis",
                     cure="its error bar is the wider; record the trial again with a larger movement",
-                    leg=side,
+                    leg=joint[-1],
                     code=Code.SMALL_MOVEMENT,
                 )
             )
@@ -129,10 +127,9 @@ def turns_of(
     for problem, own, joint in zip(problems, nodes, joints, strict=True):
         if joint is None:
             continue
-        kind, side = joint.split("_")
         found = out.setdefault(joint, {})
-        for name in _COORDINATES.get(kind, ("ankle_angle", "subtalar_angle")):
-            found[name] = max(found.get(name, 0.0), _turn(problem, own, f"{name}_{side}"))
+        for name, turned in _turns(problem, own, joint).items():
+            found[name] = max(found.get(name, 0.0), turned)
     return out
 
 
@@ -143,8 +140,8 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
         needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
         return f"add an isolated {kind} trial of the {side} leg with {needed}"
     had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {_WORDS[name]}" for name, angle in turned.items())
-    axes = {"talocrural": "ankle_angle", "subtalar": "subtalar_angle"}.get(joint.split("_")[0])
-    small = [_WORDS[n] for n, angle in turned.items() if angle < NEEDED_TURN and axes in (None, n)]
+    own = _AXES[kind][joint.split("_")[0]]
+    small = [_WORDS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in own]
     if small:
         return f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn more"
     return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"

@@ -77,7 +77,7 @@ class JointSearch:
         settings: JointSettings | None = None,
         *,
         nominal: Parameters | None = None,
-        tissue: TissuePrior = NO_TISSUE,
+        tissue: TissuePrior | None = None,
         expected: tuple[Array, Array] | None = None,
     ) -> None:
         """Set up the search.
@@ -94,7 +94,7 @@ class JointSearch:
             is expected of them unless given.
         """
         self.parameters, self.settings = parameters, settings or JointSettings()
-        self.free = passed(problems, free)
+        self.free, tissue = passed(problems, free), tissue or NO_TISSUE
         index, nz = [JP_INDEX[name] for name in self.free], len(tissue.keys)
         position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index], dtype=bool)
         self.present = np.append(parameters.joint[index], np.zeros(nz))

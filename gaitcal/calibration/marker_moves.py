@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -51,11 +50,6 @@ class MarkerMoves:
         """Every source once."""
         return tuple(dict.fromkeys((*self.own, *self.others)))
 
-    @cached_property
-    def together(self) -> Array:
-        """(np, np) or fewer columns: what all sources make of the unknowns, as one."""
-        return np.asarray(np.linalg.qr(self.shift.T, mode="r")).T
-
     def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
         """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
         return np.concatenate([self.moved(basis, part, nq, derivative) for derivative in range(3)], axis=1)
@@ -68,32 +62,17 @@ class MarkerMoves:
         out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
         return out.reshape(part.stop - part.start, nq, -1)
 
-    def split(self, both: Array) -> tuple[Array, Array]:
-        """What belongs to the own coordinates, and to the unknowns."""
-        count = self.nodes.shape[1]
-        return both[:, :, :count], both[:, :, count:]
-
-    def variance(self, own: Array, by_unknown: Array) -> tuple[Array, Array]:
-        """(frames, m) of all sources together, and the part of the trial's own markers.
-
-        `own` (frames, m, own) is what the own coordinates move, `by_unknown` (frames, m, np) what the unknowns.
+    def variances(self, moved: Array) -> dict[Source, Array]:
+        """Source -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates and
+        unknowns do.
         """
-        nf, m, _ = own.shape
-        markers = np.array([source is Source.MOTION for source in self.own], dtype=bool)
-        of_markers = squares(own[:, :, markers])
-        others = squares(own[:, :, ~markers])
-        others += _product_squares(by_unknown.reshape(nf * m, -1), self.together).reshape(nf, m)
-        return of_markers + others, of_markers
-
-    def variances(self, own: Array, by_unknown: Array) -> dict[Source, Array]:
-        """Source -> (frames, m) its part of `variance`."""
-        (nf, m, _), flat = own.shape, by_unknown.reshape(own.shape[0] * own.shape[1], -1)
-        out: dict[Source, Array] = {}
+        (nf, m, _), count, out = moved.shape, self.nodes.shape[1], dict[Source, Array]()
+        by_unknown = moved[:, :, count:].reshape(nf * m, -1)
         for source in self.present:
-            mine = [k for k, of in enumerate(self.own) if of is source]
+            own = [k for k, of in enumerate(self.own) if of is source]
             shared = [k for k, of in enumerate(self.others) if of is source]
-            found = squares(own if len(mine) == own.shape[2] else own[:, :, mine])
-            out[source] = found + _product_squares(flat, self.shift[:, shared]).reshape(nf, m)
+            found = squares(moved[:, :, :count] if len(own) == count else moved[:, :, own])
+            out[source] = found + _product_squares(by_unknown, self.shift[:, shared]).reshape(nf, m)
         return out
 
 
@@ -173,7 +152,7 @@ def coordinate_variances(problem: TrialProblem, moves: MarkerMoves) -> dict[Sour
     basis, nq = problem.basis, len(problem.chain.coordinates)
     out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
     for part in stretches(len(basis.time), BLOCK):
-        for source, variance in moves.variances(*moves.split(moves.moved(basis, part, nq, 0))).items():
+        for source, variance in moves.variances(moves.moved(basis, part, nq, 0)).items():
             out[source][part] = variance
     return out
 

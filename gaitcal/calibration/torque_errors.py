@@ -148,15 +148,12 @@ class ErringForces:
 
     def _of_markers(self, part: slice, by_state: Array, by_parameter: Array) -> Variances:
         """What errors of the joint parameters and of the motion make."""
-        moves, moved = self.moves, self.moves.states(self.problem.basis, part, len(COORDINATES))
-
-        def of(rows: slice) -> tuple[Array, Array]:
-            own, by_unknown = moves.split(by_state[:, rows] @ moved)
-            by_unknown[:, :, : by_parameter.shape[2]] += by_parameter[:, rows]
-            return own, by_unknown
-
-        torques = moves.variances(*of(slice(len(FORCES))))
-        return Variances(torques, *moves.variance(*of(slice(len(FORCES), None))))
+        moves = self.moves
+        every = by_state @ moves.states(self.problem.basis, part, len(COORDINATES))
+        count = moves.nodes.shape[1]
+        every[:, :, count : count + by_parameter.shape[2]] += by_parameter
+        torques, kinetics = (moves.variances(every[:, rows]) for rows in (slice(len(FORCES)), slice(len(FORCES), None)))
+        return Variances(torques, np.asarray(sum(kinetics.values())), kinetics[Source.MOTION])
 
 
 @dataclass

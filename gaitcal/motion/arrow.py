@@ -141,17 +141,10 @@ class SharedTrials:
 
     has_curvature = False
 
-    def __init__(
-        self,
-        problems: Sequence[TrialProblem],
-        parameters: Parameters,
-        free: tuple[str, ...],
-        tissue: tuple[str, ...] = (),
-    ) -> None:
-        """`tissue`: the columns of the trials' soft tissue, shared after the joint parameters `free`."""
-        self.parameters, self.free, self.size = parameters, free, len(free) + len(tissue)
+    def __init__(self, problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters, self.free, self.size = parameters, free, len(free)
         self.open = [problem.with_free(free) for problem in problems]
-        self.columns = [problem.places_in((*free, *tissue)) for problem in self.open]
+        self.columns = [problem.places_in(free) for problem in self.open]
         self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
 
     def joined(self, p: Array, nodes: Sequence[Array]) -> Array:

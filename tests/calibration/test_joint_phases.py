@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.calibration.joint_calibration import JointSearch, JointSettings
 from gaitcal.calibration.joint_phases import (
     GAIT,
     JointCalibration,
@@ -20,6 +20,7 @@ from gaitcal.calibration.joint_phases import (
 )
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
 from tests.derivatives import perturbed_parameters, random_trial
@@ -58,6 +59,24 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     first, both, only = (np.array([c.influence.standard_errors[n] for n in KNEE]) for c in (after, together, alone))
     np.testing.assert_allclose(first, both, rtol=0.2)  # noises of two trials, each known to some 10 %
     assert np.median(both / only) < 0.9
+
+
+def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises() -> None:
+    """And the errors those of trials that are not equally noisy: H^-1 (sum nu^2 S_t) H^-1."""
+    trials, truth = two_trials()
+    noisy = trials[0].data.measured + np.random.default_rng(5).normal(0, 0.004, trials[0].data.measured.shape)
+    trials[0] = trials[0].with_measured(noisy)
+    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    found = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, PUBLISHED)
+    starts = [starting_nodes(t.chain, t.constants(truth), t.data, t.basis) for t in trials]
+    plain = JointSearch(trials, truth, KNEE, starts).run()
+    np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
+    (phase,) = found.phases
+    assert phase.noise["isolated"] > 3 * phase.noise["walk"]
+    scores = sum(phase.noise[t.name] ** 2 * s.matrices.hessian for t, s in zip(trials, plain.state.trials, strict=True))
+    inverse = np.linalg.inv(plain.state.hessian)
+    expected = np.sqrt(np.diag(inverse @ scores @ inverse))
+    np.testing.assert_allclose([found.influence.standard_errors[n] for n in KNEE], expected, rtol=1e-5)
 
 
 def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_with() -> None:

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
-from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
+from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
 from gaitcal.cli import app
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.fingerprint import fingerprint
@@ -61,7 +61,7 @@ def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     problem, _ = hip_trial(1)
     nominal = perturbed_parameters(np.random.default_rng(2))
     (plain, errors), (same, as_learnt) = (
-        estimate_joints(gait(problem), nominal, HIP, prior=learnt) for learnt in (None, prior(*prior_of(HIP, None)))
+        estimate_joints(gait(problem), nominal, HIP, prior=learnt) for learnt in (ANATOMY, prior(*prior_of(HIP, None)))
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
     np.testing.assert_allclose(as_learnt.covariance, errors.covariance, rtol=1e-6, atol=1e-15)
