@@ -159,5 +159,5 @@ def root_residual(
         by_acceleration=root_wrench(q, slopes.by_acceleration),
         by_parameter=root_wrench(q, slopes.by_parameter),
         free=slopes.free,
-        regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, 120),
+        regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, -1),
     )

@@ -240,7 +240,7 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
     Parameters
     ----------
     model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all 27 coordinates.
+    motion : from `gaitcal.track`, all coordinates.
     forces : (nf, 2, 6) ground on right and left foot at the frames of the motion: force (N) and moment (N·m) about
         the laboratory origin, laboratory axes; zeros where a foot is in the air: the `wrench` that
         `gaitcal.ground_reactions` makes of a recording's plates.
@@ -253,7 +253,7 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != COORDINATES:
-        raise ValueError("inverse dynamics needs a motion of the whole body, with all 27 coordinates")
+        raise ValueError(f"inverse dynamics needs a motion of the whole body, with all {len(COORDINATES)} coordinates")
     if not isinstance(forces, np.ndarray):
         raise InputError(
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "

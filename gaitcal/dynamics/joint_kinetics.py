@@ -126,7 +126,7 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
     Parameters
     ----------
     model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all 27 coordinates.
+    motion : from `gaitcal.track`, all coordinates.
     forces : (nf, 2, 6) ground on right and left foot: force (N) and moment (N·m) about the laboratory origin, as in
         `gaitcal.ground_reactions(...).wrench`. A leg's powers and moments count where that leg is valid.
 
@@ -136,7 +136,7 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != COORDINATES:
-        raise ValueError("joint kinetics need a motion of the whole body, with all 27 coordinates")
+        raise ValueError(f"joint kinetics need a motion of the whole body, with all {len(COORDINATES)} coordinates")
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
     return kinetics_of(model.parameters, motion, forces)
@@ -153,7 +153,7 @@ def by_frame(values: Array) -> Array:
 class KineticSlopes:
     """How the 29 generalised forces, the 28 powers and the 63 components of moments depend on what they are made of.
 
-    Rows run over these 120 quantities.
+    Rows run over these quantities.
     """
 
     by_force: Array

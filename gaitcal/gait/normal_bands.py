@@ -39,9 +39,8 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.variables import GROUND_REACTION, Kind, kind_of
-from gaitcal.gait.words import split_side
-from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.gait.variables import Kind, coordinate_of, kind_of, known_variables
+from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording.text_file import read_lines
 from gaitcal.records import dataclass
@@ -84,8 +83,6 @@ UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
 }
 """What a file may say, per kind of variable."""
-_PELVIS: Final = {"pelvis_tilt": (-1.0, -1.0), "pelvis_list": (-1.0, 1.0), "pelvis_rotation": (1.0, -1.0)}
-"""Clinical pelvis angles to ours, of the right and of the left side."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +116,8 @@ class NormalBand:
         if kind is Kind.MOMENT:
             return 1.0 if self.signs is Signs.GAITCAL else -1.0
         if kind is Kind.ANGLE and self.signs is Signs.CLINICAL:
-            return _PELVIS.get(self.variable, (1.0, 1.0))[0 if side == "r" else 1]
+            told = coordinate_words(self.variable).clinical
+            return 1.0 if told is None else told.sign(side)
         return 1.0
 
 
@@ -270,7 +268,7 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
             raise _BandsError(f"{found}; allowed: increasing percents", source=source, field=at)
     if len(rows) < LEAST_POINTS:
         raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
-    if signs is Signs.CLINICAL and variable.startswith("lumbar"):
+    if signs is Signs.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":
         raise _BandsError(
             f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
         )
@@ -282,18 +280,4 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
         mean=np.array([row.mean for row in rows]),
         sd=np.array([row.sd for row in rows]),
         source=told,
-    )
-
-
-def known_variables() -> tuple[str, ...]:
-    """Every variable that a table of strides may hold, without sides."""
-    bases = [split_side(n)[0] for n in COORDINATES if not is_translation(n) and not n.startswith(("arm", "elbow"))]
-    angles = tuple(dict.fromkeys(bases))
-    moved = (*(n for n in angles if not n.startswith("pelvis")), "knee_adduction")
-    powers = (*moved, "hip", "knee", "ankle")
-    return (
-        *angles,
-        *(f"{name}{Kind.MOMENT.ending}" for name in moved),
-        *(f"{name}{Kind.POWER.ending}" for name in powers),
-        GROUND_REACTION,
     )

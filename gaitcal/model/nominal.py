@@ -21,7 +21,7 @@ from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.knee_and_ankle import JointWidths
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
-from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
+from gaitcal.model.linkage import JOINTS, LEG_SEGMENTS, SEGMENT_TABLE, SEGMENTS, SIDES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
@@ -196,7 +196,7 @@ def _placement(
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
         needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: checks/one_marker.py
-        if kept < needed and (segment == "pelvis" or segment.startswith(("thigh", "shank", "foot"))):
+        if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
             raise InputError(
@@ -241,9 +241,9 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
-    bodies = {"headtrunk": "head_trunk", "upperarm": "upper_arm", "forearmhand": "forearm_hand"}
+    bodies = {name.replace("_", ""): name for name in SEGMENT_TABLE}
     for body, listed in data["markers_local_mm_right_side"].items():
-        segment = bodies.get(body, body)
+        segment = bodies[body]
         for label, position in listed.items():
             local = 1e-3 * np.array(position, dtype=float)
             if segment in SEGMENTS:

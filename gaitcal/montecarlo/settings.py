@@ -64,12 +64,12 @@ class ReactionFrame(Enum):
 class ParameterChoice(Enum):
     """Which joint parameters vary; the two legs independently."""
 
-    LEG = 27
-    """All 27 of each leg."""
-    GAIT = 17
-    """The 17 of each leg that a gait trial determines."""
-    ALL = 98
-    """All 98, back and arms too."""
+    LEG = len(leg_parameters(SIDES[0]))
+    """All of each leg."""
+    GAIT = len(gait_parameters(SIDES[0]))
+    """Those of each leg that a gait trial determines."""
+    ALL = len(JP_NAMES)
+    """All, back and arms too."""
 
     @property
     def names(self) -> tuple[str, ...]:

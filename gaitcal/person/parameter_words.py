@@ -18,8 +18,8 @@ from gaitcal.gait.words import (
     parameter_place,
     parameter_words,
     segment_words,
-    split_side,
 )
+from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_rows

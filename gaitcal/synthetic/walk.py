@@ -24,6 +24,7 @@ from scipy.linalg import solveh_banded
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.model.build import GRAVITY
+from gaitcal.model.coordinates import group_of
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -175,7 +176,7 @@ def _usual_force(phase: Array) -> Array:
 def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
     """Coordinates and accelerations as meant."""
     slides = np.array([is_translation(name) for name in COORDINATES])
-    arms = np.array([name.startswith(("arm", "elbow")) for name in COORDINATES])
+    arms = np.array([group_of(name) == "arm" for name in COORDINATES])
     place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
     acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
     nf, nq = len(basis.time), nodes.shape[1]

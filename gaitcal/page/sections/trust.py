@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gaitcal.gait.moments import MomentNumbers
-from gaitcal.gait.words import capitalised, coordinate_title, joint_words, split_side
+from gaitcal.gait.words import capitalised, coordinate_title, joint_words
+from gaitcal.model.coordinates import split_side
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.sections.blocks import (
     MISSING,
