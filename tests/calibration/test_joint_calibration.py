@@ -13,7 +13,7 @@ from gaitcal.calibration.far_start import step_together
 from gaitcal.calibration.influence import influence_of
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings, calibrate_joints
 from gaitcal.calibration.reduced_problem import ReducedProblem
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.banded import BandFactor
@@ -63,8 +63,8 @@ def test_from_absolute_zero_gait_is_found() -> None:
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=markers)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
-    zero = model.parameters.with_joint(free, np.zeros(17))
-    near = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
+    zero = model.parameters.with_joint(free, np.zeros(len(free)))
+    near = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(len(free)))
     found = calibrate_joints([problem], zero.with_joint(free, near.p), free, near.nodes)
     np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
 
@@ -192,7 +192,7 @@ def test_what_earlier_trials_know_counts_like_their_markers() -> None:
     together = calibrate_joints(trials, truth, KNEE, starts)
     first = calibrate_joints(trials[:1], truth, KNEE, starts[:1])
     at = [JP_INDEX[name] for name in first.free]
-    information = np.zeros((98, 98))
+    information = np.zeros((len(JP_NAMES), len(JP_NAMES)))
     information[np.ix_(at, at)] = first.state.hessian
     after = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:], information=information)
     alone = calibrate_joints(trials[1:], first.parameters, KNEE, starts[1:])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaitcal.model.build import build_model
 from gaitcal.model.inertial_parameters import is_physical
-from gaitcal.model.joint_parameters import JP_TO_SI
+from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
 
@@ -59,7 +59,7 @@ def perturbed(model: SubjectModel, seed: int) -> SubjectModel:
     if seed == 0:
         return model
     rng = np.random.default_rng([seed, 2])
-    joint = model.parameters.joint + rng.uniform(-10, 10, 98) * JP_TO_SI
+    joint = model.parameters.joint + rng.uniform(-10, 10, len(JP_NAMES)) * JP_TO_SI
     inertial = model.parameters.inertial.copy()
     while True:
         inertial = model.parameters.inertial * rng.uniform(0.9, 1.1, 84)

@@ -150,7 +150,7 @@ def test_poses_and_jacobian_agree_with_pinocchio(free: tuple[str, ...]) -> None:
     linkage = build_linkage(parameters, free)
     chain = Chain(free=free)
     constants = chain.constants(parameters.joint, parameters.zero_angles)
-    q = rng.normal(0, 0.5, (5, 27))
+    q = rng.normal(0, 0.5, (5, len(COORDINATES)))
     poses = forward(chain, constants, q)
     axes, origins = segment_poses(chain, constants, poses)
     columns = jacobian(chain, constants, poses)
@@ -171,7 +171,7 @@ def test_poses_and_jacobian_agree_with_pinocchio(free: tuple[str, ...]) -> None:
 def test_built_model_has_the_coordinates_in_order() -> None:
     model = build_model(published_subject())
     assert list(model.names)[1:] == list(COORDINATES)
-    assert model.nv == 27
+    assert model.nv == len(COORDINATES)
     np.testing.assert_array_equal(model.gravity.linear, [0.0, -GRAVITY, 0.0])  # y is up
 
 
@@ -180,7 +180,7 @@ def test_published_subject_stands_as_documented() -> None:
     p = published_subject()
     chain = Chain()
     constants = chain.constants(p.joint, p.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, 27))))
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, len(COORDINATES)))))
     at = {name: i for i, name in enumerate(chain.segments)}
     for side, sign in (("r", 1.0), ("l", -1.0)):
         foot, shank = axes[at[f"foot_{side}"], :, :, 0], axes[at[f"shank_{side}"], :, :, 0]
@@ -216,10 +216,10 @@ def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
         inertia = pin.Inertia(row[0], row[1:4], np.diag(row[4:7]))
         np.testing.assert_allclose(inertia.toDynamicParameters(), phi, atol=1e-15)
     jac = dynamic_jacobian(inertial)
-    whole = np.zeros((12, 10, 12, 7))
-    for s in range(12):
+    whole = np.zeros((len(MASSIVE_SEGMENTS), 10, len(MASSIVE_SEGMENTS), 7))
+    for s in range(len(MASSIVE_SEGMENTS)):
         whole[s, :, s] = jac[s]
-    assert_derivative(whole.reshape(120, 84), lambda x: dynamic_parameters(x), inertial)
+    assert_derivative(whole.reshape(-1, len(IP_NAMES)), lambda x: dynamic_parameters(x), inertial)
 
 
 @pytest.mark.parametrize(

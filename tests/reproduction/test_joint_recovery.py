@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.calibration.far_start import step_together
 from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.reproduction import joint_recovery
 from gaitcal.reproduction.joint_recovery import LEG, free_parameters, synthetic_problem, true_model, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
@@ -37,7 +38,7 @@ def test_problems_are_the_published_ones(clean: SeedResult) -> None:
     for problem in PROBLEMS:
         markers = synthetic_problem(problem, None)
         assert markers.data.measured.shape == (41, 3, 208 if problem == "full leg" else 1200)
-        assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, 27)
+        assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, len(COORDINATES))
         assert set(np.unique(markers.data.weight)) == {1.0}
 
 
@@ -52,7 +53,7 @@ def test_everything_starts_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     joint_recovery.solve("full leg", synthetic_problem("full leg", None), true_model().parameters)
     (starts, p) = seen[0]
     assert p.shape == (17,) and not p.any()
-    assert starts[0].shape == (20, 27) and not starts[0].any()
+    assert starts[0].shape == (20, len(COORDINATES)) and not starts[0].any()
 
 
 def test_noise_moves_the_minimum_below_the_truth(draws: list[SeedResult]) -> None:

@@ -90,7 +90,7 @@ def lines(text: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-Q = np.zeros((11, 27))
+Q = np.zeros((11, len(COORDINATES)))
 
 
 @pytest.mark.parametrize(
