@@ -17,7 +17,7 @@ needs a derivative reads it from the sequence. What coordinates and joints are c
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import TypeAlias
 
@@ -135,6 +135,11 @@ _ARM: tuple[_Row, ...] = (
 _TRANSLATIONS, _ROTATIONS = ("ant", "sup", "lat"), ("front", "trans", "sag")
 
 
+def of_side(segment: str, side: str) -> str:
+    """`thigh` -> `thigh_r`; a segment of the middle as it is."""
+    return f"{segment}_{side}" if SEGMENT_TABLE[segment].paired else segment
+
+
 def _joint(row: _Row, side: str) -> Joint:
     """The joint of a row of the tables on one side (`r`, `l`), or in the middle (``)."""
     kind, parent, child, in_parent, motions, in_child = row
@@ -143,8 +148,7 @@ def _joint(row: _Row, side: str) -> Joint:
         return f"{name}_{side}" if side else name
 
     def segment(short: str) -> str:
-        row = _OF_SHORT[short]
-        return sided(row.name) if row.paired else row.name
+        return of_side(_OF_SHORT[short].name, side)
 
     def parameters(place: str, directions: str, sign: float) -> Iterator[Element]:
         for direction in directions.split():
@@ -212,13 +216,22 @@ def root_elements(root: str) -> tuple[Element, ...]:
     )
 
 
+def joints_above(segment: str) -> tuple[Joint, ...]:
+    """The joints on the way from the pelvis to a segment."""
+    joint = JOINT_OF_CHILD.get(segment)
+    return () if joint is None else (*joints_above(joint.parent), joint)
+
+
+def coordinates_before(segments: Iterable[str]) -> tuple[str, ...]:
+    """Coordinates of the joints whose children are these segments."""
+    elements = [e for segment in segments for e in JOINT_OF_CHILD[segment].elements]
+    return tuple(e.name for e in elements if e.source is Source.COORDINATE)
+
+
 def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
     """Coordinates of the part of the linkage made of `segments` with `root` free in the laboratory."""
-    names = [e.name for e in root_elements(root)]
-    for joint in JOINTS:
-        if joint.child in segments and joint.child != root:
-            names += [e.name for e in joint.elements if e.source is Source.COORDINATE]
-    return tuple(names)
+    moved = [joint.child for joint in JOINTS if joint.child in segments and joint.child != root]
+    return (*(e.name for e in root_elements(root)), *coordinates_before(moved))
 
 
 COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)

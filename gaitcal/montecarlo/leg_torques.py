@@ -25,7 +25,7 @@ from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.records import dataclass
@@ -35,7 +35,10 @@ TORQUES = LEG_COORDINATES
 TORQUE_WORDS = {name: COORDINATE_TABLE[name].title[:1].lower() + COORDINATE_TABLE[name].title[1:] for name in TORQUES}
 LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name in TORQUES)
 """Both legs: the order of every axis of torques."""
-OF_FOOT = (slice(0, len(TORQUES)), slice(len(TORQUES), None))
+OF_FOOT = tuple(
+    np.array([k for k, name in enumerate(LEG_TORQUES) if name in carrying])
+    for carrying in ({e.name for j in joints_above(foot) for e in joint_elements(j, reactions=True)} for foot in FEET)
+)
 """Which of them the wrench on the right foot changes, and which the wrench on the left."""
 LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
 
