@@ -37,18 +37,21 @@ from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import chain_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, Source, joint_elements, root_elements
+from gaitcal.model.linkage import (
+    COORDINATES,
+    JOINTS,
+    REACTIONS,
+    SEGMENT_TABLE,
+    Source,
+    joint_elements,
+    root_elements,
+    segment_kind,
+)
 from gaitcal.model.parameters import Parameters
 from gaitcal.records import dataclass
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
-    "pelvis": (2.0, 2.0, 2.5),
-    "thigh": (2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
-    "shank": (1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
-    "foot": (1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
-    "head_trunk": (2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
-    "upper_arm": (2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
-    "forearm_hand": (2.0, 6.0, 2.0),
+    row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated
 }
 """Segment -> deg, standard deviations of turns about its x, y and z axis. A talus has no landmarks, and no error."""
 EXACT: Mapping[str, tuple[float, float, float]] = {}
@@ -108,7 +111,7 @@ class AxisErrors:
         self._linkage = build_linkage(parameters, free, reactions=True)
         self._fixed = {name: float(parameters.joint[JP_INDEX[name]]) for name in free}
         self._data = self._linkage.model.createData()
-        each = {s: deviations_deg.get(s.removesuffix("_r").removesuffix("_l"), ()) for s in self._chain.segments}
+        each = {s: deviations_deg.get(segment_kind(s).name, ()) for s in self._chain.segments}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
         self.segments = tuple(self._deviations)
         """Whose axes are wrong."""

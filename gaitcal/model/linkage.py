@@ -44,30 +44,62 @@ class Segment:
     """A segment of a leg without whose markers there are no joint torques of that leg."""
     parts: tuple[str, ...] = ()
     """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
+    palpated: tuple[float, float, float] | None = None
+    """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
+    (`dynamics/axis_errors.py`); None: it has no landmarks, and no error."""
     free_centre: tuple[str, ...] = ()
     """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
 
 
 _SEGMENTS = (
-    Segment(name="pelvis", paired=False, parts=("LowerTrunk",), free_centre=("com.ant", "com.sup")),
-    Segment(name="thigh", needed=True, parts=("Thigh",), free_centre=("com.sup",)),
-    Segment(name="shank", needed=True, parts=("Shank2",), free_centre=("com.sup",)),
+    Segment(
+        name="pelvis", paired=False, parts=("LowerTrunk",), palpated=(2.0, 2.0, 2.5), free_centre=("com.ant", "com.sup")
+    ),
+    Segment(
+        name="thigh",
+        needed=True,
+        parts=("Thigh",),
+        palpated=(2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
+        free_centre=("com.sup",),
+    ),
+    Segment(
+        name="shank",
+        needed=True,
+        parts=("Shank2",),
+        palpated=(1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
+        free_centre=("com.sup",),
+    ),
     Segment(name="talus", markers=False),
-    Segment(name="foot", needed=True, parts=("Foot",), free_centre=("com.ant",)),
+    Segment(
+        name="foot",
+        needed=True,
+        parts=("Foot",),
+        palpated=(1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
+        free_centre=("com.ant",),
+    ),
     Segment(
         name="head_trunk",
         short="trunk",
         words="head and trunk",
         paired=False,
         parts=("MiddleTrunk", "UpperTrunk", "Head2"),
+        palpated=(2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
         free_centre=("com.sup",),
     ),
-    Segment(name="upper_arm", short="upperarm", words="upper arm", parts=("UpperArm",), free_centre=("com.sup",)),
+    Segment(
+        name="upper_arm",
+        short="upperarm",
+        words="upper arm",
+        parts=("UpperArm",),
+        palpated=(2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
+        free_centre=("com.sup",),
+    ),
     Segment(
         name="forearm_hand",
         short="forearm",
         words="forearm and hand",
         parts=("Forearm", "Hand"),
+        palpated=(2.0, 6.0, 2.0),
         free_centre=("com.sup",),
     ),
 )
