@@ -119,7 +119,7 @@ class AxisErrors:
         """What each column of the moves below turns: a segment about its x, y or z."""
 
     def coordinate_errors(self, q: Array) -> Array:
-        """(nf, 27) m, rad: standard errors that these leave in coordinates (nf, 27)."""
+        """(nf, nq) m, rad: standard errors that these leave in coordinates (nf, nq)."""
         out = np.empty_like(q)
         for start in range(0, len(q), BLOCK):
             part = slice(start, start + BLOCK)
@@ -127,7 +127,7 @@ class AxisErrors:
         return out
 
     def coordinate_moves(self, q: Array) -> Array:
-        """(nf, 27, k) m, rad: one standard deviation of each turn, at coordinates (nf, 27)."""
+        """(nf, nq, k) m, rad: one standard deviation of each turn, at coordinates (nf, nq)."""
         axes, segments, _ = self._placed(q)
         out = np.zeros((*q.shape, len(self.columns)))
         for _, place, taken in self._taken(axes, segments):
@@ -144,12 +144,12 @@ class AxisErrors:
             yield segment, place, self._turns(segments, place)
 
     def rate_moves(self, q: Array, time: Array) -> Array:
-        """(nf, 27, k) m/s, rad/s: what they make of the rates of a motion (nf, 27) at the times (nf,) s."""
+        """(nf, nq, k) m/s, rad/s: what they make of the rates of a motion (nf, nq) at the times (nf,) s."""
         moves = self.coordinate_moves(q)
         return np.zeros_like(moves) if len(time) < 2 else np.gradient(moves, time, axis=0)
 
     def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, 29, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
+        """(nf, nt, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
         axes, segments, columns = self._placed(q)
         forces = self._forces(q, v, a, wrenches, columns)
         out = np.zeros((len(q), len(FORCES), len(self.columns)))

@@ -79,9 +79,9 @@ class SavedMotion:
     """A whole-body motion, and the torques of its valid frames."""
 
     q: Array
-    """(nf, 27) m, rad."""
+    """(nf, nq) m, rad."""
     velocity: Array
-    """(nf, 27) m/s, rad/s."""
+    """(nf, nq) m/s, rad/s."""
     torques: Mapping[str, Array] | None
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
     valid: Mapping[str, BoolArray]

@@ -59,7 +59,7 @@ class _Rows:
     value: Array
     """(nf, n)."""
     by_position: Array | None = None
-    """(nf, n, 27)."""
+    """(nf, n, nq)."""
     by_velocity: Array | None = None
     by_acceleration: Array | None = None
 
@@ -69,15 +69,15 @@ class Meant:
     """The motion that a walk is to be like."""
 
     q: Array
-    """(nf, 27) m, rad."""
+    """(nf, nq) m, rad."""
     acceleration: Array
-    """(nf, 27) m/s^2, rad/s^2."""
+    """(nf, nq) m/s^2, rad/s^2."""
     spread: float = 1.0
     """Of how far from it the walk may be: less where the ground carries it already."""
 
 
 def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, meant: Meant) -> Array:
-    """(nn, 27) m, rad: nodes of a walk of the person with these parameters.
+    """(nn, nq) m, rad: nodes of a walk of the person with these parameters.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _rows(value: Array, slopes: list[Array]) -> _Rows:
 
 
 def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
-    """(nn, 27) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
+    """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
     nq = len(COORDINATES)
     width = ORDER * nq
     nf = len(basis.time)
