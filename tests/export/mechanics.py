@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from gaitcal.model.build import build_model
-from gaitcal.model.inertial_parameters import is_physical
+from gaitcal.model.inertial_parameters import IP_NAMES, is_physical
 from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
@@ -62,7 +62,7 @@ def perturbed(model: SubjectModel, seed: int) -> SubjectModel:
     joint = model.parameters.joint + rng.uniform(-10, 10, len(JP_NAMES)) * JP_TO_SI
     inertial = model.parameters.inertial.copy()
     while True:
-        inertial = model.parameters.inertial * rng.uniform(0.9, 1.1, 84)
+        inertial = model.parameters.inertial * rng.uniform(0.9, 1.1, len(IP_NAMES))
         if is_physical(inertial).all():
             break
     return model.with_parameters(replace(model.parameters, joint=joint, inertial=inertial))
