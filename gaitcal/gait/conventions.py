@@ -140,8 +140,8 @@ class Convention:
         return (-1.0 if clinical else 1.0) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
 
     def _of_pelvis(self, name: str, side: str) -> tuple[float, str]:
-        told = coordinate_words(name).clinical if self.signs is Signs.CLINICAL else None
-        return (1.0, "") if told is None else (told.sign(side), told.words)
+        clinical = coordinate_words(name).clinical if self.signs is Signs.CLINICAL else None
+        return (1.0, "") if clinical is None else (clinical.sign(side), clinical.words)
 
 
 def _senses(name: str) -> tuple[str, str]:

@@ -116,8 +116,8 @@ class NormalBand:
         if kind is Kind.MOMENT:
             return 1.0 if self.signs is Signs.GAITCAL else -1.0
         if kind is Kind.ANGLE and self.signs is Signs.CLINICAL:
-            told = coordinate_words(self.variable).clinical
-            return 1.0 if told is None else told.sign(side)
+            clinical = coordinate_words(self.variable).clinical
+            return 1.0 if clinical is None else clinical.sign(side)
         return 1.0
 
 
@@ -167,8 +167,8 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     """
     source = bands_file(path)
     comments, rows = _parted(source)
-    told = _told(comments)
-    signs = _signs(told.get("signs", []), source)
+    named = _named(comments)
+    signs = _signs(named.get("signs", []), source)
     header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
         raise _BandsError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
@@ -177,8 +177,8 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
         points.setdefault(row.variable, []).append(row)
     if not points:
         raise _BandsError("found no row below the names of the columns", source=source)
-    said = "; ".join(told.get("source", []))
-    return {variable: _band(variable, found, signs, said, source) for variable, found in points.items()}
+    origin = "; ".join(named.get("source", []))
+    return {variable: _band(variable, found, signs, origin, source) for variable, found in points.items()}
 
 
 def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
@@ -196,7 +196,7 @@ def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return comments, rows
 
 
-def _told(comments: Sequence[str]) -> dict[str, list[str]]:
+def _named(comments: Sequence[str]) -> dict[str, list[str]]:
     """What comments of the form `name: text` say, each text once."""
     out: dict[str, list[str]] = {}
     for name, colon, text in (comment.partition(":") for comment in comments):
@@ -205,18 +205,18 @@ def _told(comments: Sequence[str]) -> dict[str, list[str]]:
     return out
 
 
-def _signs(said: Sequence[str], source: Path) -> Signs:
+def _signs(texts: Sequence[str], source: Path) -> Signs:
     """What all lines on signs agree in."""
     names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
     allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
-    if not said:
+    if not texts:
         raise _BandsError(f"missing; {allowed}", source=source, field="signs")
-    for text in said:
+    for text in texts:
         if text.lower() not in names:
             raise _BandsError(f"found '{text}'; {allowed}", source=source, field="signs")
-    if len({names[text.lower()] for text in said}) > 1:
-        raise _BandsError(f"found {' and '.join(map(repr, said))}; {allowed}", source=source, field="signs")
-    return names[said[0].lower()]
+    if len({names[text.lower()] for text in texts}) > 1:
+        raise _BandsError(f"found {' and '.join(map(repr, texts))}; {allowed}", source=source, field="signs")
+    return names[texts[0].lower()]
 
 
 def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
@@ -257,7 +257,7 @@ def _plain(unit: str) -> str:
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: Path) -> NormalBand:
+def _band(variable: str, rows: Sequence[_Row], signs: Signs, origin: str, source: Path) -> NormalBand:
     for before, row in itertools.pairwise(rows):
         at = f"line {row.line}"
         if row.unit != before.unit:
@@ -279,5 +279,5 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
         percent=np.array([row.percent for row in rows]),
         mean=np.array([row.mean for row in rows]),
         sd=np.array([row.sd for row in rows]),
-        source=told,
+        source=origin,
     )

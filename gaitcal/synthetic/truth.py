@@ -62,8 +62,8 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
     legs = lower_body(posture, model.subject.height, hip_centre)
     frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
-    told = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
-    return StaticFrames(told, posture, legs, frames)
+    in_frames = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
+    return StaticFrames(in_frames, posture, legs, frames)
 
 
 def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:

@@ -33,7 +33,7 @@ def joint_of(base: str) -> str:
 
 
 def _row(row: Coordinate) -> dict[str, Any]:
-    told = row.clinical
+    clinical = row.clinical
     return {
         "base": row.name,
         "title": row.title,
@@ -41,5 +41,5 @@ def _row(row: Coordinate) -> dict[str, Any]:
         "moment": list(row.senses or (row.moment, f"not {row.moment}")),
         "actor": row.moment,
         "flips": is_of_leg(row.name),
-        "pelvis": {side: {"sign": told.sign(side), "words": told.words} for side in SIDES} if told else {},
+        "pelvis": {s: {"sign": clinical.sign(s), "words": clinical.words} for s in SIDES} if clinical else {},
     }
