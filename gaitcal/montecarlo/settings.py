@@ -62,13 +62,13 @@ class ReactionFrame(Enum):
 
 
 class ParameterChoice(Enum):
-    """Which joint parameters vary; the two legs independently."""
+    """Which joint parameters vary, the two legs independently; named by how many the published linkage has."""
 
-    LEG = len(leg_parameters(SIDES[0]))
+    LEG = 27
     """All of each leg."""
-    GAIT = len(gait_parameters(SIDES[0]))
+    GAIT = 17
     """Those of each leg that a gait trial determines."""
-    ALL = len(JP_NAMES)
+    ALL = 98
     """All, back and arms too."""
 
     @property
