@@ -80,7 +80,7 @@ def test_sizes_are_those_of_the_study_in_SI() -> None:
 
 def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
     rng = np.random.default_rng(63)
-    by_source = {s: rng.uniform(0.0, 2.0, (30, 29)) for s in (Source.MOTION, Source.INERTIA, Source.PLATES)}
+    by_source = {s: rng.uniform(0.0, 2.0, (30, len(FORCES))) for s in (Source.MOTION, Source.INERTIA, Source.PLATES)}
     by_source[Source.SKIN] = np.zeros((30, len(FORCES)))
     errors, valid = TorqueErrors.of(by_source), rng.uniform(size=30) > 0.3
     np.testing.assert_allclose(errors.every**2, sum(by_source.values()), rtol=1e-12)

@@ -45,9 +45,9 @@ def random_states(seed: int, count: int = STATES, still: tuple[str, ...] = ()) -
     moving = np.array([name not in still for name in COORDINATES], float)
     return [
         State(
-            0.8 * rng.normal(size=27) * moving,
-            4.0 * rng.normal(size=27) * moving,
-            40.0 * rng.normal(size=27) * moving,
+            0.8 * rng.normal(size=len(COORDINATES)) * moving,
+            4.0 * rng.normal(size=len(COORDINATES)) * moving,
+            40.0 * rng.normal(size=len(COORDINATES)) * moving,
             rng.normal(size=(2, 6)) * [500, 800, 500, 300, 300, 300],
         )
         for _ in range(count)
@@ -55,7 +55,7 @@ def random_states(seed: int, count: int = STATES, still: tuple[str, ...] = ()) -
 
 
 def perturbed(model: SubjectModel, seed: int) -> SubjectModel:
-    """All 98 JPs within 10 mm and 10 degrees, all 84 IPs within 10 %, left and right apart; seed 0: as it is."""
+    """All JPs within 10 mm and 10 degrees, all IPs within 10 %, left and right apart; seed 0: as it is."""
     if seed == 0:
         return model
     rng = np.random.default_rng([seed, 2])
