@@ -310,7 +310,7 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     )
 
     def moments(scale: float) -> Moments:
-        tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, 27))
+        tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, len(COORDINATES)))
         residual = scale * np.stack([10.0 * np.cos(9.0 * time)] * 3, axis=1)
         return Moments(
             coordinates=COORDINATES,
@@ -323,7 +323,7 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
         )
 
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
-    sizes = np.append(np.full(27, 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
+    sizes = np.append(np.full(len(COORDINATES), 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
     spread = TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()}) if errors else None
     return LoadedTrial(reactions, stages, spread)
 

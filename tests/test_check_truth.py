@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.model.joint_parameters import JP_INDEX, leg_parameters
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.recording import Recording
 from gaitcal.synthetic.subject import synthetic_model
@@ -82,7 +83,7 @@ def test_sara_finds_a_hinge() -> None:
 
 def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
-    pose = np.zeros(27)
+    pose = np.zeros(len(COORDINATES))
     pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
     frames = {
         name: true_joints.SegmentPose(f.rotation, f.origin) for name, f in segment_frames(parameters, pose).items()

@@ -189,12 +189,12 @@ class _MarkersAndLoads(SharedTrials):
     def _by_theta(self, load: RootResidual, parameters: Parameters, theta: Array) -> Array:
         """(frames, 6, size) derivative of the root residual by theta, in its standard deviations."""
         frames = len(load.value)
-        by_dynamic = load.regressor.reshape(frames, 6, 12, 10)
+        by_dynamic = load.regressor.reshape(frames, 6, -1, 10)
         by_inertial = np.einsum("frsd,sdk->frsk", by_dynamic, dynamic_jacobian(parameters.inertial))
         out = np.zeros((frames, 6, self.size))
         out[:, :, [self.free.index(n) for n in load.free]] = load.by_parameter
         split = len(self.free)
-        out[:, :, split:] = by_inertial.reshape(frames, 6, 84) @ self.chart.jacobian(theta[split:])
+        out[:, :, split:] = by_inertial.reshape(frames, 6, -1) @ self.chart.jacobian(theta[split:])
         out *= self.load_weight[None, :, None]
         return out
 

@@ -138,7 +138,7 @@ def fit_published(
 
 def by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
-    blocks = factor.reshape(len(factor), 12, 10)
+    blocks = factor.reshape(len(factor), -1, 10)
     out: Array = np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
     return out
 

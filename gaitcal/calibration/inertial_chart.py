@@ -73,7 +73,7 @@ class LogChart:
         """(84,) inertial parameters, SI."""
         log_mass, shift, log_second = self._parts(x)
         raw = self.rows[:, 0] * np.exp(log_mass)
-        out = np.empty((12, 7))
+        out = np.empty(self.rows.shape)
         out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
         out[:, 1:4] = self.rows[:, 1:4] + shift
         second = self.second * np.exp(log_second)
@@ -85,14 +85,14 @@ class LogChart:
         _, _, log_second = self._parts(x)
         mass = table(self.inertial(x))[:, 0]
         second = self.second * np.exp(log_second)
-        chain = np.zeros((12, 7, 12, 7))
+        chain = np.zeros((*self.rows.shape, *self.rows.shape))
         share = mass / mass.sum()
         chain[:, 0, :, 0] = np.diag(mass) - np.outer(mass, share)
-        for s in range(12):
+        for s in range(len(self.rows)):
             for axis in range(3):
                 chain[s, 1 + axis, s, 1 + axis] = 1.0
                 for other in range(3):
                     if other != axis:
                         chain[s, 4 + axis, s, 4 + other] = second[s, other]
-        out: Array = chain.reshape(84, 84) @ self.selection
+        out: Array = chain.reshape(self.rows.size, -1) @ self.selection
         return out

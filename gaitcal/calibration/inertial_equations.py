@@ -61,12 +61,11 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
     length : m, torques are divided by weight * length.
     """
     nf = len(regressor)
-    rows = np.concatenate([regressor.reshape(nf, 6, 120), ground[:, :, None]], axis=2)
-    force, moment = _compressed(rows[:, :3].reshape(3 * nf, 121)), _compressed(rows[:, 3:].reshape(3 * nf, 121))
+    rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)
+    width = rows.shape[2]
+    force, moment = _compressed(rows[:, :3].reshape(3 * nf, width)), _compressed(rows[:, 3:].reshape(3 * nf, width))
     stacked = _compressed(np.vstack([force / weight, moment / (weight * length)]))
-    return RootEquations(
-        factor=stacked[:, :120], target=stacked[:, 120], frames=nf, force_rows=force, moment_rows=moment
-    )
+    return RootEquations(factor=stacked[:, :-1], target=stacked[:, -1], frames=nf, force_rows=force, moment_rows=moment)
 
 
 def _compressed(rows: Array) -> Array:

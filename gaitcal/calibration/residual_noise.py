@@ -101,10 +101,12 @@ def residual_noise(
     unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
-    per_ip = (dynamic_jacobian(parameters.inertial), chart.jacobian(np.zeros(chart.size)).reshape(12, 7, -1))
-    by_variable = np.einsum("sdk,skn->sdn", *per_ip).reshape(120, -1)
+    slopes = dynamic_jacobian(parameters.inertial)
     kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
-    by_kept = np.einsum("sdk,skn->sdn", per_ip[0], kept.reshape(12, 7, -1)).reshape(120, -1)
+    by_variable, by_kept = (
+        np.einsum("sdk,skn->sdn", slopes, x.reshape(len(slopes), 7, -1)).reshape(10 * len(slopes), -1)
+        for x in (chart.jacobian(np.zeros(chart.size)), kept)
+    )
     scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
     rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
 from gaitcal.records import dataclass
 
-ANGLES: Final = (
-    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation", "knee_angle"),
-    *("ankle_angle", "subtalar_angle", "lumbar_extension", "lumbar_bending", "lumbar_rotation"),
-)
+ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
 MOMENTS: Final = tuple(
     f"{name}_moment"
     for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")

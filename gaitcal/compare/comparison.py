@@ -209,6 +209,8 @@ _SLIDING = ("patella_r", "patella_l")
 
 def segment_of(body: str) -> str | None:
     """Our segment for a peer's body (the talus counts with the foot), or None."""
+    if body in MASSIVE_SEGMENTS:
+        return body
     if body in _MIDDLE:
         return _MIDDLE[body]
     stem, _, side = body.rpartition("_")

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from gaitcal.compare.difference import Difference
 from gaitcal.compare.session import Common
 from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
-from gaitcal.gait.words import SIDE_WORDS, coordinate_words, counted, parameter_words
+from gaitcal.gait.words import SIDE_WORDS, counted, parameter_words
+from gaitcal.model.coordinates import coordinate_words
 
 TOLD = 12
 """Variables that are told in words; the table has all."""

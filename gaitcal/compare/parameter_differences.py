@@ -39,6 +39,7 @@ from gaitcal.compare.difference import Difference
 from gaitcal.compare.session import Common, Session
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
+from gaitcal.model.linkage import segment_kind
 from gaitcal.study.joint_prior import JointPrior
 
 PLACED = 0.006
@@ -52,13 +53,13 @@ def placement(names: Sequence[str]) -> Array:
     out = []
     for name in names:
         p = JOINT_PARAMETERS[JP_INDEX[name]]
-        segment = p.segment.removesuffix("_r").removesuffix("_l")
+        segment = segment_kind(p.segment)
         if p.kind is Kind.POSITION:
             out.append(PLACED)
-        elif segment == "talus":
+        elif segment.palpated is None:
             out.append(float(np.deg2rad(np.hypot(PALPATED_DEG["shank"][1], PALPATED_DEG["foot"][1]))))
         else:
-            out.append(float(np.deg2rad(PALPATED_DEG[segment][p.axis])))
+            out.append(float(np.deg2rad(segment.palpated[p.axis])))
     return np.array(out)
 
 

@@ -40,18 +40,21 @@ from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import chain_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, Source, joint_elements, root_elements
+from gaitcal.model.linkage import (
+    COORDINATES,
+    JOINTS,
+    REACTIONS,
+    SEGMENT_TABLE,
+    Source,
+    joint_elements,
+    root_elements,
+    segment_kind,
+)
 from gaitcal.model.parameters import Parameters
 from gaitcal.records import dataclass
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
-    "pelvis": (2.0, 2.0, 4.5),
-    "thigh": (2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
-    "shank": (1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
-    "foot": (1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
-    "head_trunk": (2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
-    "upper_arm": (2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
-    "forearm_hand": (2.0, 6.0, 2.0),
+    row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated
 }
 """Segment -> deg, standard deviations of turns about its x, y and z axis. A talus has no landmarks, and no error."""
 EXACT: Mapping[str, tuple[float, float, float]] = {}
@@ -111,7 +114,7 @@ class AxisErrors:
         self._linkage = build_linkage(parameters, free, reactions=True)
         self._fixed = {name: float(parameters.joint[JP_INDEX[name]]) for name in free}
         self._data = self._linkage.model.createData()
-        each = {s: deviations_deg.get(s.removesuffix("_r").removesuffix("_l"), ()) for s in self._chain.segments}
+        each = {s: deviations_deg.get(segment_kind(s).name, ()) for s in self._chain.segments}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
         self.segments = tuple(self._deviations)
         """Whose axes are wrong."""
@@ -119,7 +122,7 @@ class AxisErrors:
         """What each column of the moves below turns: a segment about its x, y or z."""
 
     def coordinate_errors(self, q: Array) -> Array:
-        """(nf, 27) m, rad: standard errors that these leave in coordinates (nf, 27)."""
+        """(nf, nq) m, rad: standard errors that these leave in coordinates (nf, nq)."""
         out = np.empty_like(q)
         for start in range(0, len(q), BLOCK):
             part = slice(start, start + BLOCK)
@@ -127,7 +130,7 @@ class AxisErrors:
         return out
 
     def coordinate_moves(self, q: Array) -> Array:
-        """(nf, 27, k) m, rad: one standard deviation of each turn, at coordinates (nf, 27)."""
+        """(nf, nq, k) m, rad: one standard deviation of each turn, at coordinates (nf, nq)."""
         axes, segments, _ = self._placed(q)
         out = np.zeros((*q.shape, len(self.columns)))
         for _, place, taken in self._taken(axes, segments):
@@ -144,12 +147,12 @@ class AxisErrors:
             yield segment, place, self._turns(segments, place)
 
     def rate_moves(self, q: Array, time: Array) -> Array:
-        """(nf, 27, k) m/s, rad/s: what they make of the rates of a motion (nf, 27) at the times (nf,) s."""
+        """(nf, nq, k) m/s, rad/s: what they make of the rates of a motion (nf, nq) at the times (nf,) s."""
         moves = self.coordinate_moves(q)
         return np.zeros_like(moves) if len(time) < 2 else np.gradient(moves, time, axis=0)
 
     def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, 29, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
+        """(nf, nt, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
         axes, segments, columns = self._placed(q)
         forces = self._forces(q, v, a, wrenches, columns)
         out = np.zeros((len(q), len(FORCES), len(self.columns)))

@@ -36,11 +36,11 @@ class ForceDerivatives:
     """
 
     by_position: Array
-    """(nf, n, 27)."""
+    """(nf, n, nq)."""
     by_velocity: Array
-    """(nf, n, 27)."""
+    """(nf, n, nq)."""
     by_acceleration: Array
-    """(nf, n, 27)."""
+    """(nf, n, nq)."""
     by_parameter: Array
     """(nf, n, np), in the order of `free`."""
     free: tuple[str, ...]
@@ -53,11 +53,11 @@ class RootResidual:
     value: Array
     """(nf, 6)."""
     by_position: Array
-    """(nf, 6, 27)."""
+    """(nf, 6, nq)."""
     by_velocity: Array
-    """(nf, 6, 27)."""
+    """(nf, 6, nq)."""
     by_acceleration: Array
-    """(nf, 6, 27)."""
+    """(nf, 6, nq)."""
     by_parameter: Array
     """(nf, 6, np)."""
     free: tuple[str, ...]
@@ -75,7 +75,7 @@ def force_derivatives(
     held: tuple[str, ...] = (),
     of: tuple[str, ...] = FORCES,
 ) -> ForceDerivatives:
-    """Derivatives of `Dynamics.forces` at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
+    """Derivatives of `Dynamics.forces` at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
 
     `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29 that are wanted.
     """
@@ -144,7 +144,7 @@ def _contact_pulls(chain: Chain, columns: Array, wrenches: Array, rows: IntArray
 def root_residual(
     parameters: Parameters, free: tuple[str, ...], q: Array, v: Array, a: Array, wrenches: Array
 ) -> RootResidual:
-    """Pelvis residual at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6)."""
+    """Pelvis residual at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
     dynamics = Dynamics(parameters)
     value = pelvis_residual(q, dynamics.forces(q, v, a, wrenches))
     slopes = force_derivatives(parameters, free, q, v, a, wrenches, of=FORCES[:6])
@@ -159,5 +159,5 @@ def root_residual(
         by_acceleration=root_wrench(q, slopes.by_acceleration),
         by_parameter=root_wrench(q, slopes.by_parameter),
         free=slopes.free,
-        regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, 120),
+        regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, -1),
     )

@@ -20,6 +20,7 @@ from gaitcal.dynamics.off_sole import off_sole_frames
 from gaitcal.dynamics.partly_carried import beside_plates, shared_plates
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import SIDES
 from gaitcal.recording import filter_plate, resample_wrench
 from gaitcal.recording.filters import filterable
@@ -28,7 +29,7 @@ from gaitcal.recording.metadata import FootEvent
 from gaitcal.recording.recording import ForcePlate
 from gaitcal.records import dataclass
 
-LEG_COORDINATES = ("hip_", "knee_", "ankle_", "subtalar_")
+_OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""
 SPLINE_ENDS = 2
 """Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
@@ -89,7 +90,7 @@ class GroundReactions:
 
 def leg_of(name: str) -> str:
     """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
-    return name[-1] if name.startswith(LEG_COORDINATES) and name[-2:-1] == "_" and name[-1] in SIDES else ""
+    return name[-1] if name.startswith(_OF_LEG) and name[-2:-1] == "_" and name[-1] in SIDES else ""
 
 
 def ground_reactions_on_feet(

@@ -67,7 +67,7 @@ def ground_reactions(
     Parameters
     ----------
     model : the person's model, with the parameters that the motion was tracked with.
-    motion : from `gaitcal.track`, all 27 coordinates.
+    motion : from `gaitcal.track`, all coordinates.
     recording : the one that was tracked, in the same axes.
     plates : plate name -> "r", "l" or "none"; the foot under the centre of pressure unless given.
     cutoff_hz : zero-lag low-pass filter of the forces, left out where a plate is sampled at twice that or less;
@@ -80,7 +80,7 @@ def ground_reactions(
     """
     if motion.coordinates != COORDINATES:
         raise InputError(
-            "ground reactions need a motion of the whole body, with all 27 coordinates",
+            f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates",
             field="motion",
             code=Code.ARGUMENT,
         )

@@ -55,7 +55,7 @@ class Moments:
     time: Array
     """(nf,) s."""
     tau: Array
-    """(nf, 27) N·m; N for the three pelvis translations."""
+    """(nf, nq) N·m; N for the three pelvis translations."""
     knee_adduction: Array
     """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank about the knee frame's x axis,
     adduction positive."""
@@ -103,7 +103,7 @@ class Dynamics:
         self._moving = [names.index(name) for name in COORDINATES]
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, 29) generalised forces for coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6).
+        """(nf, nt) generalised forces for coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
@@ -121,7 +121,7 @@ class Dynamics:
         return rows
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
-        """(nf, 29, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
+        """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
         whole = np.zeros((len(q), len(self._chain.coordinates)))
         whole[:, self._moving] = q
         columns = jacobian(self._chain, self._constants, forward(self._chain, self._constants, whole))
@@ -132,7 +132,7 @@ class Dynamics:
         return out[:, self._chain_rows]
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(nf, 29, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
+        """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
         return in_segment_frames(self.linkage, joint_regressor(self.linkage, self._rows, q, v, a, held=self._held))
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
@@ -145,7 +145,7 @@ class Dynamics:
 
 
 def with_reactions(linkage: LinkageModel, values: Array, held: Mapping[str, float] = NOTHING_HELD) -> Array:
-    """(nf, 29) in the order of the linkage, with zeros for the locked reaction joints, from (nf, 27).
+    """(nf, nt) in the order of the linkage, with zeros for the locked reaction joints, from (nf, nq).
 
     `held`: joint parameter -> m, rad, of those that the linkage has as joints.
     """
@@ -168,7 +168,7 @@ def unloaded_forces(linkage: LinkageModel, data: pin.Data, q: Array, v: Array, a
 def joint_regressor(
     linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a: Array, *, held: Mapping[str, float] = NOTHING_HELD
 ) -> Array:
-    """(nf, nr, 12, 10) some rows of RNEA per dynamic parameter of each massive segment, from coordinates (nf, 27).
+    """(nf, nr, 12, 10) some rows of RNEA per dynamic parameter of each massive segment, from coordinates (nf, nq).
 
     Parameters are those in the frame of the joint that carries the segment, as Pinocchio has them: a block of ten
     columns for each of its joints.
@@ -199,7 +199,7 @@ def root_wrench(q: Array, rows: Array) -> Array:
 
 
 def pelvis_residual(q: Array, forces: Array) -> Array:
-    """(nf, 6) [F; T] that the ground reactions do not explain, from generalised forces (nf, 29)."""
+    """(nf, 6) [F; T] that the ground reactions do not explain, from generalised forces (nf, nt)."""
     return root_wrench(q, forces[:, :6, None])[:, :, 0]
 
 
@@ -240,7 +240,7 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
     Parameters
     ----------
     model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all 27 coordinates.
+    motion : from `gaitcal.track`, all coordinates.
     forces : (nf, 2, 6) ground on right and left foot at the frames of the motion: force (N) and moment (N·m) about
         the laboratory origin, laboratory axes; zeros where a foot is in the air: the `wrench` that
         `gaitcal.ground_reactions` makes of a recording's plates.
@@ -253,7 +253,7 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != COORDINATES:
-        raise ValueError("inverse dynamics needs a motion of the whole body, with all 27 coordinates")
+        raise ValueError(f"inverse dynamics needs a motion of the whole body, with all {len(COORDINATES)} coordinates")
     if not isinstance(forces, np.ndarray):
         raise InputError(
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "

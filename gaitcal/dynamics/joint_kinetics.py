@@ -48,7 +48,7 @@ class KineticErrors:
     """The part that the trial's own markers make, which differs from stride to stride; None where it is not known."""
 
     def only(self, coordinates: BoolArray) -> KineticErrors:
-        """The same with NaN for all that is not made of some coordinates (27,) alone."""
+        """The same with NaN for all that is not made of some coordinates (nq,) alone."""
         kept = {name for name, chosen in zip(COORDINATES, coordinates, strict=True) if chosen}
         joints = {joint for joint, own in POWER_JOINTS.items() if kept.issuperset(own)}
         powers = [kept.issuperset(POWER_COORDINATES[name]) for name in POWERS]
@@ -110,7 +110,7 @@ def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> Join
 
 
 def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
-    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, 27), their derivatives, and foot wrenches (nf, 2, 6)."""
+    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
     forces = Dynamics(parameters, HELD).forces(q, v, a, wrenches)
     moment = np.empty((len(q), len(VECTOR_FRAMES), len(COMPONENTS)))
     for start in range(0, len(q), BLOCK):
@@ -126,7 +126,7 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
     Parameters
     ----------
     model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all 27 coordinates.
+    motion : from `gaitcal.track`, all coordinates.
     forces : (nf, 2, 6) ground on right and left foot: force (N) and moment (N·m) about the laboratory origin, as in
         `gaitcal.ground_reactions(...).wrench`. A leg's powers and moments count where that leg is valid.
 
@@ -136,7 +136,7 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != COORDINATES:
-        raise ValueError("joint kinetics need a motion of the whole body, with all 27 coordinates")
+        raise ValueError(f"joint kinetics need a motion of the whole body, with all {len(COORDINATES)} coordinates")
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
     return kinetics_of(model.parameters, motion, forces)
@@ -153,15 +153,15 @@ def by_frame(values: Array) -> Array:
 class KineticSlopes:
     """How the 29 generalised forces, the 28 powers and the 63 components of moments depend on what they are made of.
 
-    Rows run over these 120 quantities.
+    Rows run over these quantities.
     """
 
     by_force: Array
     """(nf, 120, 35) L, per generalised force (`ALL_FORCES`)."""
     by_position: Array
-    """(nf, 120, 27), generalised forces staying; so are the following."""
+    """(nf, 120, nq), generalised forces staying; so are the following."""
     by_velocity: Array
-    """(nf, 120, 27)."""
+    """(nf, 120, nq)."""
     by_parameter: Array
     """(nf, 120, np) per free joint parameter."""
     by_turn: dict[str, Array]
@@ -170,7 +170,7 @@ class KineticSlopes:
     def moved(self, forces: Array, velocity: Array, turns: dict[str, Array]) -> Array:
         """(nf, 120, k) what errors in the direction of segments' axes make, in k columns.
 
-        They move the generalised forces by `forces` (nf, 29, k), rates by `velocity` (nf, 27, k), and turn segments by
+        They move the generalised forces by `forces` (nf, nt, k), rates by `velocity` (nf, nq, k), and turn segments by
         `turns` (nf, k, 3), rad, bodies and joints staying where they are.
         """
         own = len(FORCES) + len(POWERS)
@@ -186,7 +186,7 @@ class KineticSlopes:
 def kinetic_slopes(
     parameters: Parameters, q: Array, v: Array, forces: Array, free: tuple[str, ...] = ()
 ) -> KineticSlopes:
-    """At coordinates and rates (nf, 27), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
+    """At coordinates and rates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
     moments = moment_slopes(parameters, q, forces, free)
     nf, torques, coordinates = len(q), len(FORCES), len(COORDINATES)
     rows = torques + len(POWERS) + moments.values.shape[1]

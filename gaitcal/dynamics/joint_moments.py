@@ -152,7 +152,7 @@ class MomentSlopes:
     by_force: Array
     """(nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying."""
     by_position: Array
-    """(nf, 63, 27) per coordinate, generalised forces staying."""
+    """(nf, 63, nq) per coordinate, generalised forces staying."""
     by_parameter: Array
     """(nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain."""
     by_turn: dict[str, Array]
@@ -160,7 +160,7 @@ class MomentSlopes:
 
 
 def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
-    """At coordinates (nf, 27), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
+    """At coordinates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
     place = _Placed(parameters, q, (*free, *(name for name in HELD if name not in free)))
     nf, width = len(q), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)

@@ -14,17 +14,15 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import COORDINATES, JOINTS, Source
-
-_ANKLE = {"talocrural": "ankle", "subtalar": "ankle", "back": "lumbar"}
-"""First word of a joint of the linkage -> of the joint as people name it, where that is another one."""
 
 
 def _joints() -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for joint in JOINTS:
-        kind, _, side = joint.name.partition("_")
-        name = _ANKLE.get(kind, kind) + (f"_{side}" if side else "")
+        kind, side = split_side(joint.name)
+        name = JOINT_TABLE[kind].power + (f"_{side}" if side else "")
         own = tuple(e.name for e in joint.elements if e.source is Source.COORDINATE)
         found[name] = (*found.get(name, ()), *own)
     return found
@@ -37,7 +35,7 @@ POWERS: tuple[str, ...] = (*POWER_JOINTS, *(name for own in POWER_JOINTS.values(
 POWER_SUMS: Array = np.array(
     [[float(c == name or c in POWER_JOINTS.get(name, ())) for c in COORDINATES] for name in POWERS]
 )
-"""(np, 27) which coordinates' powers make each power."""
+"""(np, nq) which coordinates' powers make each power."""
 POWER_COORDINATES: dict[str, tuple[str, ...]] = {name: POWER_JOINTS.get(name, (name,)) for name in POWERS}
 
 
@@ -48,6 +46,6 @@ def power_name(name: str) -> str:
 
 
 def powers(tau: Array, velocity: Array) -> Array:
-    """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the 27 coordinates (nf, 27)."""
+    """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the coordinates (nf, nq)."""
     out: Array = (tau * velocity) @ POWER_SUMS.T
     return out

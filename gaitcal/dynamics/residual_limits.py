@@ -81,7 +81,7 @@ def residual_magnitudes(name: str, moments: Moments, valid: BoolArray) -> Residu
 def residual_limits(
     parameters: Parameters, q: Array, reactions: GroundReactions, plates: Sequence[ForcePlate]
 ) -> ResidualLimits:
-    """The limits of one trial with coordinates (nf, 27) and at least one valid frame."""
+    """The limits of one trial with coordinates (nf, nq) and at least one valid frame."""
     valid = np.flatnonzero(reactions.valid)
     net = np.linalg.norm(reactions.wrench[valid].sum(axis=1)[:, :3], axis=1)
     peak = float(net.max())

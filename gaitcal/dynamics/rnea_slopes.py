@@ -73,7 +73,7 @@ def rnea_slopes(
 
     Parameters
     ----------
-    inertial : (84,) inertial parameters.
+    inertial : (ni,) inertial parameters.
     pulls : (nf, n, 6) more that a derivative by position has for variables before its row: pulls . J_j.
     after : (nq + np, nq + np) whether variable j is i or comes after it on the way to all that it moves, [i, j].
     """

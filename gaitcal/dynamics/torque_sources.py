@@ -43,28 +43,28 @@ class TorqueErrors:
     """Standard errors of the final generalised forces."""
 
     tau: Array
-    """(nf, 27) N·m, N."""
+    """(nf, nq) N·m, N."""
     knee_adduction: Array
     """(nf, 2) N·m."""
     by_source: Mapping[Source, Array] = field(default_factory=dict)
-    """Source -> (nf, 29) variance of the 27 generalised forces and the two knee reactions, (N·m)^2, N^2; they sum to
+    """Source -> (nf, nt) variance of the 27 generalised forces and the two knee reactions, (N·m)^2, N^2; they sum to
     the squares of the standard errors. Empty where it is not known."""
     kinetics: KineticErrors | None = None
     """Of the powers and moment vectors that follow; None where they are not known."""
 
     @staticmethod
     def of(by_source: Mapping[Source, Array], kinetics: KineticErrors | None = None) -> TorqueErrors:
-        """From the variances (nf, 29) of at least one source."""
+        """From the variances (nf, nt) of at least one source."""
         errors = np.sqrt(sum(by_source.values()))
         return TorqueErrors(errors[:, :-2], errors[:, -2:], by_source, kinetics)
 
     @property
     def every(self) -> Array:
-        """(nf, 29) all of them."""
+        """(nf, nt) all of them."""
         return np.hstack([self.tau, self.knee_adduction])
 
     def only(self, coordinates: BoolArray) -> TorqueErrors:
-        """The same with NaN for all but some coordinates (27,), right and left knee's reaction with its knee angle."""
+        """The same with NaN for all but some coordinates (nq,), right and left knee's reaction with its knee angle."""
         knees = coordinates[[COORDINATE_INDEX[f"knee_angle_{side}"] for side in SIDES]]
         kept = np.concatenate([coordinates, knees])
         by_source = {source: np.where(kept, variance, np.nan) for source, variance in self.by_source.items()}

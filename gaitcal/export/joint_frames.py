@@ -26,6 +26,7 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.model.build import constant_motion
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
@@ -127,33 +128,12 @@ def from_body_fixed_xyz(angles: Array) -> Array:
     return rotation
 
 
-_DEGREES = {
-    "pelvis_tilt": (-90.0, 90.0),
-    "pelvis_list": (-90.0, 90.0),
-    "pelvis_rotation": (-180.0, 180.0),
-    "hip_flexion": (-40.0, 130.0),
-    "hip_adduction": (-60.0, 40.0),
-    "hip_rotation": (-50.0, 50.0),
-    "knee_angle": (-15.0, 150.0),
-    "ankle_angle": (-60.0, 40.0),
-    "subtalar_angle": (-40.0, 40.0),
-    "lumbar_extension": (-90.0, 90.0),
-    "lumbar_bending": (-90.0, 90.0),
-    "lumbar_rotation": (-90.0, 90.0),
-    "arm_flex": (-90.0, 180.0),
-    "arm_add": (-150.0, 90.0),
-    "elbow_flex": (-15.0, 160.0),
-}
-"""Both sides alike."""
-_METRES = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
-
-
 def _range(coordinate: str) -> tuple[float, float]:
     if is_translation(coordinate):
-        return _METRES[coordinate]
-    low, high = _DEGREES[coordinate.removesuffix("_r").removesuffix("_l")]
+        return TRANSLATION_RANGES[coordinate]
+    low, high = COORDINATE_TABLE[split_side(coordinate)[0]].usual
     return math.radians(low), math.radians(high)
 
 
 COORDINATE_RANGES: dict[str, tuple[float, float]] = {name: _range(name) for name in COORDINATES}
-"""Lowest and highest usual value of all 27, m or rad."""
+"""Lowest and highest usual value of every coordinate, m or rad."""

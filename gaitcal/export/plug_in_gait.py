@@ -21,7 +21,7 @@ The subtalar axis has points of its own, as Plug-in Gait has no such axis.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.powers import POWERS, powers
 from gaitcal.export.joint_frames import joint_frames
 from gaitcal.model.chain import Chain
+from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
@@ -40,32 +41,30 @@ ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radi
 MOMENT_UNITS = {"nmm": 1e3, "nmm/kg": 1e3, "nm": 1.0, "nm/kg": 1.0}
 """Spellings of POINT:MOMENT_UNITS, and each in 1 N·m; of all of them that per kg is meant."""
 
-_ANGLES = {
-    "Pelvis": ("pelvis_tilt", "pelvis_list", "pelvis_rotation"),
-    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
-    "Knee": ("knee_angle_{}",),
-    "Ankle": ("ankle_angle_{}",),
-    "Subtalar": ("subtalar_angle_{}",),
-}
-_SIGNS = {("Pelvis", "r"): (-1.0, -1.0, 1.0), ("Pelvis", "l"): (-1.0, 1.0, -1.0)}
-"""Ours to Plug-in Gait's, where an angle does not mean the same."""
-_MOMENTS = {
-    "Hip": ("hip_flexion_{}", "hip_adduction_{}", "hip_rotation_{}"),
-    "Knee": ("knee_angle_{}", "knee_adduction_{}"),
-    "Ankle": ("ankle_angle_{}",),
-    "Subtalar": ("subtalar_angle_{}",),
-}
+_MOMENTS: dict[str, list[Coordinate]] = {}
+for _row in COORDINATE_TABLE.values():
+    if _row.point:
+        _MOMENTS.setdefault(_row.point, []).append(_row)
+"""First word of a point -> what its axes hold, in their order."""
+
+
+def _angle_words(rows: Sequence[Coordinate]) -> str:
+    """`flexion, 0, 0 (a hinge)`."""
+    words = [row.clinical.words if row.clinical else (row.senses or (row.angle,))[0] for row in rows]
+    return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
+
+
+def _moment_words(rows: Sequence[Coordinate]) -> str:
+    """`internal, per kg: extension, abduction, 0`: moments of legs take the other sense."""
+    return "internal, per kg: " + ", ".join([*(row.senses[1] for row in rows if row.senses), "0", "0"][:3])
+
+
+_ANGLES = {point: [row for row in rows if row.name not in LOCKED] for point, rows in _MOMENTS.items()}
+del _MOMENTS["Pelvis"]  # its residual is none of the body's
 _POWERS = ("Hip", "Knee", "Ankle")
 _WORDS = {
-    "PelvisAngles": "anterior tilt, this side up, this side forward",
-    "HipAngles": "flexion, adduction, internal rotation",
-    "KneeAngles": "flexion, 0, 0 (a hinge)",
-    "AnkleAngles": "dorsiflexion, 0, 0 (a hinge)",
-    "SubtalarAngles": "inversion, 0, 0 (a hinge)",
-    "HipMoment": "internal, per kg: extension, abduction, external rotation",
-    "KneeMoment": "internal, per kg: extension, abduction, 0",
-    "AnkleMoment": "internal, per kg: plantarflexion, 0, 0",
-    "SubtalarMoment": "internal, per kg: eversion, 0, 0",
+    **{f"{point}Angles": _angle_words(rows) for point, rows in _ANGLES.items()},
+    **{f"{point}Moment": _moment_words(rows) for point, rows in _MOMENTS.items()},
     "HipPower": "W/kg: 0, 0, all axes",
     "KneePower": "W/kg: 0, 0, flexion",
     "AnklePower": "W/kg: 0, 0, ankle and subtalar axis",
@@ -80,9 +79,9 @@ class SavedMotion:
     """A whole-body motion, and the torques of its valid frames."""
 
     q: Array
-    """(nf, 27) m, rad."""
+    """(nf, nq) m, rad."""
     velocity: Array
-    """(nf, 27) m/s, rad/s."""
+    """(nf, nq) m/s, rad/s."""
     torques: Mapping[str, Array] | None
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
     valid: Mapping[str, BoolArray]
@@ -107,13 +106,14 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
 
 def _angles(motion: SavedMotion, unit: float) -> list[AddedPoint]:
     points = []
-    for joint, names in _ANGLES.items():
+    for joint, rows in _ANGLES.items():
         for side in SIDES:
-            ours = [name.format(side) for name in names]
+            ours = [with_side(row.name, side) for row in rows]
             if set(ours) & set(motion.frozen):
                 continue
             values = np.zeros((len(motion.q), 3))
-            for axis, (name, sign) in enumerate(zip(ours, _SIGNS.get((joint, side), (1.0,) * 3), strict=False)):
+            for axis, (name, row) in enumerate(zip(ours, rows, strict=True)):
+                sign = row.clinical.sign(side) if row.clinical else 1.0
                 values[:, axis] = sign * unit * motion.q[:, COORDINATES.index(name)]
             points.append(_point(side, f"{joint}Angles", PointKind.ANGLE, values))
     return points
@@ -121,9 +121,9 @@ def _angles(motion: SavedMotion, unit: float) -> list[AddedPoint]:
 
 def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> list[AddedPoint]:
     points = []
-    for joint, names in _MOMENTS.items():
+    for joint, rows in _MOMENTS.items():
         for side in SIDES:
-            ours = [name.format(side) for name in names]
+            ours = [with_side(row.name, side) for row in rows]
             if set(ours) & set(motion.frozen):
                 continue
             values = np.zeros((len(motion.q), 3))

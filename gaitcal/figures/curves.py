@@ -28,7 +28,8 @@ from gaitcal.figures.style import (
 )
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.strides import Layout
-from gaitcal.gait.words import SIDE_WORDS, capitalised, coordinate_words, split_side
+from gaitcal.gait.words import SIDE_WORDS, capitalised
+from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.records import dataclass
 
 if TYPE_CHECKING:

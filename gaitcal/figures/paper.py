@@ -18,9 +18,10 @@ from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR
 from gaitcal.figures.report import HealthyBands
 from gaitcal.figures.style import FAINT, SIDE_COLOURS, SIDE_DASHES, Key, Sizes, dress, limits, line_style
-from gaitcal.gait.conventions import SENSES, TRUNK_SENSES, Convention
+from gaitcal.gait.conventions import Convention
 from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
-from gaitcal.gait.words import SIDE_WORDS, capitalised, coordinate_words, counted
+from gaitcal.gait.words import SIDE_WORDS, capitalised, counted
+from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.records import dataclass
@@ -222,7 +223,7 @@ def _label(variable: str, convention: Convention) -> str:
     match kind_of(variable):
         case Kind.MOMENT:
             unit = convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-            if base not in {**SENSES, **TRUNK_SENSES}:
+            if senses_of(base) is None:
                 return unit
             whose, sense = convention.positive_moment(base).split(", ", 1)
             return f"{unit}\n({whose}, {sense} +)"

@@ -86,8 +86,7 @@ def _of_walk(told: Told, trial: SheetTrial, name: str) -> Iterator[Chart | None]
     yield _forces(told, trial, name)
     yield _residuals(trial, name)
     if changes := told.about(trial.name).get("torque_change_bwh"):
-        by_base = sorted(changes, key=lambda n: [c.name for c in moments].index(n))
-        yield moment_change_chart({n: float(changes[n]) for n in by_base}, name)
+        yield moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
 
 
 def _curves(told: Told, trial: SheetTrial, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:

@@ -16,6 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait.cycles import FootEvents, GaitCycle, stances
 from gaitcal.gait.strides import Layout
+from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.records import dataclass
 
@@ -130,7 +131,7 @@ class SheetTrial:
         """(nf,) torques of a leg, or of the whole body, may be used; where there are none, angles."""
         for kind in ("moment", "angle"):
             for curve in self.of(kind):
-                if curve.side == side and not curve.base.startswith(("arm", "elbow")):
+                if curve.side == side and coordinate_words(curve.base).group != "arm":
                     return curve.valid
         return np.ones(len(self.time), dtype=bool)
 

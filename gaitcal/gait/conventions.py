@@ -23,7 +23,7 @@ from enum import Enum
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_moments import MomentFrame
-from gaitcal.gait.words import split_side
+from gaitcal.model.coordinates import coordinate_words, is_of_leg, senses_of
 from gaitcal.model.subject_model import Subject
 from gaitcal.records import dataclass
 
@@ -63,39 +63,6 @@ class MomentUnit(Enum):
         self.key, self.words, self.power = key, words, power
 
 
-SENSES: dict[str, tuple[str, str]] = {
-    "hip_flexion": ("flexion", "extension"),
-    "hip_adduction": ("adduction", "abduction"),
-    "hip_rotation": ("internal rotation", "external rotation"),
-    "knee_angle": ("flexion", "extension"),
-    "knee_adduction": ("adduction", "abduction"),
-    "knee_rotation": ("internal rotation", "external rotation"),
-    "ankle_angle": ("dorsiflexion", "plantarflexion"),
-    "ankle_inversion": ("inversion", "eversion"),
-    "ankle_rotation": ("internal rotation", "external rotation"),
-    "subtalar_angle": ("inversion", "eversion"),
-}
-"""Coordinate or component of a leg -> what a positive and a negative value of it means."""
-TRUNK_SENSES: dict[str, tuple[str, str]] = {
-    "lumbar_extension": ("extension", "flexion"),
-    "lumbar_bending": ("bending to the right", "bending to the left"),
-    "lumbar_rotation": ("rotation to the left", "rotation to the right"),
-    "pelvis_tilt": ("posterior tilt", "anterior tilt"),
-    "pelvis_list": ("right side down", "left side down"),
-    "pelvis_rotation": ("rotation to the left", "rotation to the right"),
-}
-"""The same of what belongs to no leg: moments as they are in all conventions."""
-PELVIS_SENSES: dict[tuple[str, str], tuple[float, str]] = {
-    ("pelvis_tilt", "r"): (-1.0, "anterior tilt"),
-    ("pelvis_tilt", "l"): (-1.0, "anterior tilt"),
-    ("pelvis_list", "r"): (-1.0, "this side up"),
-    ("pelvis_list", "l"): (1.0, "this side up"),
-    ("pelvis_rotation", "r"): (1.0, "this side forward"),
-    ("pelvis_rotation", "l"): (-1.0, "this side forward"),
-}
-"""Angle and side of a stride -> sign and sense of the clinical one."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Convention:
     """How angles, moments and powers are told; as in the files of a result unless said otherwise."""
@@ -131,15 +98,14 @@ class Convention:
 
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""
-        base = split_side(name)[0]
-        senses = {**SENSES, **TRUNK_SENSES}[base]
+        senses = _senses(name)
         sign = self._sign(name) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
         return f"{self.acting.key}, {senses[0] if sign > 0 else senses[1]}"
 
     def positive_angle(self, name: str, side: str) -> str:
         """What a positive angle means: `dorsiflexion`; of the pelvis in a stride of one side (`r`, `l`)."""
         sense = self._of_pelvis(name, side)[1]
-        return sense or {**SENSES, **TRUNK_SENSES}[split_side(name)[0]][0]
+        return sense or _senses(name)[0]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -170,8 +136,16 @@ class Convention:
         }
 
     def _sign(self, name: str) -> float:
-        clinical = self.signs is Signs.CLINICAL and split_side(name)[0] in SENSES
+        clinical = self.signs is Signs.CLINICAL and is_of_leg(name)
         return (-1.0 if clinical else 1.0) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
 
     def _of_pelvis(self, name: str, side: str) -> tuple[float, str]:
-        return PELVIS_SENSES.get((name, side), (1.0, "")) if self.signs is Signs.CLINICAL else (1.0, "")
+        clinical = coordinate_words(name).clinical if self.signs is Signs.CLINICAL else None
+        return (1.0, "") if clinical is None else (clinical.sign(side), clinical.words)
+
+
+def _senses(name: str) -> tuple[str, str]:
+    senses = senses_of(name)
+    if senses is None:
+        raise KeyError(name)
+    return senses

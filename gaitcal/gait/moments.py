@@ -9,22 +9,16 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.strides import Layout
-from gaitcal.gait.words import split_side
-from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, REACTIONS
+from gaitcal.model.coordinates import split_side
+from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, REACTIONS, joint_elements
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.records import dataclass
 
 
 def moment_names(model: SubjectModel) -> list[str]:
     """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
-    frozen = set(model.frozen)
-    names = []
-    for name in COORDINATES:
-        if not name.startswith("pelvis") and name not in frozen:
-            names.append(name)
-            if name.startswith("knee_angle"):
-                names.append(f"knee_adduction_{name[-1]}")
-    return names
+    elements = [e for joint in JOINTS for e in joint_elements(joint, reactions=True)]
+    return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
 
 def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:

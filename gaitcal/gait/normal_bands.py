@@ -39,9 +39,8 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.package_data import models_path
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.variables import GROUND_REACTION, Kind, kind_of
-from gaitcal.gait.words import split_side
-from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.gait.variables import Kind, coordinate_of, kind_of, known_variables
+from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.model.subject_model import Subject
 from gaitcal.recording.text_file import read_lines
 from gaitcal.records import dataclass
@@ -84,8 +83,6 @@ UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
 }
 """What a file may say, per kind of variable."""
-_PELVIS: Final = {"pelvis_tilt": (-1.0, -1.0), "pelvis_list": (-1.0, 1.0), "pelvis_rotation": (1.0, -1.0)}
-"""Clinical pelvis angles to ours, of the right and of the left side."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +116,8 @@ class NormalBand:
         if kind is Kind.MOMENT:
             return 1.0 if self.signs is Signs.GAITCAL else -1.0
         if kind is Kind.ANGLE and self.signs is Signs.CLINICAL:
-            return _PELVIS.get(self.variable, (1.0, 1.0))[0 if side == "r" else 1]
+            clinical = coordinate_words(self.variable).clinical
+            return 1.0 if clinical is None else clinical.sign(side)
         return 1.0
 
 
@@ -169,8 +167,8 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     """
     source = bands_file(path)
     comments, rows = _parted(source)
-    told = _told(comments)
-    signs = _signs(told.get("signs", []), source)
+    named = _named(comments)
+    signs = _signs(named.get("signs", []), source)
     header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
         raise _BandsError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
@@ -179,8 +177,8 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
         points.setdefault(row.variable, []).append(row)
     if not points:
         raise _BandsError("found no row below the names of the columns", source=source)
-    said = "; ".join(told.get("source", []))
-    return {variable: _band(variable, found, signs, said, source) for variable, found in points.items()}
+    origin = "; ".join(named.get("source", []))
+    return {variable: _band(variable, found, signs, origin, source) for variable, found in points.items()}
 
 
 def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
@@ -198,7 +196,7 @@ def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return comments, rows
 
 
-def _told(comments: Sequence[str]) -> dict[str, list[str]]:
+def _named(comments: Sequence[str]) -> dict[str, list[str]]:
     """What comments of the form `name: text` say, each text once."""
     out: dict[str, list[str]] = {}
     for name, colon, text in (comment.partition(":") for comment in comments):
@@ -207,18 +205,18 @@ def _told(comments: Sequence[str]) -> dict[str, list[str]]:
     return out
 
 
-def _signs(said: Sequence[str], source: Path) -> Signs:
+def _signs(texts: Sequence[str], source: Path) -> Signs:
     """What all lines on signs agree in."""
     names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
     allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
-    if not said:
+    if not texts:
         raise _BandsError(f"missing; {allowed}", source=source, field="signs")
-    for text in said:
+    for text in texts:
         if text.lower() not in names:
             raise _BandsError(f"found '{text}'; {allowed}", source=source, field="signs")
-    if len({names[text.lower()] for text in said}) > 1:
-        raise _BandsError(f"found {' and '.join(map(repr, said))}; {allowed}", source=source, field="signs")
-    return names[said[0].lower()]
+    if len({names[text.lower()] for text in texts}) > 1:
+        raise _BandsError(f"found {' and '.join(map(repr, texts))}; {allowed}", source=source, field="signs")
+    return names[texts[0].lower()]
 
 
 def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
@@ -259,7 +257,7 @@ def _plain(unit: str) -> str:
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: Path) -> NormalBand:
+def _band(variable: str, rows: Sequence[_Row], signs: Signs, origin: str, source: Path) -> NormalBand:
     for before, row in itertools.pairwise(rows):
         at = f"line {row.line}"
         if row.unit != before.unit:
@@ -270,7 +268,7 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
             raise _BandsError(f"{found}; allowed: increasing percents", source=source, field=at)
     if len(rows) < LEAST_POINTS:
         raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
-    if signs is Signs.CLINICAL and variable.startswith("lumbar"):
+    if signs is Signs.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":
         raise _BandsError(
             f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
         )
@@ -281,19 +279,5 @@ def _band(variable: str, rows: Sequence[_Row], signs: Signs, told: str, source: 
         percent=np.array([row.percent for row in rows]),
         mean=np.array([row.mean for row in rows]),
         sd=np.array([row.sd for row in rows]),
-        source=told,
-    )
-
-
-def known_variables() -> tuple[str, ...]:
-    """Every variable that a table of strides may hold, without sides."""
-    bases = [split_side(n)[0] for n in COORDINATES if not is_translation(n) and not n.startswith(("arm", "elbow"))]
-    angles = tuple(dict.fromkeys(bases))
-    moved = (*(n for n in angles if not n.startswith("pelvis")), "knee_adduction")
-    powers = (*moved, "hip", "knee", "ankle")
-    return (
-        *angles,
-        *(f"{name}{Kind.MOMENT.ending}" for name in moved),
-        *(f"{name}{Kind.POWER.ending}" for name in powers),
-        GROUND_REACTION,
+        source=origin,
     )

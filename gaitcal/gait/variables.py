@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED
+
 
 class Kind(Enum):
     """What a variable is. `ending`: of its name; `unit`: in tables; `words`: on pages."""
@@ -41,3 +43,17 @@ def coordinate_of(variable: str) -> str:
     """The coordinate of a variable, without a side: `knee_angle_moment` -> `knee_angle`."""
     kind = kind_of(variable)
     return variable.removesuffix(kind.ending) if kind.ending else variable
+
+
+def known_variables() -> tuple[str, ...]:
+    """Every variable that a table of strides may hold, without sides: all but those of the arms."""
+    rows = [row for row in COORDINATE_TABLE.values() if row.group != "arm"]
+    angles = tuple(row.name for row in rows if row.name not in LOCKED)
+    moved = (*(n for n in angles if COORDINATE_TABLE[n].group != "pelvis"), *LOCKED)
+    powers = (*moved, *(GROUPS[key].power for key in LEG_GROUPS))
+    return (
+        *angles,
+        *(f"{name}{Kind.MOMENT.ending}" for name in moved),
+        *(f"{name}{Kind.POWER.ending}" for name in powers),
+        GROUND_REACTION,
+    )

@@ -7,61 +7,19 @@ from __future__ import annotations
 
 import re
 
+from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.inertial_parameters import IP_INDEX
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.records import dataclass
+from gaitcal.model.linkage import SEGMENT_TABLE
 from gaitcal.study.study_trial import Role
 
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
 SIDE_WORDS = {"r": "right", "l": "left", "": ""}
 
 
-@dataclass(frozen=True)
-class CoordinateWords:
-    """How a coordinate, and the generalised force that drives it, are called."""
-
-    title: str
-    """Without the side: `Hip flexion`."""
-    angle: str
-    """What a positive angle means: `flexion`."""
-    moment: str
-    """What a positive internal moment does: `flexor`."""
-
-
-_COORDINATES = {
-    "pelvis_tilt": CoordinateWords("Pelvis tilt", "posterior", "posterior"),
-    "pelvis_list": CoordinateWords("Pelvis list", "right side down", "right side down"),
-    "pelvis_rotation": CoordinateWords("Pelvis rotation", "turned left", "to the left"),
-    "hip_flexion": CoordinateWords("Hip flexion", "flexion", "flexor"),
-    "hip_adduction": CoordinateWords("Hip adduction", "adduction", "adductor"),
-    "hip_rotation": CoordinateWords("Hip rotation", "internal", "internal rotator"),
-    "knee_angle": CoordinateWords("Knee flexion", "flexion", "flexor"),
-    "knee_adduction": CoordinateWords("Knee adduction", "adduction", "adductor"),
-    "ankle_angle": CoordinateWords("Ankle dorsiflexion", "dorsiflexion", "dorsiflexor"),
-    "subtalar_angle": CoordinateWords("Subtalar inversion", "inversion", "invertor"),
-    "lumbar_extension": CoordinateWords("Lumbar extension", "extension", "extensor"),
-    "lumbar_bending": CoordinateWords("Lumbar bending", "to the right", "to the right"),
-    "lumbar_rotation": CoordinateWords("Lumbar rotation", "to the left", "to the left"),
-    "arm_flex": CoordinateWords("Shoulder flexion", "flexion", "flexor"),
-    "arm_add": CoordinateWords("Shoulder adduction", "adduction", "adductor"),
-    "elbow_flex": CoordinateWords("Elbow flexion", "flexion", "flexor"),
-}
-
-
-def split_side(name: str) -> tuple[str, str]:
-    """`hip_flexion_r` -> (`hip_flexion`, `r`); `lumbar_bending` -> (`lumbar_bending`, ``)."""
-    return (name[:-2], name[-1]) if name.endswith(("_r", "_l")) else (name, "")
-
-
-def coordinate_words(name: str) -> CoordinateWords:
-    """Words for a coordinate with or without its side."""
-    base = split_side(name)[0]
-    return _COORDINATES.get(base, CoordinateWords(base.replace("_", " "), "positive", "positive"))
-
-
 def coordinate_title(name: str) -> str:
     """`hip_flexion_r` -> `Right hip flexion`."""
-    return capitalised(_with_side(coordinate_words(name).title, split_side(name)[1]))
+    return capitalised(_with_side(COORDINATE_TABLE[split_side(name)[0]].title, split_side(name)[1]))
 
 
 def capitalised(text: str) -> str:
@@ -77,26 +35,15 @@ def _with_side(word: str, side: str) -> str:
 def segment_words(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
-    joined = {"head_trunk": "head and trunk", "forearm_hand": "forearm and hand"}
-    return _with_side(joined.get(base, base.replace("_", " ")), side)
+    return _with_side(SEGMENT_TABLE[base].words or base if base in SEGMENT_TABLE else base.replace("_", " "), side)
 
 
 def joint_words(joint: str) -> str:
     """`knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
-    anatomical = {"talocrural": "Ankle (talocrural)", "back": "Lumbar joint"}
-    return _with_side(anatomical.get(base, base.capitalize()), side)
+    return _with_side(JOINT_TABLE[base].words if base in JOINT_TABLE else base.capitalize(), side)
 
 
-_FEATURES = {
-    "hip": "hip centre",
-    "knee": "knee axis",
-    "talocrural": "ankle axis",
-    "subtalar": "subtalar axis",
-    "back": "lumbar joint centre",
-    "shoulder": "shoulder joint",
-    "elbow": "elbow axis",
-}
 _POSITIONS = ("forward", "up", "to the right")
 _ORIENTATIONS = ("frontal tilt", "transverse turn", "sagittal turn")
 _INERTIAL = {
@@ -115,7 +62,8 @@ def parameter_place(name: str) -> str:
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    return f"{_FEATURES[split_side(parameter.joint)[0]]} in the {segment_words(split_side(parameter.segment)[0])}"
+    feature = JOINT_TABLE[split_side(parameter.joint)[0]].feature
+    return f"{feature} in the {segment_words(split_side(parameter.segment)[0])}"
 
 
 def parameter_direction(name: str) -> str:

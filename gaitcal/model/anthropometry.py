@@ -24,7 +24,7 @@ from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
 from gaitcal.model.growth import GROWING, growth, is_known_child, looks_like_child, supposed_age, youngest_and_adult_age
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.records import dataclass
 
@@ -72,18 +72,6 @@ _WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk") + 2 * (
     "Shank2",
     "Foot",
 )
-
-
-_PARTS = {
-    "pelvis": ("LowerTrunk",),
-    "head_trunk": ("MiddleTrunk", "UpperTrunk", "Head2"),
-    "thigh": ("Thigh",),
-    "shank": ("Shank2",),
-    "foot": ("Foot",),
-    "upper_arm": ("UpperArm",),
-    "forearm_hand": ("Forearm", "Hand"),
-}
-"""Segments of the model, without their side, and those of de Leva's in them."""
 
 
 def _row(name: str, sex: str) -> dict[str, float]:
@@ -136,7 +124,7 @@ def child_spread(subject: Subject) -> dict[str, float]:
     adult, child = (mass_shares(subject.sex, age) for age in (None, supposed_age(subject)))
     return {
         segment: float(abs(np.log(sum(child[n] for n in names) / sum(adult[n] for n in names))))
-        for segment, names in _PARTS.items()
+        for segment, names in ((row.name, row.parts) for row in SEGMENT_TABLE.values() if row.parts)
     }
 
 
@@ -148,8 +136,8 @@ def default_length(name: str, subject: Subject) -> float:
 
 def default_limbs(subject: Subject) -> dict[str, float]:
     """Lengths of the limbs where nothing is measured, m."""
-    of = {"thigh": "Thigh", "shank": "Shank2", "upper_arm": "UpperArm", "forearm_hand": "Forearm"}
-    return {f"{segment}_{side}": default_length(name, subject) for segment, name in of.items() for side in SIDES}
+    limbs = ("thigh", "shank", "upper_arm", "forearm_hand")
+    return {f"{s}_{side}": default_length(SEGMENT_TABLE[s].parts[0], subject) for s in limbs for side in SIDES}
 
 
 def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
@@ -170,7 +158,7 @@ def _moments(part: _Part, axes: Mapping[str, int] = _DIAGONAL) -> Array:
 
 
 def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
-    """(84,) nominal inertial parameters, SI."""
+    """(ni,) nominal inertial parameters, SI."""
     rows: dict[str, Array] = {}
     lower = _part("LowerTrunk", subject)
     ant, sup = lengths.hip_centre
@@ -179,8 +167,8 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     foot = _part("Foot", subject)
     foot_centre = np.array([foot.centre, FOOT_CENTRE_UP * subject.height, 0.0])
     for side in SIDES:
-        for segment, name in (("thigh", "Thigh"), ("shank", "Shank2"), ("upper_arm", "UpperArm")):
-            part = _part(name, subject, lengths.limbs[f"{segment}_{side}"])
+        for segment in ("thigh", "shank", "upper_arm"):
+            part = _part(SEGMENT_TABLE[segment].parts[0], subject, lengths.limbs[f"{segment}_{side}"])
             rows[f"{segment}_{side}"] = _one(part, np.array([0.0, -part.centre, 0.0]))
         rows[f"foot_{side}"] = np.concatenate([[foot.mass], foot_centre, _moments(foot, _FOOT_DIAGONAL)])
         forearm, hand = _part("Forearm", subject, lengths.limbs[f"forearm_hand_{side}"]), _part("Hand", subject)

@@ -111,7 +111,7 @@ def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
 
 
 def set_inertias(linkage: LinkageModel, inertial: Array) -> None:
-    """Put the inertial parameters (84,) into the model, in place."""
+    """Put the inertial parameters (ni,) into the model, in place."""
     for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
         inertia = pin.Inertia.Zero()  # filled in piece by piece: the constructor refuses impossible bodies,
         inertia.mass, inertia.lever, inertia.inertia = float(row[0]), row[1:4], np.diag(row[4:7])  # which the

@@ -182,7 +182,7 @@ class Chain:
         """(n, ns) the distinct rows of `support`, and (nq + np,) which of them each variable has."""
 
     def constants(self, joint: Array, zero_angles: Array) -> ChainConstants:
-        """The constants for joint parameters (98,) and zero angles (4,), in m and rad."""
+        """The constants for joint parameters (np,) and zero angles (4,), in m and rad."""
         offsets = [_compose(steps, joint, zero_angles) for steps in self._before]
         places = [_compose(self._walks[s][1], joint, zero_angles) for s in self.segments]
         axes, points = np.empty((len(self.free), 3)), np.empty((len(self.free), 3))

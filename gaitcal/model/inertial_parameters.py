@@ -1,4 +1,4 @@
-"""The 84 inertial parameters (IPs): mass, mass centre and principal moments of the 12 segments that have mass.
+"""The inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass.
 
 Moments are about the mass centre, principal axes parallel to the segment axes; `ant sup lat` = x y z. The talus is
 massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less `foot superior`.
@@ -9,33 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import SEGMENT_TABLE, SEGMENTS, segment_kind
 from gaitcal.records import dataclass
 
-MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if not s.startswith("talus"))
-"""12 segments; row s of a (12, 7) table of IPs is [mass, com x y z, moment x y z]."""
+MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).parts)
+"""Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""
 
 QUANTITIES = ("mass", "com.ant", "com.sup", "com.lat", "moi.ant", "moi.sup", "moi.lat")
 UNITS = ("kg", "mm", "mm", "mm", "kg*mm^2", "kg*mm^2", "kg*mm^2")
 _TO_SI = (1.0, 1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6)
 
 IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in QUANTITIES)
-"""All 84, in the order of every (84,) array of inertial parameters (kg, m, kg m^2)."""
+"""All, in the order of every (ni,) array of inertial parameters (kg, m, kg m^2)."""
 
 IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
 IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
 IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
-"""(84,) factors from kg, mm, kg mm^2 to SI."""
-
-_FREE_CENTRES: dict[str, tuple[str, ...]] = {
-    "pelvis": ("com.ant", "com.sup"),
-    "thigh": ("com.sup",),
-    "shank": ("com.sup",),
-    "foot": ("com.ant",),
-    "head_trunk": ("com.sup",),
-    "upper_arm": ("com.sup",),
-    "forearm_hand": ("com.sup",),
-}
+"""(ni,) factors from kg, mm, kg mm^2 to SI."""
 
 
 @dataclass(frozen=True)
@@ -45,16 +35,16 @@ class InertialSet:
     names: tuple[str, ...]
     """Of the free variables: `pelvis.mass`, `thigh.com.sup`, ... (symmetric) or the IP names (all)."""
     selection: Array
-    """(84, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
+    """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
 
 
 def symmetric_set() -> InertialSet:
-    """The 36 symmetric IPs: 7 masses, 8 mass-centre coordinates, 21 moments."""
+    """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
     names: list[str] = []
     columns: list[Array] = []
-    masses = dict.fromkeys(_FREE_CENTRES, ("mass",))
-    moments = dict.fromkeys(_FREE_CENTRES, ("moi.ant", "moi.sup", "moi.lat"))
-    for group in (masses, _FREE_CENTRES, moments):
+    centres = {row.name: row.free_centre for row in SEGMENT_TABLE.values() if row.parts}
+    masses, moments = dict.fromkeys(centres, ("mass",)), dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat"))
+    for group in (masses, centres, moments):
         for body, quantities in group.items():
             for quantity in quantities:
                 column = np.zeros(len(IP_NAMES))
@@ -67,17 +57,17 @@ def symmetric_set() -> InertialSet:
 
 
 def full_set() -> InertialSet:
-    """All 84 IPs, each free by itself."""
+    """All IPs, each free by itself."""
     return InertialSet(IP_NAMES, np.eye(len(IP_NAMES)))
 
 
 def table(inertial: Array) -> Array:
-    """(12, 7) view of an (84,) array."""
+    """(ns, 7) view of an (ni,) array."""
     return inertial.reshape(len(MASSIVE_SEGMENTS), len(QUANTITIES))
 
 
 def dynamic_parameters(inertial: Array) -> Array:
-    """(12, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment origin.
+    """(ns, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment origin.
 
     Order of Pinocchio: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
     """
@@ -95,7 +85,7 @@ def dynamic_parameters(inertial: Array) -> Array:
 
 
 def dynamic_jacobian(inertial: Array) -> Array:
-    """(12, 10, 7): derivative of `dynamic_parameters` by each segment's own seven IPs."""
+    """(ns, 10, 7): derivative of `dynamic_parameters` by each segment's own seven IPs."""
     rows = table(inertial)
     m, c = rows[:, 0], rows[:, 1:4]
     jac = np.zeros((len(rows), 10, 7))
@@ -158,7 +148,7 @@ _FROM_PSEUDO = np.stack([_from_pseudo(unit.reshape(4, 4)) for unit in np.eye(16)
 
 
 def is_physical(inertial: Array) -> BoolArray:
-    """(12,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
+    """(ns,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
     rows = table(inertial)
     moments = np.sort(rows[:, 4:7], axis=1)
     return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])

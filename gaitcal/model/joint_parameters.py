@@ -1,4 +1,4 @@
-"""The catalogue of the 98 joint parameters (JPs): where each joint axis lies in the two segments it connects.
+"""The catalogue of the joint parameters (JPs): where each joint axis lies in the two segments it connects.
 
 Which joint has which is told once, by the tables of `linkage.py`; this is their list in the order of files and arrays.
 Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow
@@ -15,7 +15,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.linkage import JOINTS, Source, moved_joints
+from gaitcal.model.linkage import JOINT_OF_CHILD, JOINTS, LEGS, Source, moved_joints
 from gaitcal.records import dataclass
 
 
@@ -69,12 +69,12 @@ def _catalogue() -> Iterator[JointParameter]:
 
 
 JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
-"""All 98, in the order of every (98,) array of joint parameters."""
+"""All, in the order of every (np,) array of joint parameters."""
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
 JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
 JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
-"""(98,) factors from mm and deg to m and rad."""
+"""(np,) factors from mm and deg to m and rad."""
 
 
 def isolated_parameters(isolated: str) -> tuple[str, ...]:
@@ -98,6 +98,6 @@ def gait_parameters(side: str) -> tuple[str, ...]:
 
 
 def leg_parameters(side: str) -> tuple[str, ...]:
-    """The 27 JPs of one leg."""
-    joints = {f"{j}_{side}" for j in ("hip", "knee", "talocrural", "subtalar")}
+    """The JPs of one leg."""
+    joints = [JOINT_OF_CHILD[segment].name for segment in LEGS[side]]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDES, of_side
 
-_SIDED = (
-    "asis",
-    "knee_lat",
-    "knee_med",
-    "knee_axis",
-    "ankle_lat",
-    "ankle_med",
-    "heel",
-    "toe",
-    "acromion",
-    "elbow_lat",
-    "elbow_med",
-    "wrist",
-    "hjc",
-)
+_SIDED = {
+    "asis": "pelvis",
+    "knee_lat": "thigh",
+    "knee_med": "thigh",
+    "knee_axis": "thigh",
+    "ankle_lat": "shank",
+    "ankle_med": "shank",
+    "heel": "foot",
+    "toe": "foot",
+    "acromion": "head_trunk",
+    "elbow_lat": "upper_arm",
+    "elbow_med": "upper_arm",
+    "wrist": "forearm_hand",
+    "hjc": "pelvis",
+}
 _OF_TRUNK = ("c7", "t10", "jugular_notch", "xiphoid")
-LANDMARKS: tuple[str, ...] = ("sacrum", *_OF_TRUNK, *(f"{name}_{side}" for side in SIDES for name in _SIDED))
+SEGMENT_OF: dict[str, str] = {
+    "sacrum": "pelvis",
+    **dict.fromkeys(_OF_TRUNK, "head_trunk"),
+    **{f"{name}_{side}": of_side(segment, side) for side in SIDES for name, segment in _SIDED.items()},
+}
+"""Landmark -> the segment that it lies in."""
+LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
 a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
 centre of a hip, for `hip_centre = "given"`. Those of the trunk's midline tell where it faces where acromia are missing,

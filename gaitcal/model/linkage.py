@@ -1,4 +1,4 @@
-"""The linkage: 14 segments, 27 coordinates, 98 joint parameters, and the elementary motions that make each joint.
+"""The linkage: segments, coordinates, joint parameters, and the elementary motions that make each joint.
 
 Reinbolt 2003 and Reinbolt et al. 2007; frames x anterior, y superior, z right; s = +1 right, -1 left;
 A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-handed rotation:
@@ -9,20 +9,103 @@ A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-hand
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
     back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
 
-The tables `_LEG`, `_BACK` and `_ARM` say this once for all: segments, coordinates, zero angles and the catalogue of
-joint parameters (`joint_parameters.py`) are read from them. A joint parameter enters in exactly one element of one
-joint, a coordinate in exactly one: that is the whole model, and whoever needs a derivative reads it from the sequence.
+The tables `_LEG`, `_BACK` and `_ARM` say this once for all, `_SEGMENTS` what the segments are: order of segments and
+coordinates, zero angles and the catalogue of joint parameters (`joint_parameters.py`) are read from them. A joint
+parameter enters in exactly one element of one joint, a coordinate in exactly one: that is the whole model, and whoever
+needs a derivative reads it from the sequence. What coordinates and joints are called stands in `coordinates.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import TypeAlias
 
 from gaitcal.records import dataclass
 
 SIDES = ("r", "l")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """What a segment is; both sides alike."""
+
+    name: str
+    """Without the side: `upper_arm`."""
+    short: str = ""
+    """As joint parameters name it, where that is another name: `upperarm`."""
+    words: str = ""
+    """As people say, where that is not the name: `head and trunk`."""
+    paired: bool = True
+    """There is one of each side."""
+    markers: bool = True
+    """Markers can sit on it, and so soft tissue between them and the bone."""
+    needed: bool = False
+    """A segment of a leg without whose markers there are no joint torques of that leg."""
+    parts: tuple[str, ...] = ()
+    """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
+    palpated: tuple[float, float, float] | None = None
+    """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
+    (`dynamics/axis_errors.py`); None: it has no landmarks, and no error."""
+    free_centre: tuple[str, ...] = ()
+    """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
+
+
+_SEGMENTS = (
+    Segment(
+        name="pelvis", paired=False, parts=("LowerTrunk",), palpated=(2.0, 2.0, 4.5), free_centre=("com.ant", "com.sup")
+    ),
+    Segment(
+        name="thigh",
+        needed=True,
+        parts=("Thigh",),
+        palpated=(2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
+        free_centre=("com.sup",),
+    ),
+    Segment(
+        name="shank",
+        needed=True,
+        parts=("Shank2",),
+        palpated=(1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
+        free_centre=("com.sup",),
+    ),
+    Segment(name="talus", markers=False),
+    Segment(
+        name="foot",
+        needed=True,
+        parts=("Foot",),
+        palpated=(1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
+        free_centre=("com.ant",),
+    ),
+    Segment(
+        name="head_trunk",
+        short="trunk",
+        words="head and trunk",
+        paired=False,
+        parts=("MiddleTrunk", "UpperTrunk", "Head2"),
+        palpated=(2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
+        free_centre=("com.sup",),
+    ),
+    Segment(
+        name="upper_arm",
+        short="upperarm",
+        words="upper arm",
+        parts=("UpperArm",),
+        palpated=(2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
+        free_centre=("com.sup",),
+    ),
+    Segment(
+        name="forearm_hand",
+        short="forearm",
+        words="forearm and hand",
+        parts=("Forearm", "Hand"),
+        palpated=(2.0, 6.0, 2.0),
+        free_centre=("com.sup",),
+    ),
+)
+SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}
+"""Name without its side -> what it is."""
+_OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
 
 
 class Source(Enum):
@@ -82,8 +165,11 @@ _ARM: tuple[_Row, ...] = (
 )
 
 _TRANSLATIONS, _ROTATIONS = ("ant", "sup", "lat"), ("front", "trans", "sag")
-_SEGMENT = {"trunk": "head_trunk", "upperarm": "upper_arm", "forearm": "forearm_hand"}
-"""Segments that joint parameters name in short."""
+
+
+def of_side(segment: str, side: str) -> str:
+    """`thigh` -> `thigh_r`; a segment of the middle as it is."""
+    return f"{segment}_{side}" if SEGMENT_TABLE[segment].paired else segment
 
 
 def _joint(row: _Row, side: str) -> Joint:
@@ -91,7 +177,10 @@ def _joint(row: _Row, side: str) -> Joint:
     kind, parent, child, in_parent, motions, in_child = row
 
     def sided(name: str) -> str:
-        return f"{name}_{side}" if side and name not in ("pelvis", "head_trunk") else name
+        return f"{name}_{side}" if side else name
+
+    def segment(short: str) -> str:
+        return of_side(_OF_SHORT[short].name, side)
 
     def parameters(place: str, directions: str, sign: float) -> Iterator[Element]:
         for direction in directions.split():
@@ -116,8 +205,7 @@ def _joint(row: _Row, side: str) -> Joint:
         )
 
     before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
-    parent, child = (sided(_SEGMENT.get(place, place)) for place in (parent, child))
-    return Joint(sided(kind), parent, child, (*before, *map(motion, motions.split(", ")), *after))
+    return Joint(sided(kind), segment(parent), segment(child), (*before, *map(motion, motions.split(", ")), *after))
 
 
 JOINTS: tuple[Joint, ...] = (
@@ -125,21 +213,28 @@ JOINTS: tuple[Joint, ...] = (
     *(_joint(row, "") for row in _BACK),
     *(_joint(row, side) for side in SIDES for row in _ARM),
 )
-"""The 13 joints, each after the joint of its parent."""
+"""All joints, each after the joint of its parent."""
 
 JOINT_OF_CHILD: dict[str, Joint] = {joint.child: joint for joint in JOINTS}
 
 SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)
-"""The 14 segments, each after its parent."""
+"""All segments, each after its parent."""
+
+
+def segment_kind(segment: str) -> Segment:
+    """The row of a segment: `thigh_r` -> that of `thigh`."""
+    return SEGMENT_TABLE[segment if segment in SEGMENT_TABLE else segment[:-2]]
+
 
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
 """Pelvis and legs."""
-
-LEG_SEGMENTS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("thigh", "shank", "foot"))
+LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
+"""Side -> segments of that leg, each after its parent."""
+LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 
 ZERO_ANGLES: tuple[str, ...] = tuple(e.name for j in JOINTS for e in j.elements if e.source is Source.ZERO_ANGLE)
-"""Four constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
+"""Constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
 
 ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
 
@@ -153,22 +248,31 @@ def root_elements(root: str) -> tuple[Element, ...]:
     )
 
 
+def joints_above(segment: str) -> tuple[Joint, ...]:
+    """The joints on the way from the pelvis to a segment."""
+    joint = JOINT_OF_CHILD.get(segment)
+    return () if joint is None else (*joints_above(joint.parent), joint)
+
+
+def coordinates_before(segments: Iterable[str]) -> tuple[str, ...]:
+    """Coordinates of the joints whose children are these segments."""
+    elements = [e for segment in segments for e in JOINT_OF_CHILD[segment].elements]
+    return tuple(e.name for e in elements if e.source is Source.COORDINATE)
+
+
 def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
     """Coordinates of the part of the linkage made of `segments` with `root` free in the laboratory."""
-    names = [e.name for e in root_elements(root)]
-    for joint in JOINTS:
-        if joint.child in segments and joint.child != root:
-            names += [e.name for e in joint.elements if e.source is Source.COORDINATE]
-    return tuple(names)
+    moved = [joint.child for joint in JOINTS if joint.child in segments and joint.child != root]
+    return (*(e.name for e in root_elements(root)), *coordinates_before(moved))
 
 
 COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)
-"""The 27 coordinates in the order of every (nf, 27) array; m for the three translations, rad otherwise."""
+"""The coordinates in the order of every (nf, nq) array; m for the three translations, rad otherwise."""
 
 COORDINATE_INDEX: dict[str, int] = {name: i for i, name in enumerate(COORDINATES)}
 
 FILE_COORDINATES: tuple[str, ...] = (*COORDINATES[3:6], *COORDINATES[:3], *COORDINATES[6:])
-"""The same 27 in the order of written files: rotations of the pelvis first, as in OpenSim."""
+"""The same in the order of written files: rotations of the pelvis first, as in OpenSim."""
 
 
 def is_translation(coordinate: str) -> bool:

@@ -20,8 +20,18 @@ from gaitcal.model.chain import axis_rotation, root_angles
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.knee_and_ankle import JointWidths
+from gaitcal.model.landmark_names import SEGMENT_OF
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
-from gaitcal.model.linkage import JOINTS, SEGMENTS, SIDES
+from gaitcal.model.linkage import (
+    JOINTS,
+    LEG_SEGMENTS,
+    LEGS,
+    SEGMENT_TABLE,
+    SEGMENTS,
+    SIDES,
+    coordinates_before,
+    segment_kind,
+)
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
@@ -42,27 +52,8 @@ RAISED = 0.1
 """Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static trial: the acromion
 is then some 40 mm higher and nearer to the neck than in walking."""
 
-_SEGMENT_OF = {
-    "asis": "pelvis",
-    "sacrum": "pelvis",
-    "lumbar": "pelvis",
-    "hjc": "pelvis",
-    "knee": "thigh",
-    "kjc": "thigh",
-    "ankle": "shank",
-    "ajc": "shank",
-    "heel": "foot",
-    "toe": "foot",
-    "c7": "head_trunk",
-    "t10": "head_trunk",
-    "jugular": "head_trunk",
-    "xiphoid": "head_trunk",
-    "acromion": "head_trunk",
-    "sjc": "head_trunk",
-    "elbow": "upper_arm",
-    "ejc": "upper_arm",
-    "wrist": "forearm_hand",
-}
+_OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
+"""Landmark or joint centre -> the segment that keeps it."""
 
 
 @with_one_blas_thread
@@ -112,9 +103,10 @@ def nominal_model(
     joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
+    frozen = (*body.frozen_segments, *_bare(marker_set, posture))
     carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
-    markers, notes = _placement(posture, marker_set.with_weights(raised), frames, body.frozen_segments)
+    markers, notes = _placement(posture, marker_set.with_weights(raised), frames, frozen)
     if raised:
         names = ", ".join(raised)
         notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {names}")
@@ -123,9 +115,9 @@ def nominal_model(
         parameters=parameters,
         nominal=parameters,
         markers=markers,
-        frozen=body.frozen,
+        frozen=coordinates_before(frozen),
         posture=_posture(frames, standing.dorsiflexion),
-        landmarks=_landmarks({**posture.landmarks, **centres}, frames, body.frozen_segments),
+        landmarks=_landmarks({**posture.landmarks, **centres}, frames, frozen),
         notes=(
             *(f"static trial: {note}" for note in static.notes),
             f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{stray}",
@@ -138,6 +130,12 @@ def nominal_model(
             f"inertia: {table_words(subject)}",
         ),
     )
+
+
+def _bare(marker_set: MarkerSet, posture: StaticPosture) -> tuple[str, ...]:
+    """Segments of the legs that may do without markers and of which none was seen."""
+    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
+    return tuple(s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers))
 
 
 def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
@@ -196,7 +194,7 @@ def _placement(
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
         needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: checks/one_marker.py
-        if kept < needed and (segment == "pelvis" or segment.startswith(("thigh", "shank", "foot"))):
+        if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
             raise InputError(
@@ -220,12 +218,8 @@ def _landmarks(
     """Points of the laboratory (3,) m that the model keeps, each in its segment, but for segments that are frozen."""
     out = {}
     for name, point in points.items():
-        kind = name.split("_")[0]
-        if kind not in _SEGMENT_OF:
-            continue
-        part = _SEGMENT_OF[kind]
-        segment = part if part in frames else f"{part}_{name[-1]}"
-        if segment not in frozen:
+        segment = _OF_POINT.get(name)
+        if segment is not None and segment not in frozen:
             out[name] = (segment, frames[segment].local(point))
     return dict(sorted(out.items()))
 
@@ -241,9 +235,9 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
-    bodies = {"headtrunk": "head_trunk", "upperarm": "upper_arm", "forearmhand": "forearm_hand"}
+    bodies = {name.replace("_", ""): name for name in SEGMENT_TABLE}
     for body, listed in data["markers_local_mm_right_side"].items():
-        segment = bodies.get(body, body)
+        segment = bodies[body]
         for label, position in listed.items():
             local = 1e-3 * np.array(position, dtype=float)
             if segment in SEGMENTS:

@@ -22,8 +22,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.linkage import SIDES, ZERO_ANGLES
+from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.segment_frames import Frame, sign
 from gaitcal.records import dataclass
 
@@ -37,10 +38,11 @@ _ROUNDING = 1e-13
 """m or rad: below it a coordinate is zero by construction, and is told as zero."""
 
 
-CENTRE_OF: dict[str, str] = {"back": "lumbar"} | {
-    f"{joint}_{side}": f"{centre}_{side}"
-    for joint, centre in (("hip", "hjc"), ("knee", "kjc"), ("talocrural", "ajc"), ("shoulder", "sjc"), ("elbow", "ejc"))
-    for side in SIDES
+CENTRE_OF: dict[str, str] = {
+    joint.name: centre + (f"_{side}" if side else "")
+    for joint in JOINTS
+    for kind, side in (split_side(joint.name),)
+    if (centre := JOINT_TABLE[kind].centre)
 }
 """Joint -> landmark that is its centre."""
 
@@ -58,7 +60,7 @@ class ArmJoints:
 def nominal_joint_parameters(
     frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints, dorsiflexion: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Joint parameters (98,) and zero angles (4,), m and rad.
+    """Joint parameters (np,) and zero angles (nz,), m and rad.
 
     Parameters
     ----------

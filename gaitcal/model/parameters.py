@@ -11,7 +11,7 @@ from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
-from gaitcal.model.linkage import ZERO_ANGLES, Element, Source
+from gaitcal.model.linkage import ZERO_ANGLES, Element, Source, segment_kind
 from gaitcal.records import dataclass
 
 
@@ -20,11 +20,11 @@ class Parameters:
     """Parameters in SI units (m, rad, kg, kg m^2). Arrays are not to be changed in place."""
 
     joint: Array
-    """(98,) m, rad: joint parameters in the order of `gaitcal.model.joint_parameters.JP_NAMES`."""
+    """(np,) m, rad: joint parameters in the order of `gaitcal.model.joint_parameters.JP_NAMES`."""
     inertial: Array
-    """(84,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.inertial_parameters.IP_NAMES`."""
+    """(ni,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.inertial_parameters.IP_NAMES`."""
     zero_angles: Array
-    """(4,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
+    """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
     the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
 
     def with_joint(self, names: tuple[str, ...], values: Array) -> Parameters:
@@ -34,7 +34,7 @@ class Parameters:
         return replace(self, joint=joint)
 
     def with_inertial(self, inertial: Array) -> Parameters:
-        """A copy with other inertial parameters (84,)."""
+        """A copy with other inertial parameters (ni,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
 
     def amount(self, element: Element) -> float:
@@ -56,16 +56,11 @@ def published_subject() -> Parameters:
     joint = np.empty(len(JP_NAMES))
     for i, name in enumerate(JP_NAMES):
         joint_name, _, place = name.partition(".")
-        if joint_name == "back":
-            joint[i] = listed["back"][name]
-        else:
-            kind, side = joint_name.split("_")
-            joint[i] = listed[side][f"{kind}.{place}"]
+        kind, _, side = joint_name.partition("_")
+        joint[i] = listed[side or "back"][f"{kind}.{place}"]
     inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
-    keys = {"head_trunk": "headtrunk", "upper_arm": "upperarm", "forearm_hand": "forearmhand"}
     for i, segment in enumerate(MASSIVE_SEGMENTS):
-        body = segment[:-2] if segment.endswith(("_r", "_l")) else segment
-        entry = data["inertial_parameters"][keys.get(body, body)]
+        entry = data["inertial_parameters"][segment_kind(segment).name.replace("_", "")]
         com = np.array(entry["com_mm"])
         com[2] *= 1.0 if not segment.endswith("_l") else -1.0
         inertial[i] = [entry["mass_kg"], *(1e-3 * com), *(1e-6 * np.array(entry["moi_kg_mm2_xyz"]))]

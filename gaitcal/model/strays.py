@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.linkage import JOINTS
+from gaitcal.model.linkage import JOINTS, segment_kind
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.records import dataclass
@@ -99,7 +99,7 @@ def _around(recording: Recording, segment_of: Mapping[str, str], segment: str) -
 def _near(segment: str) -> set[str]:
     """A segment and its neighbours with markers."""
     near = _beside(segment)
-    for between in [s for s in near if s.startswith("talus")]:  # a segment that never carries markers
+    for between in [s for s in near if not segment_kind(s).markers]:  # a segment that never carries markers
         near = near | _beside(between)
     return near
 

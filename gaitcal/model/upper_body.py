@@ -31,7 +31,7 @@ from gaitcal.model.anthropometry import default_limbs
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.knee_and_ankle import ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import JOINT_OF_CHILD, SIDES, Source
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
@@ -57,12 +57,6 @@ class UpperBody:
     """Sides whose arm is raised sideways in the static trial."""
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
-
-    @property
-    def frozen(self) -> tuple[str, ...]:
-        """Coordinates of the frozen segments."""
-        elements = [e for segment in self.frozen_segments for e in JOINT_OF_CHILD[segment].elements]
-        return tuple(e.name for e in elements if e.source is Source.COORDINATE)
 
 
 def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, subject: Subject) -> UpperBody:

@@ -1,4 +1,4 @@
-"""The seven torques of each leg, for disturbed parameters and motions, with the ground reaction in either frame.
+"""The torques of each leg, for disturbed parameters and motions, with the ground reaction in either frame.
 
     tau_k = RNEA_k(q, v, a) - J_k . w,
 
@@ -22,29 +22,25 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, unloaded_forces, with_reactions
 from gaitcal.model.build import build_linkage
 from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.records import dataclass
 
-TORQUE_WORDS = {
-    "hip_flexion": "hip flexion",
-    "hip_adduction": "hip adduction",
-    "hip_rotation": "hip rotation",
-    "knee_angle": "knee flexion",
-    "knee_adduction": "knee adduction",
-    "ankle_angle": "ankle dorsiflexion",
-    "subtalar_angle": "subtalar inversion",
-}
-TORQUES = tuple(TORQUE_WORDS)
-"""The seven torques of a leg, without the side; the knee's adduction is a reaction."""
+TORQUES = LEG_COORDINATES
+"""The torques of a leg, without the side; the knee's adduction is a reaction."""
+TORQUE_WORDS = {name: COORDINATE_TABLE[name].title[:1].lower() + COORDINATE_TABLE[name].title[1:] for name in TORQUES}
 LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name in TORQUES)
-"""Both legs: the order of every axis of 14 torques."""
-OF_FOOT = (slice(0, len(TORQUES)), slice(len(TORQUES), None))
-"""Which of the 14 the wrench on the right foot changes, and which the wrench on the left."""
-LEG_SEGMENTS: tuple[str, ...] = tuple(f"{s}_{side}" for side in SIDES for s in ("thigh", "shank", "talus", "foot"))
+"""Both legs: the order of every axis of torques."""
+OF_FOOT = tuple(
+    np.array([k for k, name in enumerate(LEG_TORQUES) if name in carrying])
+    for carrying in ({e.name for j in joints_above(foot) for e in joint_elements(j, reactions=True)} for foot in FEET)
+)
+"""Which of them the wrench on the right foot changes, and which the wrench on the left."""
+LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,7 @@ class LegTorques:
             pin.SE3(np.eye(3) if e.sign > 0 else _half_turn(e.axis), np.zeros(3)) for e in self._chain.elements
         ]
         self.rows = np.array([self.linkage.index(name) for name in LEG_TORQUES])
-        """Places of the 14 torques among the coordinates of the linkage."""
+        """Places of the torques among the coordinates of the linkage."""
         self._moved = np.array([coordinates.index(name) for name in LEG_TORQUES])
         self._foot = [self._chain.segments.index(foot) for foot in FEET]
         free = [name for name in coordinates if name in COORDINATES]  # all but the locked reaction joints

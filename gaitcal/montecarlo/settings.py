@@ -62,14 +62,14 @@ class ReactionFrame(Enum):
 
 
 class ParameterChoice(Enum):
-    """Which joint parameters vary; the two legs independently."""
+    """Which joint parameters vary, the two legs independently; named by how many the published linkage has."""
 
     LEG = 27
-    """All 27 of each leg."""
+    """All of each leg."""
     GAIT = 17
-    """The 17 of each leg that a gait trial determines."""
+    """Those of each leg that a gait trial determines."""
     ALL = 98
-    """All 98, back and arms too."""
+    """All, back and arms too."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -102,7 +102,8 @@ def _carried(context: MonteCarloContext, q: Array, change: Array) -> Array:
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
         moved = np.concatenate([np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2)
-        axes = columns[:, :, [chain.coordinates.index(name) for name in LEG_TORQUES[OF_FOOT[foot]]]]
+        names = [LEG_TORQUES[k] for k in OF_FOOT[foot]]
+        axes = columns[:, :, [chain.coordinates.index(name) for name in names]]
         out[:, OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
     return out
 

@@ -29,6 +29,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.spline import SplineBasis
 from gaitcal.records import dataclass
@@ -38,18 +39,9 @@ MARKER_M = 0.005
 BEYOND = np.deg2rad(5.0)
 """rad beyond a wall that cost e."""
 WALLS: Mapping[str, tuple[float, float]] = {
-    f"{name}_{side}": (low, high)
-    for side in SIDES
-    for name, low, high in (
-        ("hip_adduction", -40.0, 40.0),
-        ("hip_rotation", -50.0, 50.0),
-        ("ankle_angle", -70.0, 50.0),
-        ("subtalar_angle", -50.0, 50.0),
-    )
+    with_side(row.name, side): row.wall for side in SIDES for row in COORDINATE_TABLE.values() if row.wall
 }
-"""Coordinate -> deg from the static posture. Passive ranges of adults: hip adduction 30 and abduction 45, rotation 45
-each way, dorsiflexion 20, plantarflexion 50, inversion 35, eversion 15 (American Academy of Orthopaedic Surgeons 1965);
-about as much again for what axes that are off make of them."""
+"""Coordinate -> deg from the static posture."""
 STEADY = 0.8
 """Part of the variance of e_k."""
 STRIDE_S = 1.0

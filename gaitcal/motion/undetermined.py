@@ -29,32 +29,16 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import root_angles
-from gaitcal.model.linkage import JOINT_OF_CHILD, JOINTS, SIDES, Source
+from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
+from gaitcal.model.linkage import JOINT_OF_CHILD, JOINTS, SIDES, Source, segment_kind
 from gaitcal.model.trunk import OFF_LINE, spread_off_line
 from gaitcal.motion.coordinate_prior import MARKER_M, CoordinatePrior
 from gaitcal.motion.rigid import FEWEST_MARKERS
 
 DEVIATION: Mapping[str, float] = {
-    "lumbar_extension": 5.0,
-    "lumbar_bending": 5.0,
-    "lumbar_rotation": 5.0,
-    **{
-        f"{name}_{side}": deviation
-        for side in SIDES
-        for name, deviation in (
-            ("arm_flex", 20.0),
-            ("arm_add", 10.0),
-            ("elbow_flex", 20.0),
-            ("hip_rotation", 10.0),
-            ("ankle_angle", 15.0),
-            ("subtalar_angle", 10.0),
-        )
-    },
+    with_side(row.name, side): row.spread for side in SIDES for row in COORDINATE_TABLE.values() if row.spread
 }
-"""Coordinate -> deg. Thorax in the laboratory: it turns through 4 deg (tilt), 5 (list) and 8 (rotation) in a stride of
-normal gait, an RMS of 1.5 to 3 deg, and leans by 2 to 4 deg otherwise than in standing (Krebs et al. 1992; Leardini et
-al. 2011). Shoulder: 25 to 40 deg of swing, an RMS of 9 to 14, and as much of posture; elbow bent by 10 to 40 deg
-(Murray, Sepic and Barnard 1967). Legs: RMS of a stride of normal gait, and 5 deg of posture."""
+"""Coordinate -> deg."""
 POSES = 20
 """Frames that are asked."""
 WIDEST = 1.0
@@ -80,7 +64,7 @@ def coordinates_asked(
     turns: list[str] = []
     for segment in segments[1:]:
         turns += [e.name for e in JOINT_OF_CHILD[segment].elements if e.source is Source.COORDINATE]
-        if segment.startswith("talus"):
+        if not segment_kind(segment).markers:
             continue  # no marker sits on it: its joint is the foot's
         own = local[counts & (names == segment)]
         if len(own) < FEWEST_MARKERS or spread_off_line(own) < OFF_LINE:

@@ -17,7 +17,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.linkage import SEGMENTS
+from gaitcal.model.linkage import JOINTS, SEGMENTS, segment_kind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_fit import FittedMesh, fitted_meshes
@@ -198,7 +198,7 @@ def _tracked(motion: Motion) -> BoolArray:
     """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
     distance = motion.errors.distance
     carrying = {s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()}
-    carrying |= {f"talus_{s[-1]}" for s in carrying if s.startswith("foot_")}
+    carrying |= {j.parent for j in JOINTS if j.child in carrying and not segment_kind(j.parent).markers}
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 
 

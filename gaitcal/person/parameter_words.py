@@ -18,8 +18,8 @@ from gaitcal.gait.words import (
     parameter_place,
     parameter_words,
     segment_words,
-    split_side,
 )
+from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.person.result import Calibration
 from gaitcal.person.tables import parameter_rows
@@ -27,7 +27,7 @@ from gaitcal.records import dataclass
 from gaitcal.study.settings import Protocol
 
 ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))
-GROUPS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")
+GROUPS = tuple(JOINT_TABLE)
 EQUAL = 1e-9
 SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
 """Units of the page where those of the files would make the numbers too long to read."""

@@ -13,7 +13,7 @@ from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
-from gaitcal.model.linkage import carrier_of, joint_segments
+from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.strays import without_strays
 from gaitcal.model.subject_model import SubjectModel
@@ -78,8 +78,7 @@ class PreparedTrial:
         """Pelvis and the leg that moves, or both legs for gait."""
         if self.reweighted is not None:
             return self.reweighted[1]
-        sides = ("r", "l") if self.joint is None else (self.joint[-1],)
-        legs = tuple(f"{s}_{side}" for side in sides for s in ("thigh", "shank", "talus", "foot"))
+        legs = LOWER_BODY[1:] if self.joint is None else LEGS[self.joint[-1]]
         try:
             return self._part("pelvis", ("pelvis", *legs))
         except InputError:

@@ -40,7 +40,7 @@ class FeetOnGround:
     points: Array
     """(nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`."""
     slopes: Array
-    """(nf, 2, 4, 3, 27) their derivatives by the coordinates."""
+    """(nf, 2, 4, 3, nq) their derivatives by the coordinates."""
 
     def along(self, part: Array) -> tuple[Array, Array]:
         """Points on the floor (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives."""
@@ -54,12 +54,12 @@ class FeetOnGround:
 
 
 def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
-    """Where the points of the feet are at coordinates (nf, 27)."""
+    """Where the points of the feet are at coordinates (nf, nq)."""
     chain = Chain()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     poses = forward(chain, constants, q)
     axes, origins = segment_poses(chain, constants, poses)
-    columns = jacobian(chain, constants, poses).transpose(2, 1, 0)  # (nf, 6, 27)
+    columns = jacobian(chain, constants, poses).transpose(2, 1, 0)  # (nf, 6, nq)
     points = np.empty((len(q), len(FEET), len(POINTS), 3))
     slopes = np.zeros((*points.shape, q.shape[1]))
     for foot, segment in enumerate(FEET):

@@ -16,6 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.files.package_data import models_path
+from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 
 GAIT_CYCLE = 1.035
@@ -41,17 +42,18 @@ _CURVE_OF = {
     "arm_add": ("sabd", -1.0),
     "elbow_flex": ("elb", 1.0),
 }
+"""Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
 
 
 def gait_curves(phase: Array) -> Array:
-    """(nf, 27) m, rad, at phases (nf,) in strides; 0: right heel strike."""
+    """(nf, nq) m, rad, at phases (nf,) in strides; 0: right heel strike."""
     data, out = _nominal_gait(), _sums(phase, _values)
     out[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
     return out
 
 
 def gait_accelerations(phase: Array) -> Array:
-    """(nf, 27) m/s^2, rad/s^2 of the curves."""
+    """(nf, nq) m/s^2, rad/s^2 of the curves."""
     return _sums(phase, _accelerations)
 
 
@@ -59,8 +61,8 @@ def _sums(phase: Array, of: Callable[[Array, Array, Array], Array]) -> Array:
     curves = _nominal_gait()["curves"]
     out = np.empty((len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
-        stem = name if name in _CURVE_OF else name[:-2]
-        curve, sign = _CURVE_OF[stem]
+        stem = split_side(name)[0]
+        curve, sign = _CURVE_OF.get(stem, (stem, 1.0))
         a, b = (np.array(curves[curve][part], dtype=float) for part in "ab")
         values = of(phase + (0.5 if name.endswith("_l") else 0.0), a, b)
         out[:, i] = sign * (values if curves[curve]["unit"] == "m" else np.deg2rad(values))

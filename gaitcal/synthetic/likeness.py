@@ -30,7 +30,7 @@ def is_nominal(parameters: Parameters) -> bool:
 
 
 def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
-    """(nn, 27) nodes of the motion in which a person's markers are nearest to the nominal person's at q (nf, 27)."""
+    """(nn, nq) nodes of the motion in which a person's markers are nearest to the nominal person's at q (nf, nq)."""
     nominal = published_model(static_only=True)
     seen = synthetic_markers(nominal.parameters, nominal.markers, q)
     recording = Recording(source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen)
@@ -42,7 +42,7 @@ def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -
 
 
 def posture_like_nominal(parameters: Parameters, q: Array) -> Array:
-    """(27,) the posture in which a person's markers are nearest to the nominal person's at q (27,)."""
+    """(nq,) the posture in which a person's markers are nearest to the nominal person's at q (nq,)."""
     if is_nominal(parameters):
         return q
     basis = spline_basis(np.arange(12) / 200.0, 6)

@@ -25,7 +25,7 @@ NOISE_OMEGA = 25.0
 
 @with_one_blas_thread
 def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
-    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, 27), in the order of `markers.labels`."""
+    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of `markers.labels`."""
     chain = Chain()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")

@@ -48,13 +48,13 @@ class TrueMotion:
 
     basis: SplineBasis
     nodes: Array
-    """(nn, 27) m, rad."""
+    """(nn, nq) m, rad."""
     phase: Array | None = None
     """(nf,) of a gait: strides since a right heel strike."""
 
     @property
     def q(self) -> Array:
-        """(nf, 27)."""
+        """(nf, nq)."""
         return self.basis.evaluate(self.nodes)
 
 
@@ -127,7 +127,7 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
 
 
 def standing_pose(parameters: Parameters | None = None) -> Array:
-    """(27,) upright, arms slightly away from the body; of a person with other joint parameters, what looks so."""
+    """(nq,) upright, arms slightly away from the body; of a person with other joint parameters, what looks so."""
     q = np.zeros(len(COORDINATES))
     q[COORDINATE_INDEX["pelvis_ty"]] = 0.95
     for side in ("r", "l"):

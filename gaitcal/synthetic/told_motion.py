@@ -51,13 +51,13 @@ class ToldMotion:
     time: Array
     """(nf,) s."""
     q: Array
-    """(nf, 27) m, rad."""
+    """(nf, nq) m, rad."""
     velocity: Array
-    """(nf, 27) m/s, rad/s."""
+    """(nf, nq) m/s, rad/s."""
     acceleration: Array
-    """(nf, 27) m/s^2, rad/s^2."""
+    """(nf, nq) m/s^2, rad/s^2."""
     forces: Array | None
-    """(nf, 29) N·m (pelvis translations: N), the 27 coordinates and the two knee reactions; None without plates."""
+    """(nf, nt) N·m (pelvis translations: N), the 27 coordinates and the two knee reactions; None without plates."""
 
 
 class Teller:
@@ -103,7 +103,7 @@ class Teller:
         return dynamics
 
     def _coordinates(self, told: Parameters, q: Array, start: Array | None = None) -> Array:
-        """(nf, 27) coordinates of the linkage `told` that put its segments where the true ones are at q (nf, 27),
+        """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are at q (nf, nq),
         sought from `start`.
         """
         chain = Chain()

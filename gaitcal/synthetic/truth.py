@@ -62,12 +62,12 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
     legs = lower_body(posture, model.subject.height, hip_centre)
     frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
-    told = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
-    return StaticFrames(told, posture, legs, frames)
+    in_frames = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
+    return StaticFrames(in_frames, posture, legs, frames)
 
 
 def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
-    """Pose of every segment frame of a linkage at coordinates (27,)."""
+    """Pose of every segment frame of a linkage at coordinates (nq,)."""
     chain = Chain()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
@@ -75,7 +75,7 @@ def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
 
 
 def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Frame]) -> Array:
-    """(98,) joint parameters of the linkage, at pose q (27,), in the segment `frames` of the same pose (no talus)."""
+    """(np,) joint parameters of the linkage, at pose q (nq,), in the segment `frames` of the same pose (no talus)."""
     lines = _joint_lines(parameters, q)
     out = np.full(len(JP_INDEX), np.nan)
 
@@ -97,24 +97,28 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         put(f"{prefix}.trans", np.arctan2(-d[2], d[0]))
         put(f"{prefix}.sag", np.arcsin(np.clip(d[1], -1, 1)))
 
-    def put_hinge(name: str, proximal: tuple[str, str], distal: tuple[str, str], line: tuple[Array, Array]) -> None:
+    def put_hinge(places: Mapping[str, str], line: tuple[Array, Array]) -> None:
         axis, point = line
-        frame = frames[proximal[1]]
+        proximal, distal = places
+        frame = frames[proximal]
         lateral = frame.rotation[:, 2]
         point = point - axis * ((point - frame.origin) @ lateral) / (axis @ lateral)
-        put_z_axis(f"{name}.{proximal[0]}", proximal[1], axis)
-        put_point(f"{name}.{proximal[0]}", proximal[1], point, "ant sup")
-        put_z_axis(f"{name}.{distal[0]}", distal[1], axis)
-        put_point(f"{name}.{distal[0]}", distal[1], point)
+        put_z_axis(places[proximal], proximal, axis)
+        put_point(places[proximal], proximal, point, "ant sup")
+        put_z_axis(places[distal], distal, axis)
+        put_point(places[distal], distal, point)
 
+    for joint in JOINTS:
+        turns = [e for e in joint.elements if e.source is Source.COORDINATE]
+        places = {p.segment: p.name.rpartition(".")[0] for p in JOINT_PARAMETERS if p.joint == joint.name}
+        line = lines[turns[0].name]
+        if len(turns) == 3:  # a ball: the point in which the axes meet
+            for segment, prefix in places.items():
+                put_point(prefix, segment, line[1])
+        elif len(turns) == 1 and turns[0].axis == 2 and len(places) == 2:
+            put_hinge(places, line if turns[0].sign > 0 else _reversed(line))
     for side in SIDES:
-        thigh, shank, foot, arm, forearm = (
-            f"{s}_{side}" for s in ("thigh", "shank", "foot", "upper_arm", "forearm_hand")
-        )
-        hip = lines[f"hip_flexion_{side}"][1]
-        put_point(f"hip_{side}.pelvis", "pelvis", hip)
-        put_point(f"hip_{side}.thigh", thigh, hip)
-        put_hinge(f"knee_{side}", ("thigh", thigh), ("shank", shank), _reversed(lines[f"knee_angle_{side}"]))
+        shank, foot, arm = (f"{s}_{side}" for s in ("shank", "foot", "upper_arm"))
         z, point_of_z = lines[f"ankle_angle_{side}"]
         x, point_of_x = lines[f"subtalar_angle_{side}"]
         x = x if side == "r" else -x
@@ -132,15 +136,11 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         put_point(f"shoulder_{side}.trunk", "head_trunk", shoulder)
         put_x_axis(f"shoulder_{side}.upperarm", arm, x)
         put_point(f"shoulder_{side}.upperarm", arm, shoulder)
-        put_hinge(f"elbow_{side}", ("upperarm", arm), ("forearm", forearm), lines[f"elbow_flex_{side}"])
-    back = lines["lumbar_extension"][1]
-    put_point("back.pelvis", "pelvis", back)
-    put_point("back.trunk", "head_trunk", back)
     return out
 
 
 def inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
-    """(84,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
+    """(ni,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
     out = table(inertial).copy()
     for row, segment in zip(out, MASSIVE_SEGMENTS, strict=True):
         turn = frames[segment].rotation.T @ true[segment].rotation

@@ -24,6 +24,7 @@ from scipy.linalg import solveh_banded
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.model.build import GRAVITY
+from gaitcal.model.coordinates import group_of
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -58,7 +59,7 @@ class _Rows:
     value: Array
     """(nf, n)."""
     by_position: Array | None = None
-    """(nf, n, 27)."""
+    """(nf, n, nq)."""
     by_velocity: Array | None = None
     by_acceleration: Array | None = None
 
@@ -68,15 +69,15 @@ class Meant:
     """The motion that a walk is to be like."""
 
     q: Array
-    """(nf, 27) m, rad."""
+    """(nf, nq) m, rad."""
     acceleration: Array
-    """(nf, 27) m/s^2, rad/s^2."""
+    """(nf, nq) m/s^2, rad/s^2."""
     spread: float = 1.0
     """Of how far from it the walk may be: less where the ground carries it already."""
 
 
 def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, meant: Meant) -> Array:
-    """(nn, 27) m, rad: nodes of a walk of the person with these parameters.
+    """(nn, nq) m, rad: nodes of a walk of the person with these parameters.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def _usual_force(phase: Array) -> Array:
 def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
     """Coordinates and accelerations as meant."""
     slides = np.array([is_translation(name) for name in COORDINATES])
-    arms = np.array([name.startswith(("arm", "elbow")) for name in COORDINATES])
+    arms = np.array([group_of(name) == "arm" for name in COORDINATES])
     place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
     acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
     nf, nq = len(basis.time), nodes.shape[1]
@@ -196,7 +197,7 @@ def _rows(value: Array, slopes: list[Array]) -> _Rows:
 
 
 def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
-    """(nn, 27) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
+    """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
     nq = len(COORDINATES)
     width = ORDER * nq
     nf = len(basis.time)

@@ -1,10 +1,7 @@
 """Limits that nobody who walks or runs exceeds, whatever the data: behind every other check stands the body itself.
 
-Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965; Boone
-and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model. Speeds of
-joints: above those of kicking and sprinting. Torques: beyond those of sprinters at 9 m/s (Schache et al., Med Sci
-Sports Exerc 43:1260-1271, 2011), for all speeds of walking and running; clean walks reach 10 %BW*H. Pelvis residual:
-clean recordings have 2 to 13 % of the body weight, RMS; with more than these limits no torque means anything.
+Angles, speeds and torques: `Limits` of `model/coordinates.py`. Pelvis residual: clean recordings have 2 to 13 % of
+the body weight, RMS; with more than these limits no torque means anything.
 """
 
 from __future__ import annotations
@@ -17,38 +14,20 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.findings import Finding, Severity, listed
+from gaitcal.gait.moments import moment_of
+from gaitcal.model.coordinates import COORDINATE_TABLE
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.recording.intervals import runs, spans
 from gaitcal.records import dataclass
 
 TOPIC, DISAGREE = "physical bounds", "motion and forces do not belong together"
-ANGLES_DEG: Mapping[str, tuple[float, float]] = {
-    "hip_flexion": (-50.0, 145.0),
-    "hip_adduction": (-65.0, 50.0),
-    "hip_rotation": (-65.0, 65.0),
-    "knee_angle": (-30.0, 160.0),
-    "ankle_angle": (-75.0, 55.0),
-    "subtalar_angle": (-60.0, 60.0),
-}
+_LIMITS = {name: row.limits for name, row in COORDINATE_TABLE.items() if row.limits}
+ANGLES_DEG: Mapping[str, tuple[float, float]] = {name: x.angle for name, x in _LIMITS.items() if x.angle}
 """Coordinate of a leg -> smallest and largest angle."""
-SPEEDS_DEG_S: Mapping[str, float] = {
-    "hip_flexion": 1500.0,
-    "hip_adduction": 1000.0,
-    "hip_rotation": 1500.0,
-    "knee_angle": 2200.0,
-    "ankle_angle": 2000.0,
-    "subtalar_angle": 2000.0,
-}
-"""Coordinate of a leg -> largest speed; no clean walk or isolated trial exceeds 600."""
-TORQUES_PERCENT_BWH: Mapping[str, float] = {
-    "hip_flexion": 50.0,
-    "hip_adduction": 40.0,
-    "hip_rotation": 20.0,
-    "knee_angle": 45.0,
-    "ankle_angle": 40.0,
-    "subtalar_angle": 20.0,
-    "knee_adduction": 30.0,
-}
+SPEEDS_DEG_S: Mapping[str, float] = {name: x.speed for name, x in _LIMITS.items() if x.speed}
+"""Coordinate of a leg -> largest speed."""
+TORQUES_PERCENT_BWH: Mapping[str, float] = {name: x.torque for name, x in _LIMITS.items()}
 """Coordinate of a leg -> largest torque in percent of body weight times height."""
 RESIDUAL_SHARE, RESIDUAL_MOMENT_SHARE = 0.5, 0.2
 """Largest RMS magnitude of the residual force in body weights, and of the moment in body weights times height."""
@@ -144,11 +123,7 @@ def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
 
 def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:
     for name, limit in TORQUES_PERCENT_BWH.items():
-        if name == "knee_adduction":
-            torque = moments.knee_adduction[:, "rl".index(side)]
-        else:
-            torque = moments.tau[:, moments.coordinates.index(f"{name}_{side}")]
-        share = np.where(valid, 100.0 * np.abs(torque) / moments.bwh, 0.0)
+        share = np.where(valid, 100.0 * np.abs(moment_of(moments, f"{name}_{side}")) / moments.bwh, 0.0)
         if (share > limit).any():
             words = f"torque of {name}_{side} {share.max():.0f} %BW*H (allowed: {limit:.0f})"
             yield _Broken(words, float(share.max()) / limit, share > limit)
@@ -157,7 +132,7 @@ def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]
 def _markers(errors: MarkerErrors, side: str) -> Iterator[_Broken]:
     for k in np.flatnonzero(errors.kept() & (errors.weight >= FULL_WEIGHT)).tolist():
         segment = errors.segments[k]
-        if not (segment.endswith(f"_{side}") and segment.startswith(("thigh", "shank", "foot"))):
+        if not (segment.endswith(f"_{side}") and segment in LOWER_BODY):
             continue
         distance = errors.distance[:, k]
         rms = float(np.sqrt(np.nanmean(distance**2)))

@@ -13,15 +13,11 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
+from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 from gaitcal.verdict.force_evidence import ForceEvidence
 from gaitcal.verdict.force_fits import ForceFit
 
-LEGS = [
-    k
-    for k, name in enumerate(FORCES)
-    if name[:-2]
-    in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle", "subtalar_angle")
-]
+LEGS = [k for k, name in enumerate(FORCES) if split_side(name)[0] in LEG_COORDINATES]
 HOLDS = 0.01
 """Of body weight times height: what the error bars of leg torques hold with 95 %."""
 

@@ -10,7 +10,7 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings
 from gaitcal.calibration.inertial_equations import root_equations
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.inertial_parameters import dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
+from gaitcal.model.inertial_parameters import IP_NAMES, dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
 from gaitcal.model.nominal import published_model
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array
@@ -41,7 +41,7 @@ def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: floa
     )
     scale = np.repeat([1.0 / WEIGHT, 1.0 / (WEIGHT * LENGTH)], 3)
     by_inertial = np.einsum("i,fisd,sdk->fisk", scale, regressor, dynamic_jacobian(found.inertial))
-    plain = by_inertial.reshape(-1, 84) @ found.jacobian
+    plain = by_inertial.reshape(-1, len(IP_NAMES)) @ found.jacobian
     size = len(found.names)
     weight = np.linalg.norm(found.residual_jacobian[:-size]) / np.linalg.norm(plain)
     deviation = 1.0 / (weight * np.sqrt(settings.independent))

@@ -62,8 +62,8 @@ def test_from_absolute_zero_gait_is_found() -> None:
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=markers)
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
-    zero = model.parameters.with_joint(free, np.zeros(17))
-    p, nodes, _ = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(17))
+    zero = model.parameters.with_joint(free, np.zeros(len(free)))
+    p, nodes, _ = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(len(free)))
     found = JointSearch([problem], zero.with_joint(free, p), free, nodes).run()
     np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
 

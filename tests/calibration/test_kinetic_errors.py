@@ -16,6 +16,7 @@ from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES, MomentFram
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.powers import POWERS
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
+from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
 from tests.calibration.test_torque_errors import plate_changes
 from tests.derivatives import Array, perturbed_parameters, random_trial
@@ -72,7 +73,12 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
 
         return (values(STEP) - values(-STEP)) / (2 * STEP)
 
-    still, fixed, rigid, measured = np.zeros_like(nodes), np.zeros(len(free)), np.zeros(84), np.zeros_like(wrench)
+    still, fixed, rigid, measured = (
+        np.zeros_like(nodes),
+        np.zeros(len(free)),
+        np.zeros(len(IP_NAMES)),
+        np.zeros_like(wrench),
+    )
     changes = [told(column.reshape(nodes.shape), fixed, rigid, measured) for column in moves.nodes.T]
     for shift in moves.shift.T:
         changes.append(told(-(moves.sensitivity @ shift).reshape(nodes.shape), shift, rigid, measured))

@@ -22,10 +22,12 @@ from gaitcal.calibration.marker_moves import (
 )
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.axis_errors import AxisErrors
-from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import Source
+from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.node_rule import NodeRule
@@ -80,7 +82,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
     influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     errors: list[tuple[Array, Array, Array]] = []
-    still, rigid = np.zeros(nodes.shape), np.zeros(84)
+    still, rigid = np.zeros(nodes.shape), np.zeros(len(IP_NAMES))
     order = [free.index(name) for name in FREE]
     errors += [(column.reshape(nodes.shape), np.zeros(len(FREE)), rigid) for column in moves.nodes.T]
     errors += [(-(moves.sensitivity @ s).reshape(nodes.shape), s[order], rigid) for s in moves.shift.T]
@@ -237,8 +239,8 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
         return torques.every, coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
-    assert torques.shape == (len(time), 29)
-    assert coordinates.shape == (len(time), 27)
+    assert torques.shape == (len(time), len(FORCES))
+    assert coordinates.shape == (len(time), len(COORDINATES))
     assert (torques > 0).all() and (coordinates > 0).all()
     for module in (torque_errors, moves_module):
         monkeypatch.setattr(module, "BLOCK", 17)

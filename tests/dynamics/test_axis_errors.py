@@ -89,7 +89,7 @@ def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Arra
 def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
     rng = np.random.default_rng(2)
     parameters = body()
-    q, v, a = (rng.normal(0, s, (1, 27)) for s in (0.3, 1.0, 5.0))
+    q, v, a = (rng.normal(0, s, (1, len(COORDINATES))) for s in (0.3, 1.0, 5.0))
     wrench = rng.normal(0, 300, (1, 2, 6))
     carrying = [k for k, name in enumerate(CHAIN.segments) if not name.startswith("talus")]
     segments = np.repeat(np.array(carrying, dtype=np.intp), 4)
@@ -122,7 +122,7 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
 
 def test_hinges_keep_their_torque_and_hips_do_not() -> None:
     rng = np.random.default_rng(3)
-    q, v, a = (rng.normal(0, s, (700, 27)) for s in (0.3, 1.0, 5.0))  # more than a block of frames
+    q, v, a = (rng.normal(0, s, (700, len(COORDINATES))) for s in (0.3, 1.0, 5.0))  # more than a block of frames
     errors = AxisErrors(body())
     size = np.abs(errors.torque_moves(q, v, a, rng.normal(0, 300, (700, 2, 6)))).max(axis=(0, 2))
     moved = {name for name, largest in zip(FORCES, size, strict=True) if largest > NOTHING}
@@ -141,7 +141,7 @@ def test_hinges_keep_their_torque_and_hips_do_not() -> None:
 def test_only_what_is_wrong_moves_anything() -> None:
     errors = AxisErrors(body(), {"thigh": (0.0, 2.0, 0.0)})
     assert errors.segments == ("thigh_r", "thigh_l")
-    one = np.zeros((1, 27))
+    one = np.zeros((1, len(COORDINATES)))
     moves = errors.coordinate_moves(one)[0]
     # standing, the thigh's own length is the axis of hip rotation, and of nothing else
     rotation = moves[COORDINATES.index("hip_rotation_r")]

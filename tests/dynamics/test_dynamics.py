@@ -27,7 +27,7 @@ FORCE = 1e-9
 
 
 def state(frames: int) -> tuple[Array, Array, Array, Array]:
-    q, v, a = (RNG.normal(0, scale, (frames, 27)) for scale in (0.4, 2.0, 9.0))
+    q, v, a = (RNG.normal(0, scale, (frames, len(COORDINATES))) for scale in (0.4, 2.0, 9.0))
     return q, v, a, RNG.normal(0, 300, (frames, 2, 6))
 
 
@@ -44,7 +44,7 @@ def test_forces_agree_with_pinocchio_with_external_forces() -> None:
             joint = linkage.segment_joint[foot]
             external[joint] = data.oMi[joint].actInv(pin.Force(wrench[f, k]))
         tau = pin.rnea(linkage.model, data, q[f], v[f], a[f], external)
-        np.testing.assert_allclose(forces[f, :27], tau, atol=FORCE)
+        np.testing.assert_allclose(forces[f, : len(COORDINATES)], tau, atol=FORCE)
 
 
 def test_the_residual_force_needs_no_place_of_the_ground_reactions() -> None:
@@ -93,7 +93,7 @@ def test_knee_reaction_is_the_moment_on_the_shank_about_the_knee_axis() -> None:
     at = [linkage.index(name) for name in ("knee_adduction_r", "knee_adduction_l")]
     order = [linkage.index(name) for name in linkage.coordinates if not name.startswith("knee_adduction")]
     for f in range(4):
-        full = np.zeros((3, 29))
+        full = np.zeros((3, len(FORCES)))
         full[:, order] = q[f], v[f], a[f]
         tau = pin.rnea(linkage.model, data, *full)
         for k, row in enumerate(at):  # virtual work of the wrench in a small turn of the reaction joint
@@ -104,7 +104,7 @@ def test_knee_reaction_is_the_moment_on_the_shank_about_the_knee_axis() -> None:
                 pin.framesForwardKinematics(linkage.model, data, turned)
                 foot = data.oMf[linkage.model.getFrameId(FEET[k])]
                 work += sign * float(wrench[f, k] @ pin.log6(foot * _home(linkage, full[0], FEET[k])).vector) / (2 * h)
-            np.testing.assert_allclose(forces[f, 27 + k], tau[row] - work, rtol=1e-5, atol=1e-4)
+            np.testing.assert_allclose(forces[f, len(COORDINATES) + k], tau[row] - work, rtol=1e-5, atol=1e-4)
 
 
 def _home(linkage: object, q: Array, frame: str) -> pin.SE3:

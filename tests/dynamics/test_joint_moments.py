@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.derivatives import force_derivatives
+from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import JointKinetics, KineticErrors, component_of, kinetic_values, power_of
 from gaitcal.dynamics.joint_moments import COMPONENTS, HELD, NET_JOINTS, VECTOR_FRAMES, MomentFrame, moment_slopes
@@ -35,7 +36,7 @@ GRAVITY = np.array([0.0, -9.81, 0.0])
 def state(seed: int = 5) -> tuple[Array, Array, Array, Array]:
     """(3, 27) coordinates, their derivatives, and foot wrenches (3, 2, 6)."""
     rng = np.random.default_rng(seed)
-    q, v, a = (rng.normal(0, scale, (3, 27)) for scale in (0.4, 2.0, 9.0))
+    q, v, a = (rng.normal(0, scale, (3, len(COORDINATES))) for scale in (0.4, 2.0, 9.0))
     return q, v, a, rng.normal(0, 300, (3, 2, 6))
 
 
@@ -228,19 +229,18 @@ def test_slopes_of_moments_by_finite_differences() -> None:
 def test_forces_held_still_report_themselves_and_change_no_other() -> None:
     q, v, a, wrench = state()
     plain, held = Dynamics(PARAMETERS).forces(q, v, a, wrench), Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench)
-    assert held.shape == (3, 29 + len(HELD))
-    np.testing.assert_allclose(held[:, :29], plain, atol=ROUNDING)
+    assert held.shape == (3, len(FORCES) + len(HELD))
+    np.testing.assert_allclose(held[:, : len(FORCES)], plain, atol=ROUNDING)
     some = force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench, HELD)
     few = force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench)
     assert some.free == few.free == ("hip_r.pelvis.ant",)
-    np.testing.assert_allclose(some.by_parameter[:, :29], few.by_parameter, atol=1e-6)
+    np.testing.assert_allclose(some.by_parameter[:, : len(FORCES)], few.by_parameter, atol=1e-6)
 
 
 def test_a_refused_leg_has_no_error_bars_and_the_other_keeps_its_own() -> None:
-    errors = KineticErrors(np.ones((2, 28)), np.ones((2, 3, 21)), KineticErrors(np.ones((2, 28)), np.ones((2, 3, 21))))
-    kept = np.array(
-        [name.endswith("_l") and name.startswith(("hip", "knee", "ankle", "subtalar")) for name in COORDINATES]
-    )
+    power, moment = np.ones((2, len(POWERS))), np.ones((2, len(VECTOR_FRAMES), len(COMPONENTS)))
+    errors = KineticErrors(power, moment, KineticErrors(power, moment))
+    kept = np.array([leg_of(name) == "l" for name in COORDINATES])
     for some in (errors.only(kept), errors.only(kept).own):
         assert some is not None
         assert np.isfinite(power_of(some, "ankle_l")).all() and np.isfinite(power_of(some, "hip_flexion_l")).all()

@@ -18,7 +18,7 @@ NOTHING = np.zeros((1, 3))
 
 def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     """Standing with 300 N on each foot where it counts, over plates at the height `floor` (m)."""
-    q = np.zeros((3, 27))
+    q = np.zeros((3, len(COORDINATES)))
     q[:, COORDINATES.index("pelvis_ty")] = pelvis_height
     wrench = np.zeros((3, 2, 6))
     wrench[:, :, 1] = np.array([900.0, 300.0, 250.0])[:, None]
@@ -42,7 +42,7 @@ def test_size_of_a_residual_over_valid_frames() -> None:
     moments = Moments(
         coordinates=COORDINATES,
         time=np.arange(3.0),
-        tau=np.zeros((3, 27)),
+        tau=np.zeros((3, len(COORDINATES))),
         knee_adduction=np.zeros((3, 2)),
         residual_force=np.array([[90.0, 0, 0], [3, 4, 0], [0, 0, 1]]),
         residual_moment=np.array([[0.0, 0, 80], [0, 2, 0], [1, 2, 2]]),

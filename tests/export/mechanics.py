@@ -9,8 +9,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from gaitcal.model.build import build_model
-from gaitcal.model.inertial_parameters import is_physical
-from gaitcal.model.joint_parameters import JP_TO_SI
+from gaitcal.model.inertial_parameters import IP_NAMES, is_physical
+from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
 
@@ -45,9 +45,9 @@ def random_states(seed: int, count: int = STATES, still: tuple[str, ...] = ()) -
     moving = np.array([name not in still for name in COORDINATES], float)
     return [
         State(
-            0.8 * rng.normal(size=27) * moving,
-            4.0 * rng.normal(size=27) * moving,
-            40.0 * rng.normal(size=27) * moving,
+            0.8 * rng.normal(size=len(COORDINATES)) * moving,
+            4.0 * rng.normal(size=len(COORDINATES)) * moving,
+            40.0 * rng.normal(size=len(COORDINATES)) * moving,
             rng.normal(size=(2, 6)) * [500, 800, 500, 300, 300, 300],
         )
         for _ in range(count)
@@ -55,14 +55,14 @@ def random_states(seed: int, count: int = STATES, still: tuple[str, ...] = ()) -
 
 
 def perturbed(model: SubjectModel, seed: int) -> SubjectModel:
-    """All 98 JPs within 10 mm and 10 degrees, all 84 IPs within 10 %, left and right apart; seed 0: as it is."""
+    """All JPs within 10 mm and 10 degrees, all IPs within 10 %, left and right apart; seed 0: as it is."""
     if seed == 0:
         return model
     rng = np.random.default_rng([seed, 2])
-    joint = model.parameters.joint + rng.uniform(-10, 10, 98) * JP_TO_SI
+    joint = model.parameters.joint + rng.uniform(-10, 10, len(JP_NAMES)) * JP_TO_SI
     inertial = model.parameters.inertial.copy()
     while True:
-        inertial = model.parameters.inertial * rng.uniform(0.9, 1.1, 84)
+        inertial = model.parameters.inertial * rng.uniform(0.9, 1.1, len(IP_NAMES))
         if is_physical(inertial).all():
             break
     return model.with_parameters(replace(model.parameters, joint=joint, inertial=inertial))

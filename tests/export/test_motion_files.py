@@ -25,12 +25,12 @@ def table(seed: int, columns: int) -> np.ndarray:
 
 
 def test_mot_round_trip(tmp_path: Path) -> None:
-    q = table(1, 27)
+    q = table(1, len(COORDINATES))
     write_mot(tmp_path / "walk.mot", TIME, COORDINATES, q)
     text = (tmp_path / "walk.mot").read_text(encoding="utf-8")
     assert "inDegrees=yes" in text.splitlines()
     assert "nRows=25" in text.splitlines()
-    assert "nColumns=28" in text.splitlines()
+    assert f"nColumns={1 + len(COORDINATES)}" in text.splitlines()
     read = read_table(tmp_path / "walk.mot")
     assert read.names == FILE_COORDINATES
     np.testing.assert_array_equal(read.time, TIME)
@@ -56,12 +56,12 @@ def test_mot_refuses(tmp_path: Path, names: tuple[str, ...], columns: int, messa
 
 def test_time_must_increase(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="time: must be finite and increase"):
-        write_mot(tmp_path / "a.mot", TIME[::-1], COORDINATES, table(3, 27))
+        write_mot(tmp_path / "a.mot", TIME[::-1], COORDINATES, table(3, len(COORDINATES)))
     assert not list(tmp_path.iterdir())
 
 
 def test_moments(tmp_path: Path) -> None:
-    tau = table(4, 27)
+    tau = table(4, len(COORDINATES))
     tau[3, 5] = np.nan
     write_sto_moments(tmp_path / "walk.sto", TIME, tau, comments=("endheader", "nRows=7\nnColumns=2"))
     lines = (tmp_path / "walk.sto").read_text(encoding="utf-8").splitlines()
@@ -142,14 +142,14 @@ def test_external_loads_refuse(tmp_path: Path) -> None:
 
 @pytest.mark.peers
 def test_opensim_reads_the_tables(osim: Any, tmp_path: Path) -> None:
-    q, tau = table(6, 27), table(7, 27)
+    q, tau = table(6, len(COORDINATES)), table(7, len(COORDINATES))
     tau[2, 3] = np.nan
     write_mot(tmp_path / "a.mot", TIME, COORDINATES, q)
     write_sto_moments(tmp_path / "a.sto", TIME, tau)
     loads, _ = write_external_loads(tmp_path, TIME, walking_wrenches())
     for name, degrees, columns, rows in (
-        ("a.mot", True, 28, 25),
-        ("a.sto", False, 28, 24),
+        ("a.mot", True, len(COORDINATES) + 1, 25),
+        ("a.sto", False, len(COORDINATES) + 1, 24),
         (loads.name, False, 19, 25),
     ):
         storage = osim.Storage(str(tmp_path / name))

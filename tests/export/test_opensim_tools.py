@@ -22,10 +22,10 @@ NOISE = 5e-3
 
 
 def smooth_motion(time: np.ndarray, seed: int) -> np.ndarray:
-    """(nf, 27) slow waves, standing height."""
+    """(nf, nq) slow waves, standing height."""
     rng = np.random.default_rng(seed)
-    waves = rng.uniform(0.5, 1.5, 27) * 2 * np.pi
-    q = 0.3 * np.sin(np.outer(time, waves) + rng.uniform(0, 6, 27))
+    waves = rng.uniform(0.5, 1.5, len(COORDINATES)) * 2 * np.pi
+    q = 0.3 * np.sin(np.outer(time, waves) + rng.uniform(0, 6, len(COORDINATES)))
     q[:, COORDINATES.index("pelvis_ty")] += 0.95
     return q
 

@@ -23,7 +23,8 @@ from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import moment_names, moment_numbers, moment_of
 from gaitcal.gait.normal_bands import NormalBand, Signs
 from gaitcal.gait.strides import layout
-from gaitcal.gait.words import coordinate_words, explained, joint_words, parameter_words, segment_words
+from gaitcal.gait.words import explained, joint_words, parameter_words, segment_words
+from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation

@@ -75,7 +75,7 @@ def test_against_time_a_long_trial_is_thinned() -> None:
 
 def numbers(by_cycle: bool) -> MomentNumbers:
     """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
-    tau = np.zeros((len(TIME), 27))
+    tau = np.zeros((len(TIME), len(COORDINATES)))
     tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
     before = tau.copy()
     before[:, KNEE] -= 0.1 * MASS

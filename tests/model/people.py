@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.model.chain import Chain
+from gaitcal.model.coordinates import is_of_leg
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import published_model
@@ -40,8 +41,13 @@ PEOPLE = {
 ARMS_HANG = ("uf3", "functional")
 
 
+def frozen_above(model: SubjectModel) -> set[str]:
+    """Frozen coordinates of trunk and arms; a segment of the legs that may go without markers is another matter."""
+    return {name for name in model.frozen if not is_of_leg(name)}
+
+
 def standing(model: SubjectModel, q: np.ndarray | None = None, frames: int = 60) -> Recording:
-    """The markers of a model that holds coordinates q (27,), zero if not given."""
+    """The markers of a model that holds coordinates q (nq,), zero if not given."""
     chain = Chain()
     constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
     pose = np.zeros((1, len(chain.coordinates))) if q is None else q[None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
+from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.montecarlo.context import MonteCarloContext
@@ -26,7 +27,7 @@ def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteC
     legs = LegTorques(context.case.parameters)
     for _ in range(3):  # one after the other in the same instance: nothing of one is left in the next
         parameters = perturbed_parameters(rng)
-        parameters = parameters.with_inertial(parameters.inertial * rng.uniform(0.8, 1.2, 84))
+        parameters = parameters.with_inertial(parameters.inertial * rng.uniform(0.8, 1.2, len(IP_NAMES)))
         nodes = context.case.nodes + rng.normal(0, 0.02, context.case.nodes.shape)
         constants = legs.disturb(parameters)
         laboratory, _ = legs.torques(constants, context.basis, nodes, context.case.wrench, context.feet)

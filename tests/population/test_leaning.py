@@ -28,7 +28,7 @@ from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.intake.draft_text import settings_text
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.population.result_evidence import NotUsedError, evidence_of
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
@@ -134,7 +134,7 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
     said = learn_priors(everybody, out)
     assert "not learnt of: P9: its verdict is refused" in said and "of 9 people" in said[0]
     with (out / PRIORS_CSV).open() as stream:
-        assert len(list(csv.DictReader(stream))) == 98
+        assert len(list(csv.DictReader(stream))) == len(JP_NAMES)
     study = result.parent / "study" / "study.toml"
     told = run("calibrate", study, "--out", tmp_path / "result", "--priors", out / PRIORS).output
     assert "priors: joint parameters lean on 7 people" in " ".join(told.split())

@@ -62,5 +62,7 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 
 def test_exact_errors_are_no_evidence() -> None:
     influence, deviation, *_ = fitted(LEGS, None)
-    exact = Influence(influence.free, influence.parameters * (np.arange(98) != len(LEGS) - 1), influence.clusters)
+    exact = Influence(
+        influence.free, influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1), influence.clusters
+    )
     assert parts_of(exact, deviation, JP_NAMES, None) is None

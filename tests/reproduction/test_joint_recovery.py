@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.joint_parameters import JP_INDEX, leg_parameters
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.reproduction import joint_recovery
 from gaitcal.reproduction.joint_recovery import LEG, free_parameters, synthetic_problem, true_model, true_motion
 from gaitcal.reproduction.noise_seed import SeedResult
@@ -32,11 +33,11 @@ def test_exact_without_noise(clean: SeedResult, problem: str) -> None:
 
 def test_problems_are_the_published_ones(clean: SeedResult) -> None:
     assert [len(free_parameters(p)) for p in PROBLEMS] == [6, 9, 12, 17]
-    assert [len(clean.joints[p].names) for p in PROBLEMS] == [6, 9, 12, 27]
+    assert [len(clean.joints[p].names) for p in PROBLEMS] == [6, 9, 12, len(leg_parameters("l"))]
     for problem in PROBLEMS:
         markers = synthetic_problem(problem, None)
         assert markers.data.measured.shape == (41, 3, 208 if problem == "full leg" else 1200)
-        assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, 27)
+        assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, len(COORDINATES))
         assert set(np.unique(markers.data.weight)) == {1.0}
 
 
@@ -53,7 +54,7 @@ def test_everything_starts_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     joint_recovery.solve("full leg", synthetic_problem("full leg", None), true_model().parameters)
     (starts, p) = seen[0]
     assert p.shape == (17,) and not p.any()
-    assert starts[0].shape == (20, 27) and not starts[0].any()
+    assert starts[0].shape == (20, len(COORDINATES)) and not starts[0].any()
 
 
 def test_noise_moves_the_minimum_below_the_truth(draws: list[SeedResult]) -> None:

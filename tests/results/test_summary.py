@@ -11,6 +11,7 @@ import pytest
 from gaitcal.commands.console import _residuals
 from gaitcal.findings import Severity
 from gaitcal.gait.events import joined_events
+from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.page.sheet import calibration_sheet
 from gaitcal.recording.metadata import FootEvent
 from gaitcal.results.summary import summary, trial_summary
@@ -66,7 +67,7 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
     words = "What makes the error bar"
     blocks = calibration_sheet(fake_calibration())["trials"][0]["sections"]["trust"]
     (bars,) = (block for block in blocks if block["kind"] == "bars")
-    assert len(bars["rows"]) == 14, "seven torques a leg"
+    assert len(bars["rows"]) == 2 * len(LEG_COORDINATES), "all torques of both legs"
     for row in bars["rows"]:
         parts = {part["name"]: part["value"] / row["total"] for part in row["parts"]}
         assert parts == pytest.approx({source.words: share for source, share in ERROR_SHARES.items()}, abs=1e-4)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JP_NAMES
@@ -33,7 +34,7 @@ def written(folder: Path, **changes: str) -> TruthTable:
     rng = np.random.default_rng(1)
     curves = folder / "truth"
     curves.mkdir()
-    q, forces = rng.normal(0, 0.3, (11, 27)), rng.normal(0, 50.0, (11, 29))
+    q, forces = rng.normal(0, 0.3, (11, len(COORDINATES))), rng.normal(0, 50.0, (11, len(FORCES)))
     texts = {
         "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\nknee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
         "motion": motion_text(TIME, q, q, q),
@@ -90,7 +91,7 @@ def lines(text: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-Q = np.zeros((11, 27))
+Q = np.zeros((11, len(COORDINATES)))
 
 
 @pytest.mark.parametrize(

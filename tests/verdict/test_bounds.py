@@ -33,7 +33,7 @@ def walking() -> Motion:
 def loads(basis: SplineBasis) -> Moments:
     """Every torque at half of its limit."""
     n, bwh = len(basis.time), WEIGHT * HEIGHT
-    tau = np.zeros((n, 27))
+    tau = np.zeros((n, len(COORDINATES)))
     for name, limit in TORQUES_PERCENT_BWH.items():
         for side in "rl":
             if f"{name}_{side}" in COORDINATE_INDEX:

@@ -11,7 +11,9 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.gait.moments import moment_of
-from gaitcal.gait.words import coordinate_title, coordinate_words, split_side
+from gaitcal.gait.words import coordinate_title
+from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side
+from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.blocks import (
     Block,
     Cell,
@@ -26,7 +28,7 @@ from gaitcal.page.sections.blocks import (
     table,
     text,
 )
-from gaitcal.page.sections.error_sources import LEG, ErrorSources, error_sources
+from gaitcal.page.sections.error_sources import ErrorSources, error_sources
 from gaitcal.page.sections.gait_numbers import GaitNumbers
 from gaitcal.records import dataclass
 
@@ -99,7 +101,8 @@ def error_bar_blocks(walk: GaitNumbers, mass: float) -> list[Block]:
     shown = error_sources(walk.trial, mass)
     if shown is None:
         return []
-    peaks = [p for base in LEG for side in "rl" if (p := peak_error(walk, f"{base}_{side}", mass)) and p.sources]
+    names = [f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES]
+    peaks = [p for name in names if (p := peak_error(walk, name, mass)) and p.sources]
     out = []
     if first := [p for p in peaks if split_side(p.name)[0] == FIRST]:
         out += [

@@ -6,11 +6,10 @@ import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.torque_sources import Source
-from gaitcal.gait.words import coordinate_title, coordinate_words
+from gaitcal.gait.words import coordinate_title
+from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words
 from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
-
-LEG = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle", "subtalar_angle")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,5 +76,5 @@ def error_sources(trial: TrialResult, mass: float) -> ErrorSources | None:
             parts=tuple(ErrorPart(source=s, percent=100.0 * shares[s]) for s in Source if s in shares),
         )
 
-    right, left = (tuple(b for name in LEG if (b := bar(f"{name}_{side}"))) for side in "rl")
+    right, left = (tuple(b for name in LEG_COORDINATES if (b := bar(f"{name}_{side}"))) for side in "rl")
     return ErrorSources(right, left) if right or left else None

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 from gaitcal.dynamics.expected_residual import HeldResidual
 from gaitcal.gait.moments import MomentNumbers
-from gaitcal.gait.words import capitalised, coordinate_title, joint_words, split_side
+from gaitcal.gait.words import capitalised, coordinate_title, joint_words
+from gaitcal.model.coordinates import split_side
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.sections.blocks import (
     MISSING,

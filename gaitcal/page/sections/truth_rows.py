@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gaitcal.gait.words import coordinate_words, split_side
+from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import CurveTruth, FeatureTruth
 from gaitcal.person.truth_words import (

@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
-from gaitcal.gait.conventions import PELVIS_SENSES, SENSES, TRUNK_SENSES
-from gaitcal.gait.words import coordinate_words
-
-JOINTS: Final = {
-    "hip": ("Hip", ("hip_flexion", "hip_adduction", "hip_rotation")),
-    "knee": ("Knee", ("knee_angle", "knee_adduction")),
-    "ankle": ("Ankle and foot", ("ankle_angle", "subtalar_angle")),
-    "pelvis": ("Pelvis", ("pelvis_tilt", "pelvis_list", "pelvis_rotation")),
-    "trunk": ("Trunk", ("lumbar_extension", "lumbar_bending", "lumbar_rotation")),
-    "arm": ("Arm", ("arm_flex", "arm_add", "elbow_flex")),
-}
-"""Joint of the page -> its title and its coordinates, in the order of the page."""
-POWER_OF: Final = {"hip": "hip", "knee": "knee", "ankle": "ankle", "trunk": "lumbar"}
-"""Joint of the page -> its power over all axes, as in `powers/TRIAL.csv`."""
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
+from gaitcal.model.linkage import SIDES
 
 
 def sheet_rows() -> list[dict[str, Any]]:
@@ -27,28 +15,31 @@ def sheet_rows() -> list[dict[str, Any]]:
     clinical signs have the opposite moment. `pelvis`: side of the stride -> sign and word of the clinical angle.
     """
     return [
-        {"joint": joint, "title": title, "power": POWER_OF.get(joint), "rows": [_row(base) for base in bases]}
-        for joint, (title, bases) in JOINTS.items()
+        {
+            "joint": key,
+            "title": group.title,
+            "power": group.power or None,
+            "rows": [_row(row) for row in COORDINATE_TABLE.values() if row.group == key],
+        }
+        for key, group in GROUPS.items()
     ]
 
 
 def joint_of(base: str) -> str:
     """The joint of the page that a coordinate, or a power of a joint, belongs to; empty where none."""
-    for joint, (_, bases) in JOINTS.items():
-        if base in bases or base == POWER_OF.get(joint):
-            return joint
-    return ""
+    if base in COORDINATE_TABLE:
+        return COORDINATE_TABLE[base].group
+    return next((key for key, group in GROUPS.items() if group.power == base), "")
 
 
-def _row(base: str) -> dict[str, Any]:
-    words, senses = coordinate_words(base), {**SENSES, **TRUNK_SENSES}.get(base)
-    pelvis = {side: PELVIS_SENSES[base, side] for side in "rl" if (base, side) in PELVIS_SENSES}
+def _row(row: Coordinate) -> dict[str, Any]:
+    clinical = row.clinical
     return {
-        "base": base,
-        "title": words.title,
-        "angle": list(senses or (words.angle, f"not {words.angle}")),
-        "moment": list(senses or (words.moment, f"not {words.moment}")),
-        "actor": words.moment,
-        "flips": base in SENSES,
-        "pelvis": {side: {"sign": sign, "words": sense} for side, (sign, sense) in pelvis.items()},
+        "base": row.name,
+        "title": row.title,
+        "angle": list(row.senses or (row.angle, f"not {row.angle}")),
+        "moment": list(row.senses or (row.moment, f"not {row.moment}")),
+        "actor": row.moment,
+        "flips": is_of_leg(row.name),
+        "pelvis": {s: {"sign": clinical.sign(s), "words": clinical.words} for s in SIDES} if clinical else {},
     }

@@ -16,7 +16,7 @@ from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.progression import PELVIS_ANGLES, along_line, pelvis_angles
-from gaitcal.gait.words import split_side
+from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion

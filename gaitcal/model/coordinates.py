@@ -1,0 +1,361 @@
+"""What each coordinate, and each joint, is called and means: one row each. All that speaks of them reads these tables.
+
+How they move, and in which order, is told by the linkage (`linkage.py`); here stand words, signs, and what is known of
+people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean the same, so that a row has no side:
+
+    angle       what a positive angle means, moment: what a positive internal moment does; senses: both ways, in words
+    clinical    clinical signs: moments of legs are of the other sense; angles differ for the pelvis alone, by the side
+                whose stride it is
+
+Numbers are degrees (pelvis translations: m), each told with its source where the field is defined.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
+from gaitcal.records import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClinicalAngle:
+    """An angle that gait laboratories count otherwise, by the side of the stride."""
+
+    right: float
+    """1 or -1: factor of the angle in strides of the right foot."""
+    left: float
+    words: str
+    """What a positive one means: `this side up`."""
+
+    def sign(self, side: str) -> float:
+        """In strides of one side (`r`, `l`)."""
+        return self.right if side == "r" else self.left
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What nobody who walks or runs exceeds (`verdict/bounds.py`).
+
+    Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
+    Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model.
+    Speeds: above those of kicking and sprinting; no clean walk or isolated trial exceeds 600. Torques: beyond those of
+    sprinters at 9 m/s (Schache et al., Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
+    """
+
+    angle: tuple[float, float] | None = None
+    """deg, smallest and largest."""
+    speed: float | None = None
+    """deg/s."""
+    torque: float
+    """Percent of body weight times height."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coordinate:
+    """A coordinate of the linkage or a locked joint's reaction, of both sides or of the middle."""
+
+    name: str
+    """Without the side: `hip_flexion`."""
+    group: str
+    """Key of `GROUPS`."""
+    title: str
+    """`Hip flexion`."""
+    angle: str
+    """What a positive angle means: `flexion`."""
+    moment: str
+    """What a positive internal moment does: `flexor`."""
+    senses: tuple[str, str] | None = None
+    """What positive and negative values mean, of angles and of moments."""
+    clinical: ClinicalAngle | None = None
+    """The angle with clinical signs, where it is another."""
+    point: str = ""
+    """First word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does."""
+    usual: tuple[float, float]
+    """deg: the range that living people stay within, for sliders of other programs; contains Rajagopal's."""
+    wall: tuple[float, float] | None = None
+    """deg from the static posture, how far the joint may turn in tracking. Passive ranges of adults: hip adduction 30
+    and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion 50, inversion 35, eversion 15 (American
+    Academy of Orthopaedic Surgeons 1965); about as much again for what axes that are off make of them."""
+    spread: float | None = None
+    """deg, standard deviation about the expected angle where markers do not determine it. Thorax in the laboratory: it
+    turns through 4 deg (tilt), 5 (list) and 8 (rotation) in a stride of normal gait, an RMS of 1.5 to 3 deg, and leans
+    by 2 to 4 deg otherwise than in standing (Krebs et al. 1992; Leardini et al. 2011). Shoulder: 25 to 40 deg of swing,
+    an RMS of 9 to 14, and as much of posture; elbow bent by 10 to 40 deg (Murray, Sepic and Barnard 1967). Legs: RMS of
+    a stride of normal gait, and 5 deg of posture."""
+    limits: Limits | None = None
+
+
+@dataclass(frozen=True)
+class Group:
+    """A joint as people name it, with the coordinates that are shown together."""
+
+    title: str
+    power: str
+    """Its power over all axes, as in `powers/TRIAL.csv`; empty: it has none."""
+
+
+GROUPS: Final = {
+    "hip": Group("Hip", "hip"),
+    "knee": Group("Knee", "knee"),
+    "ankle": Group("Ankle and foot", "ankle"),
+    "pelvis": Group("Pelvis", ""),
+    "trunk": Group("Trunk", "lumbar"),
+    "arm": Group("Arm", ""),
+}
+"""In the order of pages."""
+LEG_GROUPS: Final = ("hip", "knee", "ankle")
+
+_ROWS: Final = (
+    Coordinate(
+        name="pelvis_tilt",
+        group="pelvis",
+        title="Pelvis tilt",
+        angle="posterior",
+        moment="posterior",
+        senses=("posterior tilt", "anterior tilt"),
+        clinical=ClinicalAngle(right=-1.0, left=-1.0, words="anterior tilt"),
+        point="Pelvis",
+        usual=(-90.0, 90.0),
+    ),
+    Coordinate(
+        name="pelvis_list",
+        group="pelvis",
+        title="Pelvis list",
+        angle="right side down",
+        moment="right side down",
+        senses=("right side down", "left side down"),
+        clinical=ClinicalAngle(right=-1.0, left=1.0, words="this side up"),
+        point="Pelvis",
+        usual=(-90.0, 90.0),
+    ),
+    Coordinate(
+        name="pelvis_rotation",
+        group="pelvis",
+        title="Pelvis rotation",
+        angle="turned left",
+        moment="to the left",
+        senses=("rotation to the left", "rotation to the right"),
+        clinical=ClinicalAngle(right=1.0, left=-1.0, words="this side forward"),
+        point="Pelvis",
+        usual=(-180.0, 180.0),
+    ),
+    Coordinate(
+        name="hip_flexion",
+        group="hip",
+        title="Hip flexion",
+        angle="flexion",
+        moment="flexor",
+        senses=("flexion", "extension"),
+        point="Hip",
+        usual=(-40.0, 130.0),
+        limits=Limits(angle=(-50.0, 145.0), speed=1500.0, torque=50.0),
+    ),
+    Coordinate(
+        name="hip_adduction",
+        group="hip",
+        title="Hip adduction",
+        angle="adduction",
+        moment="adductor",
+        senses=("adduction", "abduction"),
+        point="Hip",
+        usual=(-60.0, 40.0),
+        wall=(-40.0, 40.0),
+        limits=Limits(angle=(-65.0, 50.0), speed=1000.0, torque=40.0),
+    ),
+    Coordinate(
+        name="hip_rotation",
+        group="hip",
+        title="Hip rotation",
+        angle="internal",
+        moment="internal rotator",
+        senses=("internal rotation", "external rotation"),
+        point="Hip",
+        usual=(-50.0, 50.0),
+        wall=(-50.0, 50.0),
+        spread=10.0,
+        limits=Limits(angle=(-65.0, 65.0), speed=1500.0, torque=20.0),
+    ),
+    Coordinate(
+        name="knee_angle",
+        group="knee",
+        title="Knee flexion",
+        angle="flexion",
+        moment="flexor",
+        senses=("flexion", "extension"),
+        point="Knee",
+        usual=(-15.0, 150.0),
+        limits=Limits(angle=(-30.0, 160.0), speed=2200.0, torque=45.0),
+    ),
+    Coordinate(
+        name="knee_adduction",
+        group="knee",
+        title="Knee adduction",
+        angle="adduction",
+        moment="adductor",
+        senses=("adduction", "abduction"),
+        point="Knee",
+        usual=(0.0, 0.0),
+        limits=Limits(torque=30.0),
+    ),
+    Coordinate(
+        name="ankle_angle",
+        group="ankle",
+        title="Ankle dorsiflexion",
+        angle="dorsiflexion",
+        moment="dorsiflexor",
+        senses=("dorsiflexion", "plantarflexion"),
+        point="Ankle",
+        usual=(-60.0, 40.0),
+        wall=(-70.0, 50.0),
+        spread=15.0,
+        limits=Limits(angle=(-75.0, 55.0), speed=2000.0, torque=40.0),
+    ),
+    Coordinate(
+        name="subtalar_angle",
+        group="ankle",
+        title="Subtalar inversion",
+        angle="inversion",
+        moment="invertor",
+        senses=("inversion", "eversion"),
+        point="Subtalar",
+        usual=(-40.0, 40.0),
+        wall=(-50.0, 50.0),
+        spread=10.0,
+        limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0),
+    ),
+    Coordinate(
+        name="lumbar_extension",
+        group="trunk",
+        title="Lumbar extension",
+        angle="extension",
+        moment="extensor",
+        senses=("extension", "flexion"),
+        usual=(-90.0, 90.0),
+        spread=5.0,
+    ),
+    Coordinate(
+        name="lumbar_bending",
+        group="trunk",
+        title="Lumbar bending",
+        angle="to the right",
+        moment="to the right",
+        senses=("bending to the right", "bending to the left"),
+        usual=(-90.0, 90.0),
+        spread=5.0,
+    ),
+    Coordinate(
+        name="lumbar_rotation",
+        group="trunk",
+        title="Lumbar rotation",
+        angle="to the left",
+        moment="to the left",
+        senses=("rotation to the left", "rotation to the right"),
+        usual=(-90.0, 90.0),
+        spread=5.0,
+    ),
+    Coordinate(
+        name="arm_flex",
+        group="arm",
+        title="Shoulder flexion",
+        angle="flexion",
+        moment="flexor",
+        usual=(-90.0, 180.0),
+        spread=20.0,
+    ),
+    Coordinate(
+        name="arm_add",
+        group="arm",
+        title="Shoulder adduction",
+        angle="adduction",
+        moment="adductor",
+        usual=(-150.0, 90.0),
+        spread=10.0,
+    ),
+    Coordinate(
+        name="elbow_flex",
+        group="arm",
+        title="Elbow flexion",
+        angle="flexion",
+        moment="flexor",
+        usual=(-15.0, 160.0),
+        spread=20.0,
+    ),
+)
+COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}
+"""Name without its side -> what it is: every angle in the order of the linkage, a reaction after its joint's angle."""
+TRANSLATION_RANGES: Final = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
+"""m, as `usual`."""
+
+COMPONENT_SENSES: Final = {
+    "knee_rotation": ("internal rotation", "external rotation"),
+    "ankle_inversion": ("inversion", "eversion"),
+    "ankle_rotation": ("internal rotation", "external rotation"),
+}
+"""Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses."""
+
+
+def split_side(name: str) -> tuple[str, str]:
+    """`hip_flexion_r` -> (`hip_flexion`, `r`); `lumbar_bending` -> (`lumbar_bending`, ``)."""
+    return (name[:-2], name[-1]) if name.endswith(tuple(f"_{side}" for side in SIDES)) else (name, "")
+
+
+def group_of(name: str) -> str:
+    """Key of `GROUPS` of a coordinate or reaction, with or without its side; translations belong to the pelvis."""
+    return "pelvis" if is_translation(name) else COORDINATE_TABLE[split_side(name)[0]].group
+
+
+LEG_COORDINATES: Final[tuple[str, ...]] = tuple(row.name for row in _ROWS if row.group in LEG_GROUPS)
+"""Torques of one leg from hip to foot, without the side: its coordinates, each locked joint's reaction among them."""
+LOCKED: Final[tuple[str, ...]] = tuple(dict.fromkeys(name[:-2] for name in REACTIONS))
+"""Reactions, without the side: they have moments and no angle."""
+
+
+def with_side(name: str, side: str) -> str:
+    """`hip_flexion` -> `hip_flexion_r`; what has no sides as it is: `pelvis_tilt`."""
+    return name if name in COORDINATES else f"{name}_{side}"
+
+
+def coordinate_words(name: str) -> Coordinate:
+    """The row of a coordinate or reaction, with or without its side; of a joint or component its name alone."""
+    base = split_side(name)[0]
+    return COORDINATE_TABLE.get(base) or Coordinate(
+        name=base, group="", title=base.replace("_", " "), angle="positive", moment="positive", usual=(0.0, 0.0)
+    )
+
+
+def senses_of(name: str) -> tuple[str, str] | None:
+    """What positive and negative values of a coordinate, reaction or component mean, with or without its side."""
+    return COMPONENT_SENSES.get(split_side(name)[0]) or coordinate_words(name).senses
+
+
+def is_of_leg(name: str) -> bool:
+    """Whether a coordinate, reaction or moment component, with or without its side, is one of a leg."""
+    base = split_side(name)[0]
+    return base in COMPONENT_SENSES or base in LEG_COORDINATES
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointWords:
+    """What a joint of the linkage is called."""
+
+    words: str
+    """`Ankle (talocrural)`."""
+    feature: str
+    """What its parameters place: `knee axis`."""
+    centre: str = ""
+    """Landmark that is its centre, without the side: `hjc`; empty: it has none."""
+    power: str
+    """Joint as people name it, with whose power its own is summed: `ankle` of `subtalar`."""
+
+
+JOINT_TABLE: Final[dict[str, JointWords]] = {
+    "hip": JointWords(words="Hip", feature="hip centre", centre="hjc", power="hip"),
+    "knee": JointWords(words="Knee", feature="knee axis", centre="kjc", power="knee"),
+    "talocrural": JointWords(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle"),
+    "subtalar": JointWords(words="Subtalar", feature="subtalar axis", power="ankle"),
+    "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
+    "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
+    "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
+}
+"""Joint of the linkage without its side -> its names."""
