@@ -16,10 +16,10 @@ from gaitcal.cohort.processes import ReplacedProcesses
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
+from gaitcal.files.atomic import disk_errors, real_path
 from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
-from gaitcal.files.places import disk_errors, real_path
 from gaitcal.records import dataclass
 
 WAIT_S = 5.0

@@ -14,8 +14,7 @@ from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.cores import several_cores
 from gaitcal.errors import InputError, UsageError
-from gaitcal.files.atomic import atomic_text
-from gaitcal.files.places import real_path
+from gaitcal.files.atomic import atomic_text, real_path
 from gaitcal.intake.draft import NEEDED, Draft
 from gaitcal.intake.draft_lines import doubtful_lines, marker_set_line
 from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of

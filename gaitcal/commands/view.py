@@ -8,8 +8,7 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
-from gaitcal.files.amend import file_in_place
-from gaitcal.files.atomic import atomic_text
+from gaitcal.files.atomic import atomic_text, file_in_place
 from gaitcal.page import Shown, bones_of_folder, page_html, sentences
 from gaitcal.page.server import serve
 from gaitcal.page.sheet import SHEET

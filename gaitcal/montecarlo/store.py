@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -27,10 +28,10 @@ import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_file, atomic_text
+from gaitcal.files.atomic import atomic_file, atomic_text, disk_errors
 from gaitcal.files.lock import locked
+from gaitcal.files.ownership import UNFINISHED
 from gaitcal.files.package_data import package_version
-from gaitcal.files.places import disk_errors
 from gaitcal.files.snapshot import SELF, self_hash
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult
@@ -182,6 +183,8 @@ class Store:
         damaged = [path for path, chunk in self._named() if _content(path, chunk) is None]
         for path in damaged:
             path.unlink(missing_ok=True)
+        for left in self.draws.glob(f"{UNFINISHED}*"):  # of a run that was killed
+            shutil.rmtree(left, ignore_errors=True)
         return [path.name for path in damaged]
 
     def _is_of(self, path: Path, made_with: str) -> bool:

@@ -10,11 +10,10 @@ from typing import cast
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.xml_text import safe_name
-from gaitcal.files.atomic import also_at, atomic_directory
+from gaitcal.files.atomic import also_at, atomic_directory, disk_errors
 from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
-from gaitcal.files.places import disk_errors
 from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.person.result import TrialResult
 from gaitcal.results.calibration import json_text, write_trial

@@ -93,7 +93,7 @@ def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: 
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
-    assert "is being written by process" in told[0]
+    assert "is being written by another process" in told[0]
     assert list(tmp_path.iterdir()) == []
 
 
