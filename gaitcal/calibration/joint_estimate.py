@@ -39,7 +39,6 @@ from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noise
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
-from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.roughness import frame_rate
@@ -138,8 +137,7 @@ def estimate_joints(
     """
     began = time.perf_counter()
     problems = [problem for task in tasks for problem in task.problems]
-    noises = each(lambda task: noise_of(task, nominal, free), tasks)
-    noise = [nu for of_task in noises for nu in of_task]
+    noise = [nu for task in tasks for nu in noise_of(task, nominal, free)]
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     expected = _expected(nominal, free, prior)
     search = JointSearch(

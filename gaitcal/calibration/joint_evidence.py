@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_prior,
 )
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
-from gaitcal.cores import beside, each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
@@ -112,9 +110,8 @@ def calibrate_by_evidence(
     trials: Sequence[EvidenceTrial], nominal: Parameters, settings: JointSettings, sides: Sequence[str]
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms."""
-    with beside(partial(_trunk_and_arms, trials, nominal, settings.prior)) as trunk_and_arms:
-        legs = _legs(trials, nominal, sides, settings.prior)
-        upper = trunk_and_arms()
+    legs = _legs(trials, nominal, sides, settings.prior)
+    upper = _trunk_and_arms(trials, nominal, settings.prior)
     return _calibration([part for part in (legs, upper) if part is not None], nominal, settings)
 
 
@@ -161,7 +158,7 @@ def _artefact(
     """Trial -> coordinate -> (nf,) psi of the joints that its task moves, and kind of task -> how soft the person is
     there: in gait, and in all isolated trials alike.
     """
-    angles = dict(zip(parts, each(partial(_angles, nominal), list(parts.values())), strict=True))
+    angles = dict(zip(parts, [_angles(nominal, part) for part in parts.values()], strict=True))
     regressors, scales = dict[str, dict[str, Array]](), dict[str, SoftTissueScale]()
     kinds = dict.fromkeys(t.kind for t in trials)
     for kind in kinds:

@@ -26,13 +26,12 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.recording.labels import clean, unique
 from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing
+from gaitcal.recording.text_file import NumberTable, number_lines, parse_rows, read_lines, require_increasing
 from gaitcal.recording.told_lines import COMPUTED, computed_kept, told_by, told_lines
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
@@ -169,7 +168,7 @@ def _write(path: Path, names: list[str], time: Array, values: Array, comments: S
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         file.writelines(f"{line}\n" for line in comments)
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
-        file.write(rows_text(number_cells(np.column_stack([time, values])), ","))
+        file.write(number_lines(np.column_stack([time, values]), ","))
 
 
 def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:

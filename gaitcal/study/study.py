@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from gaitcal.codes import Code
-from gaitcal.cores import each
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -72,8 +71,8 @@ class Study:
         file = load_study_file(path)
         before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
         marker_set = load_marker_set(file.markers.set)
-        trials = each(lambda trial: read_trial(trial, file.markers.rename, marker_set), file.trials)
-        study = cls.assemble(file, marker_set, tuple(trials), path)
+        trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
+        study = cls.assemble(file, marker_set, trials, path)
         for name, f in _file_words(study.files, path.parent).items():
             if study.inputs[name] != before[f]:
                 raise InputError(
