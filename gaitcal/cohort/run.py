@@ -12,7 +12,6 @@ from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import Cohort
-from gaitcal.cohort.processes import ReplacedProcesses
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
@@ -20,14 +19,17 @@ from gaitcal.files.atomic import disk_errors, real_path
 from gaitcal.files.lock import locked
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
+from gaitcal.montecarlo.workers import LocalProcesses
 from gaitcal.records import dataclass
 
 WAIT_S = 5.0
 """For another run on the same folder that is about to end."""
+EACH = 25
+"""People that a process calibrates before another takes its place."""
 
 
 class Engine(Protocol):
-    """Who computes: `ReplacedProcesses` of this machine, or a `Cluster`."""
+    """Who computes: `LocalProcesses` of this machine, or a `Cluster`."""
 
     def run(
         self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
@@ -91,9 +93,9 @@ def run_cohort(
         return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
 
 
-def processes(jobs: int = -1) -> ReplacedProcesses:
+def processes(jobs: int = -1) -> LocalProcesses:
     """Processes of this machine, -1: one for every core; whoever is unchanged costs them nothing."""
-    return ReplacedProcesses(jobs, ages=lambda outcome: outcome.computed)
+    return LocalProcesses(jobs, each=EACH, ages=lambda outcome: outcome.computed)
 
 
 def _generator(outcomes: Iterator[Outcome]) -> Generator[Outcome, None, None]:

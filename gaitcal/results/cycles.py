@@ -107,8 +107,7 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
 def read_cycles(path: Path | str) -> pd.DataFrame:
     """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of `gaitcal.cycles`.
 
-    One that `gaitcal export` wrote has `unit` and `positive` beside them; of an earlier version, what it did not write
-    is empty.
+    One that `gaitcal export` wrote has `unit` and `positive` beside them.
 
     Raises
     ------

@@ -64,7 +64,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     Raises
     ------
     InputError
-        It is none, damaged, or of an earlier version that did not write what this needs.
+        It is none, or damaged.
     """
     manifest = read_object(folder / MANIFEST)
     if not manifest:

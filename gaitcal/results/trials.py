@@ -70,7 +70,7 @@ def write_trials(
         page, unseen = earlier_page(folder, earlier, kept, aged)
         stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in aged)
         stale += (*_damaged(folder, earlier, kept), *unseen)
-        write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept, model.subject))
+        write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept))
         write_further_page(out, trials, saved, verdict, page)
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
         new_summary: dict[str, Json] = {
