@@ -16,8 +16,7 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
 from gaitcal.gait.stride_table import typed
 from gaitcal.gait.variables import unit_of
 from gaitcal.person.result import Calibration
-from gaitcal.results.cycle_arrays import cycles_to_xarray
-from gaitcal.results.cycles import CYCLES, cycles, read_cycles, write_cycles
+from gaitcal.results.cycles import CYCLES, cycles, cycles_to_xarray, read_cycles, write_cycles
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.table_file import write_csv
