@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -10,14 +11,14 @@ from typing import Protocol
 
 from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, Outcomes
+from gaitcal.cohort.outcome import STATE, Outcome, Outcomes
 from gaitcal.cohort.people import Cohort
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import disk_errors, real_path
 from gaitcal.files.lock import locked
-from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.files.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.montecarlo.workers import LocalProcesses
 from gaitcal.records import dataclass
@@ -78,6 +79,8 @@ def run_cohort(
     require_cohort(out)
     with alone(out):
         mark(out)
+        for unfinished in (out / STATE).rglob(f"{UNFINISHED}*"):  # of workers that were killed
+            shutil.rmtree(unfinished, ignore_errors=True)
         version = package_version("gaitcal")
         tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
         began, done, computed = time.monotonic(), 0, 0

@@ -43,6 +43,7 @@ from gaitcal.person.hold_out import HeldOut
 from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_trial
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.person.trial_findings import trial_findings
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import StudyTrial
 from gaitcal.verdict.force_diagnosis import ForceDiagnosis
@@ -132,7 +133,7 @@ def trial_result(
     if erring is None:
         return told()
     with ThreadPoolExecutor() as pool:  # products of large matrices, which let other threads compute meanwhile
-        parts = list(pool.map(erring.variances, erring.parts))
+        parts = list(pool.map(with_one_blas_thread(erring.variances), erring.parts))
     result = told()
     return replace(result, loads=result.loads and replace(result.loads, errors=joined(parts)))
 
