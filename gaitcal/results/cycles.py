@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
@@ -272,6 +271,8 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     InputError
         xarray is not installed, a stride is there twice, or a variable in two conventions.
     """
+    import pandas as pd
+
     try:
         import xarray
     except ImportError:
