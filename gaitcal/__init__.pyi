@@ -38,8 +38,8 @@ from .person.tables import parameter_table as parameter_table
 from .recording import Recording as Recording
 from .recording import read_recording as read_recording
 from .results.calibration import write_results as write_results
-from .results.cycle_arrays import cycles_to_xarray as cycles_to_xarray
 from .results.cycles import cycles as cycles
+from .results.cycles import cycles_to_xarray as cycles_to_xarray
 from .results.cycles import read_cycles as read_cycles
 from .results.sessions import compare_results as compare_results
 from .results.spatiotemporal import spatiotemporal as spatiotemporal

@@ -19,7 +19,6 @@ loaded.
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -69,8 +68,6 @@ _users_own: tuple[int, ...] = ()
 """Threads of each library before the first of them."""
 _here = threading.local()
 """`depth`: calls of this thread, one within another."""
-if hasattr(os, "register_at_fork"):  # no copy of the process begins with a lock that nobody gives back
-    os.register_at_fork(before=_entering.acquire, after_in_parent=_entering.release, after_in_child=_entering.release)
 
 
 @contextmanager

@@ -42,7 +42,6 @@ from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noise
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
-from gaitcal.cores import each
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
@@ -158,8 +157,7 @@ def estimate_joints(
     """
     began = time.perf_counter()
     problems, present = [problem for task in tasks for problem in task.problems], present or nominal
-    noises = each(lambda task: noise_of(task, present, free), tasks)
-    noise = [nu for of_task in noises for nu in of_task]
+    noise = [nu for task in tasks for nu in noise_of(task, present, free)]
     starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
     search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=tissue, expected=expected)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_prior,
 )
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
-from gaitcal.cores import beside, each
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
@@ -76,9 +74,8 @@ def calibrate_by_evidence(
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds` are told."""
     how = PhaseSettings(prior=prior)
-    with beside(partial(_trunk_and_arms, trials, nominal, how)) as trunk_and_arms:
-        legs = _legs(trials, nominal, sides, how)
-        upper = trunk_and_arms()
+    legs = _legs(trials, nominal, sides, how)
+    upper = _trunk_and_arms(trials, nominal, how)
     done = [phase for phase in (None if legs is None else legs.phase, upper) if phase is not None]
     whole = calibration_of(done, nominal, prior, bounds, nominal_influence(prior=prior))
     return whole if legs is None else replace(whole, notes=(*whole.notes, *legs.notes), tissue=legs.tissue)
@@ -131,7 +128,7 @@ def _artefact(
     """Trial -> coordinate -> (nf,) psi of the joints that its task moves; kind of task -> how soft the person is there:
     in gait, and in all isolated trials alike; and trial of gait -> what knees do besides flexing.
     """
-    angles = dict(zip(parts, each(partial(_angles, nominal), list(parts.values())), strict=True))
+    angles = dict(zip(parts, [_angles(nominal, part) for part in parts.values()], strict=True))
     regressors, scales = dict[str, dict[str, Array]](), dict[str, SoftTissueScale]()
     kinds = dict.fromkeys(t.kind for t in trials)
     for kind in kinds:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -69,16 +67,6 @@ class TrialEvidence:
             stance=stance,
             strays=strays,
         )
-
-    @property
-    def found_out(self) -> dict[str, Any]:
-        """What was computed of it so far and is kept: for the same evidence in another process (`recall`)."""
-        given = {field.name for field in fields(self)}
-        return {name: value for name, value in vars(self).items() if name not in given}
-
-    def recall(self, found_out: Mapping[str, Any]) -> None:
-        """Keep what another process has found out of this trial."""
-        vars(self).update(found_out)
 
     @property
     def name(self) -> str:

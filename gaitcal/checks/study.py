@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from gaitcal.checks import (
 )
 from gaitcal.checks.evidence import TrialEvidence
 from gaitcal.codes import Code
-from gaitcal.cores import each
 from gaitcal.errors import InputError
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.hip_centre import HipCentre
@@ -146,7 +145,7 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...
         except InputError as fault:
             return Finding.of_fault(fault, trial.name, str(trial.file), "reading")
 
-    found = each(read, file.trials)
+    found = [read(trial) for trial in file.trials]
     unreadable = tuple(trial for trial in found if isinstance(trial, Finding))
     return tuple(trial for trial in found if isinstance(trial, StudyTrial)), unreadable
 
@@ -162,8 +161,8 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     trials = evidence_of(study, model)
     findings: list[Finding] = []
     measured: list[TrialEvidence] = []
-    for trial, (found, found_out) in zip(trials, each(_look_at, trials, longest=_frames), strict=True):
-        trial.recall(found_out)
+    for trial in trials:
+        found = _check_trial(trial)
         findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
         if _shows_body(found):
             measured.append(trial)
@@ -202,18 +201,6 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence
 def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
     marker_set = study.marker_set.with_weights(study.weights)
     return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
-
-
-def _look_at(trial: TrialEvidence) -> tuple[list[Finding], dict[str, Any]]:
-    """The findings of one trial, and what was found out on the way, which the checks of all trials ask for again."""
-    found = _check_trial(trial)
-    if _shows_body(found) and not trial.is_static:
-        one_body.contradictions_in(trial)
-    return found, trial.found_out
-
-
-def _frames(trial: TrialEvidence) -> int:
-    return len(trial.recording.time)
 
 
 def _shows_body(found: Sequence[Finding]) -> bool:

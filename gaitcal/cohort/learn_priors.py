@@ -10,7 +10,7 @@ from gaitcal.codes import Code
 from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.errors import InputError
-from gaitcal.files.amend import amended
+from gaitcal.files.atomic import amended
 from gaitcal.population.cohort_priors import COLUMNS, counted, learn_cohort, priors_rows, priors_text, priors_words
 from gaitcal.population.result_evidence import Found, NotUsedError, evidence_of, one_each
 

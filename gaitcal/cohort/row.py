@@ -1,6 +1,9 @@
 """The row of the table of people that a result folder gives, from its files alone.
 
 Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i.
+Peaks are of the mean over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid;
+moments and powers by body mass. Their standard error is that of the mean at that percent; of a range, whose ends are
+far apart in the stride, it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
 """
 
 from __future__ import annotations
@@ -12,16 +15,51 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.cohort.columns import MEASURED, NAMES
+from gaitcal.cohort.columns import ANGLES, MEASURED, NAMES, UNITS
 from gaitcal.cohort.outcome import Cell
-from gaitcal.cohort.peaks import peaks
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
+from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.verdict.verdict import Judgement
+
+
+def peaks(ensemble: Path, mass: float) -> dict[str, float]:
+    """Column -> value, of `ensemble.csv`; nothing of what is not known. `mass`: kg."""
+    try:
+        table, _ = read_csv(ensemble)
+    except (OSError, pd.errors.EmptyDataError):
+        return {}
+    table = table[table["variable"].isin(UNITS) & table["side"].isin(SIDES)]
+    curves = {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("mean", "se")}
+    out: dict[str, float] = {}
+    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
+        scale = 1.0 if variable in ANGLES else 1.0 / mass
+        for peak, (value, error) in _peaks(scale * curves["mean"][rows], scale * curves["se"][rows]).items():
+            out[f"{variable}_{peak}_{side}"] = value
+            out[f"{variable}_{peak}_se_{side}"] = error
+    return out
+
+
+def _peaks(mean: Array, error: Array) -> dict[str, tuple[float, float]]:
+    """Of one curve (101,): value and standard error of each kind."""
+    if np.isfinite(mean).mean() < LEAST_VALID:
+        return {}
+    high, low = int(np.nanargmax(mean)), int(np.nanargmin(mean))
+    return {
+        "max": (float(mean[high]), float(error[high])),
+        "min": (float(mean[low]), float(error[low])),
+        "range": (float(mean[high] - mean[low]), float(np.hypot(error[high], error[low]))),
+    }
+
 
 PAGES = ("result.html", "report.html")
 """The first of them that is there is the person's page."""

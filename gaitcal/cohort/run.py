@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -10,24 +11,26 @@ from typing import Protocol
 
 from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, Outcomes
+from gaitcal.cohort.outcome import STATE, Outcome, Outcomes
 from gaitcal.cohort.people import Cohort
-from gaitcal.cohort.processes import ReplacedProcesses
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
+from gaitcal.files.atomic import disk_errors, real_path
 from gaitcal.files.lock import locked
-from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.files.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
 from gaitcal.files.package_data import package_version
-from gaitcal.files.places import disk_errors, real_path
+from gaitcal.montecarlo.workers import LocalProcesses
 from gaitcal.records import dataclass
 
 WAIT_S = 5.0
 """For another run on the same folder that is about to end."""
+EACH = 25
+"""People that a process calibrates before another takes its place."""
 
 
 class Engine(Protocol):
-    """Who computes: `ReplacedProcesses` of this machine, or a `Cluster`."""
+    """Who computes: `LocalProcesses` of this machine, or a `Cluster`."""
 
     def run(
         self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
@@ -76,6 +79,8 @@ def run_cohort(
     require_cohort(out)
     with alone(out):
         mark(out)
+        for unfinished in (out / STATE).rglob(f"{UNFINISHED}*"):  # of workers that were killed
+            shutil.rmtree(unfinished, ignore_errors=True)
         version = package_version("gaitcal")
         tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
         began, done, computed = time.monotonic(), 0, 0
@@ -91,9 +96,9 @@ def run_cohort(
         return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
 
 
-def processes(jobs: int = -1) -> ReplacedProcesses:
+def processes(jobs: int = -1) -> LocalProcesses:
     """Processes of this machine, -1: one for every core; whoever is unchanged costs them nothing."""
-    return ReplacedProcesses(jobs, ages=lambda outcome: outcome.computed)
+    return LocalProcesses(jobs, each=EACH, ages=lambda outcome: outcome.computed)
 
 
 def _generator(outcomes: Iterator[Outcome]) -> Generator[Outcome, None, None]:

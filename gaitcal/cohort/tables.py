@@ -22,7 +22,7 @@ from gaitcal.cohort.outcome import Cell, Outcome, Outcomes, state_file
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
-from gaitcal.files.amend import amended
+from gaitcal.files.atomic import amended
 from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import FILES, HASHES, SELF, self_hash, sha256_of

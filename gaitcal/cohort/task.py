@@ -126,7 +126,7 @@ def _ended(task: Task) -> Outcome:
 def _stands(before: Outcome, task: Task) -> bool:
     """Whether an earlier outcome of the same inputs still holds."""
     if before.failed:
-        return bool(before.code) and not (before.passing or task.retry)
+        return not (before.passing or task.retry)
     strides = state_file(task.out, before.place, ".parquet")
     return strides.is_file() and _own_hash(task.out / before.place) == before.result
 

@@ -9,7 +9,6 @@ from gaitcal.checks import check_study
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_calibration, tell_changed, tell_kept
 from gaitcal.commands.init import study_or_draft, tell_faulty
-from gaitcal.cores import beside, several_cores
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -48,13 +47,6 @@ def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Fi
     return study, check_study(study)
 
 
-def _load_the_rest() -> None:
-    """Import what reading and checking do not need."""
-    import gaitcal.person.calibrate
-    import gaitcal.results.calibration  # noqa: F401
-
-
-@several_cores()
 def run(
     path: Path,
     out: Path,
@@ -80,9 +72,7 @@ def run(
     kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
     with talk.working() as step:
         step("reading and checking the recordings")
-        with beside(lambda: _checked(source, priors)) as checked:
-            _load_the_rest()  # which a copy cannot do for this process
-            loaded, findings = checked()
+        loaded, findings = _checked(source, priors)
         from gaitcal.person.calibrate import calibrate
         from gaitcal.results.calibration import write_results
         from gaitcal.results.page_files import PAGE

@@ -12,7 +12,6 @@ from rich.text import Text
 from gaitcal.checks import check_file, check_study
 from gaitcal.commands.console import Talk
 from gaitcal.commands.init import study_or_draft
-from gaitcal.cores import several_cores
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.intake.draft_text import study_of
@@ -25,7 +24,6 @@ PLAIN_WIDTH = 150
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
 
 
-@several_cores()
 def run(path: Path, talk: Talk, options: Options = NOTHING_SAID) -> None:
     """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
     source = study_or_draft(path, options, talk)

@@ -19,9 +19,8 @@ from gaitcal.files.ownership import MANIFEST, ResultKind
 from gaitcal.findings import note_of
 from gaitcal.records import dataclass
 from gaitcal.results.saved import load_result_model
-from gaitcal.results.sessions import compare_results
+from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
-from gaitcal.results.write_comparison import write_comparison
 
 SHOWN = 30
 """Rows of the table on the screen; the file has all."""

@@ -14,7 +14,6 @@ from gaitcal.checks import check_further
 from gaitcal.codes import Code
 from gaitcal.commands.check import stop_on_errors
 from gaitcal.commands.console import Talk, print_remarks, print_trials, print_verdict
-from gaitcal.cores import several_cores
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.files.atomic import require_room
 from gaitcal.files.ownership import ResultKind
@@ -41,7 +40,6 @@ class Options:
     filter_hz: str | None = None
 
 
-@several_cores()
 def run(result: Path, trials: list[Path], options: Options, out: Path | None, talk: Talk) -> None:
     """Check further trials and take them through the model of a result folder."""
     _only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))

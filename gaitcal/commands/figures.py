@@ -18,7 +18,7 @@ from gaitcal.figures.chart import Chart
 from gaitcal.figures.files import FORMATS, write_charts
 from gaitcal.figures.paper import Strides, paper_charts
 from gaitcal.figures.report import HealthyBands, Told, report_charts
-from gaitcal.files.amend import amended
+from gaitcal.files.atomic import amended
 from gaitcal.files.ownership import read_object
 from gaitcal.files.snapshot import read_whole
 from gaitcal.gait.ensemble import ensemble

@@ -12,10 +12,8 @@ from rich.text import Text
 
 from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
-from gaitcal.cores import several_cores
 from gaitcal.errors import InputError, UsageError
-from gaitcal.files.atomic import atomic_text
-from gaitcal.files.places import real_path
+from gaitcal.files.atomic import atomic_text, real_path
 from gaitcal.intake.draft import NEEDED, Draft
 from gaitcal.intake.draft_lines import doubtful_lines, marker_set_line
 from gaitcal.intake.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
@@ -48,7 +46,6 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
         raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
 
 
-@several_cores()
 def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bool) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     target = path / STUDY if out is None else out

@@ -16,7 +16,7 @@ from gaitcal.codes import Code
 from gaitcal.commands.console import Talk, frameless_table
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.files.amend import amended
+from gaitcal.files.atomic import amended
 from gaitcal.files.interruption import InterruptedWork, Stopped
 from gaitcal.montecarlo.case import MODEL, case_from, read_case
 from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions

@@ -10,7 +10,7 @@ from gaitcal.commands.console import Talk
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import UsageError, nearest
 from gaitcal.export import write_mjcf, write_osim, write_urdf
-from gaitcal.files.amend import amended
+from gaitcal.files.atomic import amended
 from gaitcal.files.snapshot import Snapshot
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs

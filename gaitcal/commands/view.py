@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from gaitcal.codes import Code
 from gaitcal.commands.console import Talk
-from gaitcal.errors import InputError
-from gaitcal.files.amend import file_in_place
-from gaitcal.files.atomic import atomic_text
+from gaitcal.files.atomic import atomic_text, file_in_place
 from gaitcal.page import Shown, bones_of_folder, page_html, sentences
 from gaitcal.page.server import serve
-from gaitcal.page.sheet import SHEET
 from gaitcal.results.page_files import result_page
 
 
@@ -22,7 +18,7 @@ def run(results: tuple[Path, ...], html: Path | None, talk: Talk, geometry: Path
     `geometry`: bones of this folder, else the installed ones.
     """
     bones = None if geometry is None else bones_of_folder(geometry)
-    shown = [_read(result, talk, alone=len(results) == 1) for result in results]
+    shown = [_read(result, talk) for result in results]
     named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
     for sentence in sentences(named):
         talk.line(sentence)
@@ -35,16 +31,8 @@ def run(results: tuple[Path, ...], html: Path | None, talk: Talk, geometry: Path
     serve(page, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"))
 
 
-def _read(result: Path, talk: Talk, *, alone: bool) -> Shown:
+def _read(result: Path, talk: Talk) -> Shown:
     shown, lines = result_page(result)
-    if shown.sheet is None:
-        if not alone:
-            raise InputError(
-                f"found no {SHEET}: of an earlier version; calibrate again to compare it",
-                source=result,
-                code=Code.NO_RESULT,
-            )
-        lines = (f"{result}: of an earlier version, without {SHEET}: the body alone; calibrate again for its curves",)
     for line in lines:
         talk.line(line)
     return shown

@@ -1,46 +1,59 @@
-"""Results are written whole or not at all: into a hidden sibling, which takes the target's place when it is complete.
+"""Results are written whole or not at all: into a hidden folder beside the target, which is then renamed to it.
 
-An error, a full disk, Ctrl-C or SIGKILL at any moment leaves the old result, or none where there was none.
+An error, a full disk or Ctrl-C at any moment leaves the old result, or none where there was none. What SIGKILL leaves
+is removed by the next run on the same target: the hidden folder `.gaitcal-tmp-NAME`. Killed between the two renames
+that replace an old result, the old one waits as `.gaitcal-old-NAME`, and the next run puts it back. All of this happens
+under the lock of the target (`lock`), so that what lies there by these names belongs to nobody else.
 
-How. The sibling is a folder `.gaitcal-tmp-DIGEST-RANDOM`, DIGEST being of the target's name, and its writer holds a
-lock on it (`flock`, which the system drops when the process dies). A folder of that name without a lock is what a
-killed run left: the next run on the same target removes it. An existing target folder changes places with the sibling
-in one step (Linux, `renameat2` with RENAME_EXCHANGE). Where system or file system cannot do that, two renames do it,
-the old folder waiting as `.gaitcal-old-DIGEST`; killed between the two, the next run on this target puts it back.
-
-What may be replaced at all is told in `ownership`. Folders of the old result that are kept are in both until the
-exchange, by hard links (copies, where the file system has none), so that at no moment they are in neither.
+What may be replaced at all is told in `ownership`. Folders of the old result that are kept are in both until the old
+one goes, by hard links (copies, where the file system has none), so that at no moment they are in neither.
 """
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import errno
-import hashlib
+import json
 import os
-import secrets
 import shutil
-import sys
 import tempfile
-import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.amend import finish_amending
 from gaitcal.files.interruption import unbroken
 from gaitcal.files.lock import locked
-from gaitcal.files.ownership import OLD, UNFINISHED, ResultKind, refuse_others
-from gaitcal.files.places import FULL, disk_errors, real_path
-from gaitcal.files.snapshot import sign
+from gaitcal.files.ownership import MANIFEST, OLD, PARTS, UNFINISHED, ResultKind, files_of, read_object, refuse_others
+from gaitcal.files.snapshot import HASHES, SELF, self_hash, sha256_of, sign
 
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
-_WINDOWS_LEFTOVER_S = 86_400.0  # no flock there: what nobody touched for a day belongs to nobody
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""No room is left, on the disk or for this user."""
 
 
-@contextlib.contextmanager
+def real_path(target: Path | str) -> Path:
+    """Absolute, links followed: a link keeps pointing where it does, and what it points to is replaced."""
+    try:
+        return Path(os.path.realpath(target))
+    except (OSError, ValueError) as error:
+        raise InputError(f"no usable path: {error}", source=repr(str(target)), code=Code.NOT_WRITABLE) from None
+
+
+@contextmanager
+def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[None]:
+    """Tell errors of the system as an InputError on `target`; `only` those of these numbers."""
+    try:
+        yield
+    except OSError as error:
+        if only is not None and error.errno not in only:
+            raise
+        raise InputError(f"cannot be written: {error.strerror}", source=target, code=Code.NOT_WRITABLE) from error
+
+
+# ------------------------------------------------------------------------------------------------ a whole folder
+
+
+@contextmanager
 def atomic_directory(
     target: Path | str, kind: ResultKind, inputs: Iterable[Path] = (), carried: Mapping[str, str] | None = None
 ) -> Iterator[Path]:
@@ -48,7 +61,7 @@ def atomic_directory(
 
     To the `manifest.json` that the body writes are added the kind and the list of files with their SHA-256. Folders
     that later commands put into the earlier result (`ownership.KEPT`) go on into the new one. The lock of the target
-    is held while it is looked at and replaced; a body that reads the earlier result must hold it (`lock.locked`).
+    is held.
 
     Parameters
     ----------
@@ -62,17 +75,18 @@ def atomic_directory(
         did not write there; it cannot be written; the disk is full; another process writes it.
     """
     target, inputs = real_path(target), tuple(inputs)
-    with contextlib.ExitStack() as stack:
+    with ExitStack() as stack:
         with disk_errors(target):
-            with _recovered(target):
-                refuse_others(target, kind, inputs)
-            content = stack.enter_context(_sibling(target)) / "content"
-            content.mkdir()
+            target.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(target))
+            _recover(target)
+            refuse_others(target, kind, inputs)
+            content = stack.enter_context(_empty(target.with_name(UNFINISHED + target.name)))
         with disk_errors(target, only=FULL):
             yield content
-        with disk_errors(target), _recovered(target):
+        with disk_errors(target):
             kept = refuse_others(target, kind, inputs)
-            sign(content, kind, [name for name in kept if not name.startswith(OLD)], carried or {})
+            sign(content, kind, kept, carried or {})
             for name in kept:
                 also_at(target / name, content / name)
             with unbroken():
@@ -82,8 +96,7 @@ def atomic_directory(
 def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
     """Tell before long work what `atomic_directory` would tell after it; leaves nothing behind.
 
-    An exchange that was killed half way is put back first. Returns the names of the folders of an earlier result that
-    the new one will keep.
+    Returns the names of the folders of an earlier result that the new one will keep.
 
     Raises
     ------
@@ -91,19 +104,16 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
         As of `atomic_directory`.
     """
     target = real_path(target)
-    with disk_errors(target):
-        with _recovered(target):
-            kept = refuse_others(target, kind, inputs)
-        with contextlib.suppress(FileNotFoundError):
+    with disk_errors(target), ExitStack() as stack:
+        with suppress(FileNotFoundError):
             target.lstat()  # a name too long, a file where a folder should be
         if target.parent.is_dir():
-            with _sibling(target):
-                pass
-        else:
-            parent = next(folder for folder in target.parents if folder.exists())
-            with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent):
-                pass
-    return tuple(name for name in kept if not name.startswith(OLD))
+            stack.enter_context(locked(target))
+            _recover(target)
+        kept = refuse_others(target, kind, inputs)
+        parent = next(folder for folder in target.parents if folder.exists())
+        stack.enter_context(tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent))
+    return kept
 
 
 def also_at(source: Path, target: Path) -> None:
@@ -124,7 +134,46 @@ def _link_or_copy(source: str, target: str) -> None:
         shutil.copy2(source, target, follow_symlinks=False)
 
 
-@contextlib.contextmanager
+@contextmanager
+def _empty(folder: Path) -> Iterator[Path]:
+    """A new folder, in the place of one that a killed run left; gone afterwards."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        with unbroken():
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _put(content: Path, target: Path) -> None:
+    """Put the folder `content` in the place of `target`."""
+    old = target.with_name(OLD + target.name)
+    if target.exists():
+        target.rename(old)
+    try:
+        content.rename(target)
+    except OSError:
+        if old.exists():
+            old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _recover(target: Path) -> None:
+    """Put back an old result, or a part of one, whose replacement was killed between the two renames."""
+    for place in (target, *(target / name for name in PARTS)):
+        old = place.with_name(OLD + place.name)
+        if place.exists():
+            shutil.rmtree(old, ignore_errors=True)
+        elif old.exists():
+            old.rename(place)
+
+
+# ------------------------------------------------------------------------------------------------- single files
+
+
+@contextmanager
 def atomic_file(target: Path | str) -> Iterator[Path]:
     """Yield a path of the same file name in a hidden folder; the file written there becomes `target` on success.
 
@@ -134,15 +183,16 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
         `target` is a folder, cannot be written, or the disk is full.
     """
     target = real_path(target)
-    with contextlib.ExitStack() as stack:
+    with ExitStack() as stack:
         with disk_errors(target):
             if target.is_dir():
                 raise InputError("is a folder; the name of a file is needed", source=target, code=Code.FOLDER_TAKEN)
-            content = stack.enter_context(_sibling(target)) / target.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            stage = stack.enter_context(tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=target.parent))
         with disk_errors(target, only=FULL):
-            yield content
+            yield Path(stage) / target.name
         with disk_errors(target):
-            content.replace(target)
+            (Path(stage) / target.name).replace(target)
 
 
 def atomic_text(target: Path | str, text: str) -> None:
@@ -151,137 +201,71 @@ def atomic_text(target: Path | str, text: str) -> None:
         stream.write(text)
 
 
-# ------------------------------------------------------------------------------------------------------- sibling
+@contextmanager
+def amended(folder: Path | str) -> Iterator[Path]:
+    """Yield an empty folder; on success the files in it take their places in `folder`, which need not be there.
 
-
-def _digest(target: Path) -> str:
-    return hashlib.sha256(os.fsencode(target.name)).hexdigest()[:12]
-
-
-@contextlib.contextmanager
-def _sibling(target: Path) -> Iterator[Path]:
-    """A new hidden folder beside `target`, locked by this process, gone afterwards."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    _remove_leftovers(target)
-    with contextlib.ExitStack() as stack:
-        with unbroken():
-            folder, lock = _locked_folder(target)
-            stack.callback(_remove, folder, lock)
-        yield folder
-
-
-def _remove(folder: Path, lock: int | None) -> None:
-    with unbroken():
-        shutil.rmtree(folder, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
-
-
-def _locked_folder(target: Path) -> tuple[Path, int | None]:
-    while True:
-        folder = target.parent / f"{UNFINISHED}{_digest(target)}-{secrets.token_hex(6)}"
-        folder.mkdir()
-        try:
-            return folder, _lock(folder)
-        except (BlockingIOError, FileNotFoundError):
-            # Another run, looking for leftovers, came between mkdir and the lock: it removes this folder.
-            continue
-
-
-def _lock(folder: Path) -> int | None:
-    """Lock `folder` and return the descriptor that holds the lock; None where the system has no `flock`.
+    They are moved when all are written, one rename each, and no signal is felt meanwhile. A manifest of `folder` that
+    lists one of them gets its new SHA-256, and is moved last: killed between two renames (some milliseconds), what
+    does not belong together is told as damaged, and the same command makes it anew.
 
     Raises
     ------
-    BlockingIOError
-        Another process holds the lock.
+    InputError
+        The folder cannot be written, the disk is full, or another process writes it.
     """
-    if sys.platform == "win32":
-        return None
-    import fcntl
-
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        if error.errno in {errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS}:
-            return None  # a file system without locks
-        raise
-    if not folder.exists():
-        os.close(descriptor)
-        raise FileNotFoundError(folder)
-    return descriptor
-
-
-def _remove_leftovers(target: Path) -> None:
-    for folder in target.parent.glob(f"{UNFINISHED}{_digest(target)}-*"):
-        try:
-            lock = _lock(folder)
-        except OSError:
-            continue  # in use, or already gone
-        if lock is not None or time.time() - folder.stat().st_mtime > _WINDOWS_LEFTOVER_S:
-            shutil.rmtree(folder, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
+    folder = real_path(folder)
+    with ExitStack() as stack:
+        with disk_errors(folder):
+            if not folder.is_dir():
+                folder.mkdir(parents=True)
+                stack.callback(_remove_if_empty, folder)
+            stack.enter_context(locked(folder))
+            stage = stack.enter_context(_empty(folder / f"{UNFINISHED}files"))
+        with disk_errors(folder, only=FULL):
+            yield stage
+        with disk_errors(folder), unbroken():
+            _list_anew(folder, stage)
+            names = sorted(files_of(stage), key=lambda name: name == MANIFEST)
+            for name in names:
+                if (folder / name).is_dir():
+                    raise InputError(
+                        "is a folder; the name of a file is needed", source=folder / name, code=Code.NOT_WRITABLE
+                    )
+            for name in names:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (stage / name).replace(folder / name)
 
 
-# ------------------------------------------------------------------------------------------------------ exchange
-
-
-@contextlib.contextmanager
-def _recovered(target: Path) -> Iterator[None]:
-    """Hold the lock of the target, with what killed runs began on it finished; nothing to do where it cannot be."""
-    if not target.parent.is_dir():
-        yield
-        return
-    with locked(target):
-        _recover(target)
-        if target.is_dir():
-            finish_amending(target)
-        yield
-
-
-def _old(target: Path) -> Path:
-    return target.parent / f"{OLD}{_digest(target)}"
-
-
-def _recover(target: Path) -> None:
-    """Finish what a run killed between its two renames began."""
-    old = _old(target)
-    if not old.is_dir():
-        return
-    if target.exists():
-        shutil.rmtree(old, ignore_errors=True)
+@contextmanager
+def file_in_place(target: Path | str) -> Iterator[Path]:
+    """Yield a path of the same name for a file that is written whole; beside a manifest, that file is an amendment."""
+    target = real_path(target)
+    if "gaitcal" in read_object(target.parent / MANIFEST):
+        with amended(target.parent) as stage:
+            yield stage / target.name
     else:
-        old.rename(target)
+        yield target
 
 
-def _put(content: Path, target: Path) -> None:
-    """Put the folder `content` in the place of `target`. Afterwards `content` is the old folder, or gone."""
-    if not target.exists():
-        content.rename(target)
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _list_anew(folder: Path, stage: Path) -> None:
+    """Put a manifest with the new hashes among the files, where the folder has one that lists any of them.
+
+    Files that bring a manifest of their own have listed themselves.
+    """
+    if (stage / MANIFEST).exists():
         return
-    if _exchange(content, target):
+    manifest = read_object(folder / MANIFEST)
+    hashes = manifest.get(HASHES)
+    if not isinstance(hashes, dict) or manifest.get(SELF) != self_hash(manifest):
         return
-    old = _old(target)
-    try:
-        target.rename(old)
-        content.rename(target)
-    except BaseException:  # also Ctrl-C between the two
-        if old.exists() and not target.exists():
-            old.rename(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Let two folders change places in one step; False where that does not exist."""
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
-    except (OSError, AttributeError):
-        return False
-    done: int = renameat2(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE)
-    return done == 0
+    new = {name: sha256_of(stage / name) for name in files_of(stage) if name in hashes}
+    if new:
+        manifest[HASHES] = {**hashes, **new}
+        manifest[SELF] = self_hash(manifest)
+        (stage / MANIFEST).write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

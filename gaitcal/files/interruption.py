@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
-_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # not every system has the last
+ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals by which a user ends a command; not every system has the last."""
 
 
 class Stopped(BaseException):
@@ -35,38 +37,54 @@ class InterruptedWork(BaseException):
         super().__init__(f"{told}; {work}")
 
 
-class _State:
-    """Of the one main thread that signals come to."""
-
-    depth = 0
-    """Pieces of work, one within another, that are not to be broken."""
-    waiting: int | None = None
-    ended = False
-
-
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Inside, SIGTERM and SIGHUP raise `Stopped`, and Ctrl-C raises KeyboardInterrupt, once.
 
     A signal that was ignored when the process began (`nohup`) stays ignored.
     """
+    ended = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        nonlocal ended
+        if ended:
+            return
+        ended = True
+        raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
+
+    with _answered_by(end):
+        try:
+            yield
+        except Exception as error:
+            if ending := _signal_behind(error):
+                raise ending from None
+            raise
+
+
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Inside, none of these signals is felt; one that came is felt at the end."""
+    came: list[int] = []
+    with _answered_by(lambda number, frame: came.append(number)):
+        yield
+    for number in came:
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _answered_by(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Inside, `handler` answers the signals that are not ignored; nothing to do in a thread, which hears none."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _State.depth, _State.waiting, _State.ended = 0, None, False
-    numbers = [number for name in _NAMES if (number := getattr(signal, name, None)) is not None]
-    before = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) not in (signal.SIG_IGN, None)}
+    before = {n: signal.getsignal(n) for n in ENDINGS if signal.getsignal(n) not in (signal.SIG_IGN, None)}
     try:
         for number in before:
-            signal.signal(number, _arrived)
-        yield
-    except Exception as error:
-        if ending := _signal_behind(error):
-            raise ending from None
-        raise
-    finally:
-        for number, handler in before.items():
             signal.signal(number, handler)
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, former)
 
 
 def _signal_behind(error: BaseException) -> KeyboardInterrupt | Stopped | None:
@@ -75,34 +93,3 @@ def _signal_behind(error: BaseException) -> KeyboardInterrupt | Stopped | None:
     while behind is not None and not isinstance(behind, (KeyboardInterrupt, Stopped)):
         behind = behind.__cause__ or behind.__context__
     return behind
-
-
-@contextmanager
-def unbroken() -> Iterator[None]:
-    """Inside, none of these signals is felt; one that came is felt at the end."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    _State.depth += 1
-    try:
-        yield
-    finally:
-        _State.depth -= 1
-        if _State.depth == 0 and _State.waiting is not None:
-            _end(_State.waiting)
-
-
-def _arrived(number: int, frame: FrameType | None) -> None:
-    if _State.ended:
-        return
-    if _State.depth:
-        _State.waiting = number
-    else:
-        _end(number)
-
-
-def _end(number: int) -> None:
-    _State.ended, _State.waiting = True, None
-    if number == signal.SIGINT:
-        raise KeyboardInterrupt
-    raise Stopped(number)

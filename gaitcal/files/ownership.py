@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from enum import Enum
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
@@ -20,11 +20,8 @@ MANIFEST = "manifest.json"
 PEOPLE = "people"
 """Folder of the results of all people within that of a cohort."""
 OLD, UNFINISHED, LOCK = ".gaitcal-old-", ".gaitcal-tmp-", ".gaitcal-lock-"
-"""Beginnings of hidden names beside a target: what waits for an interrupted exchange, what a killed run left, and who
+"""Beginnings of hidden names beside or in a folder: what is being replaced, what is being written, and that somebody
 writes now."""
-AMENDING, AMENDED = ".gaitcal-tmp-files", ".gaitcal-put-files"
-"""Hidden folders inside one: files that will join it, being written, and complete."""
-_HIDDEN = (UNFINISHED, LOCK, AMENDED)
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # written by file browsers, into any folder they show
 
 
@@ -52,29 +49,7 @@ KEPT: dict[ResultKind, tuple[str, ...]] = {
     ResultKind.EXAMPLE: (),
 }
 """Folders that later commands put into a result: another run of the first command keeps them."""
-
-_TRIAL_FILES = (
-    *("motion/*.mot", "motion/*.csv", "moments/*.sto", "moments/*.csv", "marker_errors/*.csv", "markers/*.trc"),
-    *("forces/*.mot", "forces/*.xml", "cycles.csv", "ensemble.csv", "spatiotemporal.csv", "summary.json"),
-)
-_KNOWN: dict[ResultKind, tuple[str, ...]] = {
-    ResultKind.CALIBRATION: (
-        *_TRIAL_FILES,
-        *("parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "report.html", "view.html"),
-        *("splines.npz", "scene.npz", "uncertainty.npz", "figures/*.png", "figures/*.svg"),
-    ),
-    ResultKind.DYNAMICS: _TRIAL_FILES,
-    ResultKind.SYNTHETIC: (
-        *("study.toml", "truth.csv", "static.c3d", "gait.c3d"),
-        *(f"{joint}_{side}.c3d" for joint in ("hip", "knee", "ankle") for side in "rl"),
-    ),
-    ResultKind.REPRODUCTION: ("tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv", "README.txt"),
-    ResultKind.EXPORT: (),
-    ResultKind.COHORT: (),
-    ResultKind.COMPARISON: (),
-    ResultKind.EXAMPLE: (),
-}
-"""Names that results had whose manifest lists no files."""
+PARTS = frozenset(name for names in KEPT.values() for name in names)
 
 
 def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
@@ -95,20 +70,21 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
             raise InputError(
                 f"holds '{shown}', an input of this run; name another folder", source=target, code=Code.FOLDER_TAKEN
             )
-    kept = tuple(sorted(entry.name for entry in target.iterdir() if _is_kept(entry, kind)))
+    kept = tuple(sorted(entry.name for entry in target.iterdir() if entry.is_dir() and entry.name in KEPT[kind]))
     files = list(_files(target, kept))
     if not files and not kept:
         return ()
     manifest = read_object(target / MANIFEST)
-    old_kind = _kind_of(manifest)
+    old_kind = next((k for k in ResultKind if "gaitcal" in manifest and k.value == manifest.get("kind")), None)
     if old_kind is None:
         raise InputError(_foreign((*files, *kept)[0]), source=target, code=Code.FOLDER_TAKEN)
     if old_kind is not kind:
         message = f"holds another kind of result ({old_kind.value}, this would be {kind.value})"
         raise InputError(f"{message}; name a new or an empty folder", source=target, code=Code.FOLDER_TAKEN)
     listed = manifest.get("files")
+    ours = {MANIFEST, *(listed if isinstance(listed, list) else ())}
     for name in files:
-        if not (name in listed if isinstance(listed, list) else _known(name, kind)) and name != MANIFEST:
+        if name not in ours:
             raise InputError(_foreign(name), source=target, code=Code.FOLDER_TAKEN)
     return kept
 
@@ -140,30 +116,11 @@ def read_object(path: Path) -> dict[str, object]:
     return content if isinstance(content, dict) else {}
 
 
-def _kind_of(manifest: dict[str, object]) -> ResultKind | None:
-    """The kind that a manifest tells; of manifests that tell none, the one that wrote such keys."""
-    if "gaitcal" not in manifest:
-        return None
-    named = manifest.get("kind")
-    if named is not None:
-        return next((kind for kind in ResultKind if kind.value == named), None)
-    if manifest["gaitcal"] == "synthetic subject":
-        return ResultKind.SYNTHETIC
-    if "inputs_sha256" in manifest:
-        return ResultKind.CALIBRATION
-    return ResultKind.DYNAMICS if set(manifest) == {"gaitcal", "subject"} else None
-
-
-def _is_kept(entry: Path, kind: ResultKind) -> bool:
-    """Whether another run keeps it: what a later command added, and what waits for an interrupted exchange."""
-    return entry.is_dir() and (entry.name in KEPT[kind] or entry.name.startswith(OLD))
-
-
 def _files(folder: Path, besides: Iterable[str], prefix: str = "") -> Iterator[str]:
     """Every file below `folder` as `motion/walk.mot`; a link is a file, whatever it points to."""
     left_out = set(besides)
     for entry in sorted(folder.iterdir()):
-        if entry.name in left_out or entry.name in _LITTER or entry.name.startswith(_HIDDEN):
+        if entry.name in left_out or entry.name in _LITTER or entry.name.startswith((UNFINISHED, LOCK)):
             continue
         if entry.is_dir() and not entry.is_symlink():
             yield from _files(entry, (), f"{prefix}{entry.name}/")
@@ -174,10 +131,3 @@ def _files(folder: Path, besides: Iterable[str], prefix: str = "") -> Iterator[s
 def files_of(folder: Path) -> tuple[str, ...]:
     """Every file below a folder of ours, as `motion/walk.mot`."""
     return tuple(_files(folder, ()))
-
-
-def _known(name: str, kind: ResultKind) -> bool:
-    """Whether results of this kind had a file of this name before manifests listed them."""
-    path = PurePosixPath(name)
-    patterns = map(PurePosixPath, _KNOWN[kind])
-    return any(len(path.parts) == len(p.parts) and path.match(str(p)) for p in patterns)

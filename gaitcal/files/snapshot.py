@@ -63,7 +63,7 @@ def sign(content: Path, kind: ResultKind, kept: Iterable[str], carried: Mapping[
 
 
 def listed(folder: Path) -> dict[str, str]:
-    """File -> SHA-256, as the manifest of a folder lists them; empty where it is of a version that listed none.
+    """File -> SHA-256, as the manifest of a folder lists them; empty where there is none.
 
     Raises
     ------
@@ -143,25 +143,13 @@ def read_whole(
     )
 
 
-def _unix_hash(path: Path) -> str | None:
-    """SHA-256 of a text file as it was written here, whatever line ends a copy gave it."""
-    try:
-        return hashlib.sha256(path.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
-    except OSError:
-        return None
-
-
 def _hashes(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     return {name: sha256_of(folder / name) for name in (MANIFEST, *names)}
 
 
 def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:
     """Files that differ from what the manifest lists and may; InputError for one that may not."""
-    differ = [
-        name
-        for name, digest in listed(folder).items()
-        if name in found and found[name] != digest and not (name in editable and _unix_hash(folder / name) == digest)
-    ]
+    differ = [name for name, digest in listed(folder).items() if name in found and found[name] != digest]
     for name in differ:
         if found[name] is None:
             raise InputError(

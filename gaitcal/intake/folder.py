@@ -15,7 +15,6 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gaitcal.codes import Code
-from gaitcal.cores import each
 from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.toml import read_toml
@@ -113,7 +112,7 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
             source=path,
             code=Code.FOLDER,
         )
-    read = tuple(each(lambda file: _read(file, file.relative_to(path).as_posix()), files))
+    read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
 

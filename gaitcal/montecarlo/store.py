@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -27,10 +28,10 @@ import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_file, atomic_text
+from gaitcal.files.atomic import atomic_file, atomic_text, disk_errors
 from gaitcal.files.lock import locked
+from gaitcal.files.ownership import UNFINISHED
 from gaitcal.files.package_data import package_version
-from gaitcal.files.places import disk_errors
 from gaitcal.files.snapshot import SELF, self_hash
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult
@@ -41,8 +42,7 @@ FORMAT = 2
 """Raised whenever the same settings would give other draws."""
 KEYS = ("set", "level", "draw")
 FIELDS = (*KEYS, "evaluations", "failure", *COLUMNS)
-_NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})(?:_([0-9a-f]{16}))?\.parquet")
-"""The hash is missing in stores of version 0.2 and before."""
+_NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})_([0-9a-f]{16})\.parquet")
 _MADE_WITH = b"gaitcal.made_with"
 """Entry of a chunk's Parquet schema: SHA-256 of format, settings and model."""
 _VERSIONED = ("gaitcal", "numpy", "scipy", "pin")
@@ -160,7 +160,7 @@ class Store:
 
     def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
         """Chunks of a plan that are not there yet."""
-        held = [chunk for path, chunk in self._named() if _content(path, chunk) is not None]
+        held = [chunk for path, chunk in self._named() if _content(path) is not None]
         return missing_chunks(held, plan, size)
 
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
@@ -171,7 +171,7 @@ class Store:
         InputError
             A chunk is damaged.
         """
-        return _together((_whole(path, chunk) for path, chunk in self._named()), plan)
+        return _together((_whole(path) for path, _ in self._named()), plan)
 
     def _named(self) -> list[tuple[Path, Chunk]]:
         """Every file with the name of a chunk, in the order of names."""
@@ -179,9 +179,11 @@ class Store:
         return [(path, Chunk(Varied(m[1]), int(m[2]), int(m[3]), int(m[4]))) for path, m in matches if m]
 
     def _remove_damaged(self) -> list[str]:
-        damaged = [path for path, chunk in self._named() if _content(path, chunk) is None]
+        damaged = [path for path, _ in self._named() if _content(path) is None]
         for path in damaged:
             path.unlink(missing_ok=True)
+        for left in self.draws.glob(f"{UNFINISHED}*"):  # of a run that was killed
+            shutil.rmtree(left, ignore_errors=True)
         return [path.name for path in damaged]
 
     def _is_of(self, path: Path, made_with: str) -> bool:
@@ -231,20 +233,17 @@ def _beginning(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def _content(path: Path, chunk: Chunk) -> bytes | None:
+def _content(path: Path) -> bytes | None:
     """A chunk's file; None where it is not as it was written (power failed, a disk is bad, a copy broke off)."""
     try:
         content = path.read_bytes()
-        name = _NAME.fullmatch(path.name)
-        if name is not None and name[5] is not None:
-            return content if _beginning(content) == name[5] else None
-        return content if pq.read_table(pa.BufferReader(content)).num_rows == len(chunk.numbers) else None
-    except (OSError, pa.ArrowException):
+    except OSError:
         return None
+    return content if path.stem.endswith(f"_{_beginning(content)}") else None
 
 
-def _whole(path: Path, chunk: Chunk) -> pa.Table:
-    content = _content(path, chunk)
+def _whole(path: Path) -> pa.Table:
+    content = _content(path)
     if content is None:
         raise InputError(
             "is damaged; run the same study again, which makes it again", source=path, code=Code.MONTE_CARLO

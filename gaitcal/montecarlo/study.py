@@ -17,9 +17,8 @@ import pandas as pd
 import pyarrow as pa
 
 from gaitcal.errors import GaitcalError
-from gaitcal.files.atomic import atomic_file
+from gaitcal.files.atomic import atomic_file, disk_errors
 from gaitcal.files.lock import locked
-from gaitcal.files.places import disk_errors
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import draw

@@ -11,19 +11,25 @@ after the other) is handed in anew a few times.
 from __future__ import annotations
 
 import os
+import re
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from importlib import import_module
 from itertools import islice
 from typing import Any, Protocol, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky import ProcessPoolExecutor, cpu_count
+from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.records import dataclass
 
+TRIES = 3
+"""Processes that may die over a task before it is given up."""
 WATCH_S = 1.0
 """How often a worker process looks whether its parent is still there."""
 AHEAD = 3
@@ -55,39 +61,88 @@ class ThisProcess:
 
 @dataclass(frozen=True)
 class LocalProcesses:
-    """Processes of this machine, by joblib, BLAS with one thread each."""
+    """Processes of this machine, by loky, each with one task at a time. One that dies stops nobody: its task is handed
+    to another one, and given up after `TRIES`.
+
+    A pool of loky ends as a whole where one of its processes dies; here every process is a pool of its own, so that it
+    is known over which task it died.
+    """
 
     jobs: int = -1
     """How many; -1: one for every core."""
+    each: int | None = None
+    """Tasks after which a process is replaced, so that memory does not grow with their number; None: never."""
+    ages: Callable[[Any], bool] = lambda result: True
+    """Whether a result cost the work by which a process ages."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield the results as they are ready."""
-        with parallel_config(backend="loky", inner_max_num_threads=1):
-            pool = Parallel(
-                n_jobs=self.jobs,
-                return_as="generator_unordered",
-                pre_dispatch="2 * n_jobs",
-                batch_size=1,
-                max_nbytes=None,
-            )
-            results = pool(delayed(_while_parent_lives)(os.getpid(), function, task) for task in tasks)
-        yield from results
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Iterable[Task],
+        lost: Callable[[Task, str], Result] | None = None,
+    ) -> Iterator[Result]:
+        """Yield the results as they are ready.
+
+        Parameters
+        ----------
+        lost : what stands for a task over which `TRIES` processes died, and how; None: that ends the run.
+        """
+        left = ((task, TRIES) for task in tasks)
+        again: list[tuple[Task, int]] = []
+        idle: list[ProcessPoolExecutor | None] = [None] * (cpu_count() if self.jobs < 0 else self.jobs)
+        ages: dict[ProcessPoolExecutor, int] = {}
+        running: dict[Future[Result], tuple[ProcessPoolExecutor, Task, int]] = {}
+        try:
+            while True:
+                while idle and (given := again.pop() if again else next(left, None)):
+                    pool = idle.pop() or ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),))
+                    ages.setdefault(pool, 0)
+                    try:
+                        running[pool.submit(function, given[0])] = pool, *given
+                    except BrokenProcessPool:  # it died while it had nothing to do
+                        ages.pop(pool)
+                        idle.append(None)
+                        again.append(given)
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    pool, task, tries = running.pop(future)
+                    try:
+                        result = future.result()
+                    except BrokenProcessPool as death:
+                        ages.pop(pool)
+                        idle.append(None)
+                        if tries > 1:
+                            again.append((task, tries - 1))
+                            continue
+                        words = f"{_how(death)}, {TRIES} times"
+                        if lost is None:
+                            raise GaitcalError(f"a process could not compute a chunk: {words}") from None
+                        yield lost(task, words)
+                        continue
+                    ages[pool] += self.ages(result)
+                    if self.each is not None and ages[pool] >= self.each:
+                        ages.pop(pool)
+                        pool.shutdown()
+                        idle.append(None)
+                    else:
+                        idle.append(pool)
+                    yield result
+        finally:
+            for pool in ages:
+                pool.shutdown(kill_workers=True)
 
 
-_watched: set[int] = set()
+def _how(death: BrokenProcessPool) -> str:
+    """How a process ended, of loky's words on it."""
+    code = re.search(r"\{(\w+)\(-?\d+\)\}", str(death))
+    return f"ended by {code[1]}" if code and code[1].startswith("SIG") else "it ended"
 
 
-def _while_parent_lives(parent: int, function: Callable[[Task], Result], task: Task) -> Result:
-    """Run a task in a worker process that ends soon after its parent: joblib's would wait for work for minutes."""
-    end_with(parent)
-    return function(task)
-
-
-def end_with(parent: int) -> None:
-    """Let this process end soon after its parent does, whatever it is doing then."""
-    if parent not in _watched and os.getpid() != parent:
-        _watched.add(parent)
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+def _begin(parent: int) -> None:
+    """In a worker process: Ctrl-C is the parent's to answer, and its end is this one's, whatever is done here then."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from gaitcal.calibration.marker_moves import whole_body_scores
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.checks import check_study
-from gaitcal.cores import all_of, each
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.findings import Finding, Severity, note_of
@@ -38,7 +36,7 @@ from gaitcal.person.force_faults import diagnose_forces, left_out_of_masses, spo
 from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.person.phases import phases_of
 from gaitcal.person.prepare import PreparedTrial
-from gaitcal.person.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
+from gaitcal.person.result import Calibration, Stage, Uncertainty, withdrawn
 from gaitcal.person.static_angles import as_fitted, counted_from_static, shifted
 from gaitcal.person.tracked import tracked_trials
 from gaitcal.person.trial_result import axis_deviations, trial_result
@@ -94,19 +92,14 @@ def calibrate(
     progress("do motion and forces agree?")
     influence = nominal_influence() if joint is None else joint.influence
     walks = [t for t in trials if t.joint is None]
-    *told, diagnosis = all_of(
-        *(partial(_scores, t, motions, parameters, influence) for t in walks),
-        lambda: diagnose_forces(trials, nominal, parameters, motions, reactions, checked),
-    )
-    scores = dict(zip([t.name for t in walks], told, strict=True))
+    scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
+    diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions, checked)
     silent_on_masses = diagnosis.faulty | (spoilt := spoilt_motions(checked))
     believed = {name: r for name, r in reactions.items() if r.valid.any() and name not in silent_on_masses}
     shown = {name: r for name, r in believed.items() if not is_trunk_unmeasured(motions[name])}
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
-    inertial, *fitted_motions = all_of(
-        lambda: _inertial_fit(trials, nominal, parameters, influence, motions, scores, shown or believed, settings),
-        *(partial(_fitted_motion, t, motions, parameters, joint) for t in trials),
-    )
+    fitted_motions = [_fitted_motion(t, motions, parameters, joint) for t in trials]
+    inertial = _inertial_fit(trials, nominal, parameters, influence, motions, scores, shown or believed, settings)
     if inertial is not None:
         parameters = parameters.with_inertial(inertial.inertial)
         stages[Stage.JP_IP] = parameters, motions
@@ -124,15 +117,15 @@ def calibrate(
         }
         stages[Stage.COMBINED] = parameters, motions
         scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
-        fitted_motions = each(lambda t: _fitted_motion(t, motions, parameters, joint), trials)
+        fitted_motions = [_fitted_motion(t, motions, parameters, joint) for t in trials]
     progress("standard errors and inverse dynamics")
     uncertainty = Uncertainty(
         influence, _inertial_spread(inertial, parameters, settings, spread_of_people(nominal.subject))
     )
     of_trials = dict(zip([t.name for t in trials], fitted_motions, strict=True))
 
-    def result(t: PreparedTrial) -> TrialResult:
-        return trial_result(
+    results = [
+        trial_result(
             t,
             {stage: (p, of_trial[t.name]) for stage, (p, of_trial) in stages.items()},
             motions[t.name],
@@ -145,12 +138,8 @@ def calibrate(
             model=nominal,
             held_out=fitted.held_out.get(t.name),
         )
-
-    # a trial with forces takes as long as all others, and shares the cores by itself
-    loaded = {t.name: result(t) for t in trials if t.name in reactions}
-    others = [t for t in trials if t.name not in reactions]
-    unloaded = dict(zip([t.name for t in others], each(result, others), strict=True))
-    results = [loaded.get(t.name) or unloaded[t.name] for t in trials]
+        for t in trials
+    ]
     kept: tuple[str, ...] = () if inertial is None or inertial.moved else (inertial.message,)
     if settings.ip != "none":
         kept += (*left_out_of_masses(trials, diagnosis.faulty, spoilt),)

@@ -16,7 +16,6 @@ from gaitcal.calibration.joint_phases import (
     simultaneous_phases,
 )
 from gaitcal.calibration.joint_prior import WEAK, prior_of_study
-from gaitcal.cores import each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
@@ -54,9 +53,7 @@ def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leav
     settings = study.settings
     loss = None if settings.robust == "none" else Loss(settings.robust)
     study, findings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
-    trials = each(
-        lambda trial: prepare_trial(trial, nominal, settings), study.moving, longest=lambda t: t.joint is None
-    )
+    trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
     prior = prior_of_study(settings.joint_prior, study.joint_prior)
     fit = partial(joint_parameters, nominal=nominal, settings=settings, prior=prior)
     if settings.jp and trials:

@@ -13,12 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.cores import all_of
 from gaitcal.model.linkage import JOINTS, ZERO_ANGLES, Joint, Source
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -46,7 +44,7 @@ class Counted:
 
 def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
     """Fitted parameters whose ankles have the nominal model's angles in the static posture, by other zero angles."""
-    after, before = all_of(*(partial(static_angles, model, p, static) for p in (parameters, model.nominal)))
+    after, before = (static_angles(model, p, static) for p in (parameters, model.nominal))
     zero, moved = parameters.zero_angles.copy(), {}
     for joint in JOINTS:
         for name, coordinate, sign in _zeroed(joint):

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
-from gaitcal.cores import all_of
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -41,11 +39,8 @@ def tracked_trials(
 
     names = [trial.name for trial in trials]
     parts = [trial.fitted if trial.joint else trial.body for trial in trials]
-    found = all_of(
-        *(partial(loaded, trial) for trial in trials),
-        *(partial(tracked_motion, part, nominal.parameters) for part in parts),
-    )
-    after, before = found[: len(trials)], found[len(trials) :]
+    after = [loaded(trial) for trial in trials]
+    before = [tracked_motion(part, nominal.parameters) for part in parts]
     return Tracked(
         before=dict(zip(names, before, strict=True)),
         motions={name: motion for name, (motion, _) in zip(names, after, strict=True)},

@@ -6,8 +6,8 @@ A calibration assembles its own trials here, and `gaitcal dynamics` every furthe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from gaitcal.calibration.marker_moves import (
     whole_body_scores,
 )
 from gaitcal.calibration.torque_errors import ErringForces, joined
-from gaitcal.cores import all_of
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.foot_contact import FootPoints
@@ -46,6 +45,7 @@ from gaitcal.person.prepare import PreparedTrial, measured_reactions, prepare_tr
 from gaitcal.person.result import LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.person.trial_findings import trial_findings
 from gaitcal.person.unmeasured import is_trunk_unmeasured
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import StudyTrial
 from gaitcal.verdict.force_diagnosis import ForceDiagnosis, beyond_expected
@@ -134,9 +134,9 @@ def trial_result(
 
     if erring is None:
         return told()
-    result: TrialResult
-    result, *parts = all_of(told, *(partial(erring.variances, part) for part in erring.parts))
-    return _held(result, joined(parts), subject.weight)
+    with ThreadPoolExecutor() as pool:  # products of large matrices, which let other threads compute meanwhile
+        parts = list(pool.map(with_one_blas_thread(erring.variances), erring.parts))
+    return _held(told(), joined(parts), subject.weight)
 
 
 def _held(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
@@ -210,16 +210,12 @@ def analyse(
     if prepared.recording.plates:
         reactions = measured_reactions(prepared, model, model.parameters, motion, settings)
         diagnosis = diagnose_forces([prepared], model, model.parameters, {trial.name: motion}, {trial.name: reactions})
-    scores, fitted = all_of(
-        lambda: whole_body_scores(prepared.with_skin, motion.nodes, model.parameters, uncertainty.joint),
-        lambda: fitted_motion(prepared, model.parameters, model.parameters, motion),
-    )
     result = trial_result(
         prepared,
         {Stage.NOMINAL: (model.nominal, nominal), Stage.JP_IP: (model.parameters, motion)},
         motion,
-        fitted=fitted,
-        scores=scores,
+        fitted=fitted_motion(prepared, model.parameters, model.parameters, motion),
+        scores=whole_body_scores(prepared.with_skin, motion.nodes, model.parameters, uncertainty.joint),
         reactions=reactions,
         uncertainty=uncertainty,
         plates=PlateErrors.of(settings.plate_error),

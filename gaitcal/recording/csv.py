@@ -7,18 +7,25 @@ have another axis up are turned by quarters, as their other files are.
 
 The corners have no place in the table of forces, and without them nobody can tell whether a foot was wholly on its
 plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
-with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events
-(`told_lines.py`).
+with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events:
+
+    #: mass = 66.5                                 kg, m, rad, as in `metadata.Facts`; without name and doubts
+    #: knee_width = {"r": 0.105, "l": 0.107}       values as JSON writes them
+    #: event = [1.23, "r", "foot strike"]          s
+
+Computed points are columns of the table itself: `computed:RKNE_x`.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,14 +33,12 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_file
-from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.axes import UP_TO_Y, Turn, body_vertical, turn_up
 from gaitcal.recording.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
-from gaitcal.recording.labels import clean, unique
-from gaitcal.recording.metadata import ComputedPoints
+from gaitcal.recording.labels import axes_points, clean, unique
+from gaitcal.recording.metadata import ComputedPoints, Facts, FootEvent, FootMoment
 from gaitcal.recording.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import NumberTable, parse_rows, read_lines, require_increasing
-from gaitcal.recording.told_lines import COMPUTED, computed_kept, told_by, told_lines
+from gaitcal.recording.text_file import NumberTable, number_lines, parse_rows, read_lines, require_increasing
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
@@ -169,7 +174,7 @@ def _write(path: Path, names: list[str], time: Array, values: Array, comments: S
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         file.writelines(f"{line}\n" for line in comments)
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
-        file.write(rows_text(number_cells(np.column_stack([time, values])), ","))
+        file.write(number_lines(np.column_stack([time, values]), ","))
 
 
 def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
@@ -280,3 +285,72 @@ def _read_corners(path: Path) -> dict[str, Array]:
                 f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path, code=Code.FILE_FORMAT
             )
     return corners
+
+
+# ------------------------------------------------------------------------------ what a C3D file says beside its samples
+
+MARK: Final = "#: "
+COMPUTED: Final = "computed:"
+EVENT: Final = "event"
+_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
+_MOMENTS: Final = {moment.value: moment for moment in FootMoment}
+
+
+def told_lines(recording: Recording) -> list[str]:
+    """Comment lines that `told_by` reads back to the same numbers."""
+    told = {name: getattr(recording.facts, name) for name in _NAMES}
+    lines = [f"{MARK}{name} = {json.dumps(value)}" for name, value in told.items() if value not in (None, {})]
+    events = ([e.time, e.side, e.moment.value] for e in recording.events)
+    return lines + [f"{MARK}{EVENT} = {json.dumps(event)}" for event in events]
+
+
+def told_by(lines: Iterable[str], path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
+    """Facts and events of the comment lines before a table; InputError for one that says neither."""
+    facts: dict[str, Any] = {}
+    events: list[FootEvent] = []
+    for line in lines:
+        if not line.startswith(MARK):
+            continue
+        try:
+            name, _, text = line.removeprefix(MARK).partition(" = ")
+            value = json.loads(text)
+            if name == EVENT:
+                time, side, moment = value
+                events.append(FootEvent(_MOMENTS[moment], {"r": "r", "l": "l"}[side], _number(time)))
+            else:
+                facts[name] = _checked(name, value)
+        except (ValueError, TypeError, KeyError, RecursionError):
+            allowed = ", ".join((*_NAMES, EVENT))
+            raise InputError(
+                f"found '{line[:60]}'; allowed after '#:': {allowed}", source=path, code=Code.FILE_FORMAT
+            ) from None
+    return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
+
+
+def computed_kept(computed: ComputedPoints | None) -> tuple[str, ...]:
+    """Labels of the computed points that a table takes: all but the four of each segment's axes."""
+    if computed is None:
+        return ()
+    left_out = axes_points(computed.labels)
+    return tuple(label for label in computed.labels if label not in left_out)
+
+
+def _checked(name: str, value: Any) -> Any:
+    """A fact of the right kind; ValueError or KeyError else."""
+    if name not in _NAMES:
+        raise KeyError(name)
+    if name == "marker_set":
+        return str(value)
+    if name == "is_static":
+        return bool(value)
+    if isinstance(value, dict):
+        if not set(value) <= {"r", "l"}:
+            raise ValueError(name)
+        return {side: _number(number) for side, number in value.items()}
+    return _number(value)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ValueError(value)
+    return float(value)

@@ -16,10 +16,9 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_text
-from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.force_tables import Forces, build_plate, find_plates, on_one_time, standing
 from gaitcal.recording.recording import ForcePlate
-from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
+from gaitcal.recording.text_file import number_lines, parse_rows, read_lines, require_increasing, undo_rounding
 from gaitcal.records import dataclass
 
 LONGEST_HEADER = 500
@@ -54,8 +53,7 @@ class StorageTable:
             "endheader",
             "\t".join(("time", *self.names)),
         ]
-        rows = number_cells(np.column_stack([self.time, self.values]), missing="nan")
-        return "\n".join(header) + "\n" + rows_text(rows, "\t")
+        return "\n".join(header) + "\n" + number_lines(np.column_stack([self.time, self.values]), "\t", missing="nan")
 
 
 def read_table(path: str | PathLike[str]) -> StorageTable:

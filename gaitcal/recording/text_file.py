@@ -55,6 +55,12 @@ def readable_size(path: Path) -> int:
     return size
 
 
+def number_lines(values: Array, separator: str, missing: str = "") -> str:
+    """Rows of numbers as lines, each number in the shortest form that reads back to the same bits."""
+    lines = [separator.join(map(repr, row)) + "\n" for row in values.tolist()]
+    return "".join(lines).replace("nan", missing)
+
+
 def read_lines(path: Path) -> list[str]:
     """Lines of a text file, without their ends; UTF-8 (with or without mark), else Latin-1.
 

@@ -16,11 +16,10 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.atomic import atomic_file
-from gaitcal.files.number_rows import number_cells, rows_text
 from gaitcal.recording.axes import Vertical, make_y_up
 from gaitcal.recording.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.recording.recording import Recording, require_plain_labels, zeros_to_missing
-from gaitcal.recording.text_file import parse_rows, read_lines, require_increasing, undo_rounding
+from gaitcal.recording.text_file import number_lines, parse_rows, read_lines, require_increasing, undo_rounding
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
@@ -84,10 +83,8 @@ def write_trc(path: Path, recording: Recording) -> None:
     ]
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
-        numbers = number_cells(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]))
-        for index, row in enumerate(numbers, start=1):
-            row.insert(0, index)
-        file.write(rows_text(numbers, "\t"))
+        numbers = number_lines(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t")
+        file.writelines(f"{index}\t{line}" for index, line in enumerate(numbers.splitlines(keepends=True), start=1))
 
 
 def _label_line(path: Path, lines: Sequence[str]) -> int:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cores import all_of
 from gaitcal.export import write_external_loads, write_mjcf, write_mot, write_osim, write_sto_moments, write_urdf
 from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.ownership import MANIFEST, ResultKind
@@ -81,19 +79,17 @@ def write_results(
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         write_former_pages(out)
-        trials, of = calibration.trials, (calibration.model, out, calibration.relative_to)
-        body, told, *_ = all_of(
-            lambda: write_body(out, scene_of(calibration)),
-            lambda: _write_told(calibration, out, settings, normal),
-            lambda: write_truth(calibration.truth, out),
-            *(partial(write_trial, trial, *of) for trial in trials),
-            lambda: write_stride_files(out, calibration.model, trials, calibration.relative_to),
-            lambda: (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8"),
-            lambda: save_uncertainty(calibration.uncertainty, out / UNCERTAINTY),
-            lambda: _models(calibration.model, out),
-            lambda: _save_splines(trials, out / "splines.npz"),
-        )
+        body = write_body(out, scene_of(calibration))
+        told = _write_told(calibration, out, settings, normal)
         write_joined_page(out, body, told)
+        write_truth(calibration.truth, out)
+        for trial in calibration.trials:
+            write_trial(trial, calibration.model, out, calibration.relative_to)
+        write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
+        (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
+        save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
+        _models(calibration.model, out)
+        _save_splines(calibration.trials, out / "splines.npz")
     return folder
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +16,11 @@ from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
+from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.progression import PELVIS_ANGLES, TURNING, pelvis_angles, turns
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
+from gaitcal.gait.stride_table import CYCLE_COLUMNS, conventions_of, typed
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.model.linkage import SIDES, is_translation
@@ -36,6 +37,9 @@ from gaitcal.runtime import with_one_blas_thread
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
+DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
+COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}
+"""Ending of a data variable -> column of the table."""
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
@@ -107,8 +111,7 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
 def read_cycles(path: Path | str) -> pd.DataFrame:
     """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of `gaitcal.cycles`.
 
-    One that `gaitcal export` wrote has `unit` and `positive` beside them; of an earlier version, what it did not write
-    is empty.
+    One that `gaitcal export` wrote has `unit` and `positive` beside them.
 
     Raises
     ------
@@ -253,3 +256,46 @@ def _short(values: Array) -> Array:
     """Rounded to a millionth of a degree or newton metre."""
     out: Array = np.round(values, DIGITS)
     return out
+
+
+def cycles_to_xarray(strides: pd.DataFrame) -> Any:
+    """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
+
+    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
+    variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
+    attribute, and with `positive` (what a positive value means) where the table says it, as exports do; NaN where a
+    trial has no such stride. Without any stride it is empty.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed, a stride is there twice, or a variable in two conventions.
+    """
+    import pandas as pd
+
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("xarray is not installed; pip install xarray", code=Code.INSTALLATION) from None
+    if strides.empty:
+        return xarray.Dataset()
+    strides = typed(strides)
+    require_once(strides)
+    told = conventions_of(strides)
+    several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
+    wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
+    columns: dict[str, pd.Series] = {}
+    for variable in dict.fromkeys(strides["variable"]):
+        columns |= {f"{variable}{ending}": wide[column, variable] for ending, column in COLUMNS.items()}
+    dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
+    for name in dataset.data_vars:
+        variable = str(name).removesuffix("_se").removesuffix("_valid")
+        unit, positive = told[variable]
+        dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit
+        if positive and str(name) == variable:
+            dataset[name].attrs["positive"] = positive
+    dataset["percent"].attrs["units"] = "%"
+    for name in ("person", "session"):
+        if name not in several:
+            dataset.attrs[name] = strides[name].iloc[0]
+    return dataset

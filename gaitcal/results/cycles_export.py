@@ -70,7 +70,7 @@ def write_cycles_export(
     Raises
     ------
     InputError
-        The result is damaged, or was made before it held strides or moment vectors.
+        The result is damaged, or has no strides.
     """
     frame = convention.frame
     names = [CYCLES, SUMMARY]

@@ -25,12 +25,12 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     Raises
     ------
     InputError
-        The result is of a version that did not keep them.
+        It is no result.
     """
     trials = read_object(folder / MANIFEST).get("trials")
     if not isinstance(trials, dict):
         raise InputError(
-            "found no list of its trials' files, which earlier versions did not keep; calibrate again",
+            "found no list of its trials' files; calibrate again",
             source=folder / MANIFEST,
             field="trials",
             code=Code.CHANGED_FILE,

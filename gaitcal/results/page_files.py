@@ -64,13 +64,13 @@ def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
 
 
 def write_former_pages(folder: Path) -> None:
-    """Write what leads from the pages of earlier versions to the one of this."""
+    """Write `report.html` and `view.html`, which lead to the page."""
     for name in FORMER:
         (folder / name).write_text(redirect_html(PAGE), encoding="utf-8")
 
 
 def read_page(folder: Path) -> Shown:
-    """What a folder's page is made of; without a sheet, where an earlier version wrote it.
+    """What a folder's page is made of.
 
     Raises
     ------
@@ -79,9 +79,9 @@ def read_page(folder: Path) -> Shown:
     """
 
     def read() -> Shown:
-        sheet = read_sheet(folder / SHEET) if (folder / SHEET).exists() else None
+        sheet = read_sheet(folder / SHEET)
         shown = Shown(load_scene(folder / SCENE), sheet, folder.resolve().name)
-        if sheet is not None and [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
+        if [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
             raise InputError(
                 "tells of other trials than scene.npz; calibrate again", source=folder / SHEET, code=Code.DAMAGED_RESULT
             )
@@ -100,14 +100,12 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
         As of `read_page`; what is wrong with the further trials is such a line.
     """
     shown = read_page(folder)
-    if shown.sheet is None or not (folder / DYNAMICS).is_dir():
+    if not (folder / DYNAMICS).is_dir():
         return shown, ()
     try:
         further = read_page(folder / DYNAMICS)
     except InputError:
         return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
-    if further.sheet is None:
-        return shown, (f"{folder / DYNAMICS}: its page is of an earlier version; run its trials again to see them",)
     stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / MODEL))
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}
@@ -115,9 +113,9 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
     scene = with_trials(shown.scene, further.scene, names)
     if scene is None:
         return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
-    about = only(further.sheet, [t.name for t in further.scene.trials])
+    about = only(further.sheet or {}, [t.name for t in further.scene.trials])
     sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
-    return Shown(scene, followed_by(shown.sheet, sheet), shown.name), lines
+    return Shown(scene, followed_by(shown.sheet or {}, sheet), shown.name), lines
 
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from gaitcal.errors import InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.findings import Finding
-from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import Uncertainty
@@ -90,7 +90,9 @@ def _read(folder: Path) -> SavedResult:
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
-        marker_set=_marker_set(folder, manifest, model),
+        marker_set=load_marker_set(folder / MARKER_SET).with_weights(
+            dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
+        ),
         rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
         settings=chosen,
         uncertainty=load_uncertainty(folder / UNCERTAINTY),
@@ -106,20 +108,6 @@ def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, flo
             "found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY, code=Code.NO_RESULT
         )
     return {str(name): float(np.deg2rad(value)) for name, value in angles.items()}
-
-
-def _marker_set(folder: Path, manifest: Mapping[str, object], model: SubjectModel) -> MarkerSet:
-    """As it was saved; of results that saved none, the built-in set, or what the model tells of one's own."""
-    weights = dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
-    if (folder / MARKER_SET).exists():
-        return load_marker_set(folder / MARKER_SET).with_weights(weights)
-    name = str(manifest.get("marker_set"))
-    if name in built_in_sets():
-        return load_marker_set(name).with_weights(weights)
-    tracking: dict[str, tuple[str, ...]] = {}
-    for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
-        tracking[segment] = (*tracking.get(segment, ()), label)
-    return MarkerSet(name=name, description="of the model", landmarks={}, tracking=tracking, weights=weights)
 
 
 def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -12,25 +12,77 @@ import pandas as pd
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
+from gaitcal.compare.curve_differences import CURVE_HEADER
+from gaitcal.compare.difference import DIFFERENCES_HEADER
 from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, read_object
-from gaitcal.files.snapshot import Snapshot, read_whole
+from gaitcal.files.atomic import atomic_directory
+from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.files.package_data import package_version
+from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.stride_table import typed
 from gaitcal.model.model_file import load_model
 from gaitcal.person.trial_result import axis_deviations
+from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model
+from gaitcal.results.json_types import Json
 from gaitcal.results.originals import trial_files
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR
-from gaitcal.results.table_file import read_csv
+from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
+
+DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"
+SHARED = "shared_parameters.csv"
+SHARED_HEADER = (
+    "joint parameters of a and b, each in its own segment frames: by its own trials alone, and by those of both; se:",
+    "standard error",
+)
+
+
+def write_comparison(
+    comparison: SessionComparison, folder: Path, results: Sequence[Path], shared: pd.DataFrame | None = None
+) -> Path:
+    """Write the tables and the words of a comparison of two `results`, whole or not at all. Returns the folder.
+
+    `shared`: the joint parameters of a shared model.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or holds something else than an earlier comparison.
+    """
+    told = tuple(one_line(f"warning: {text}") for text in comparison.warnings)
+    with atomic_directory(folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]) as out:
+        names = tuple(map(one_line, comparison.names))
+        sessions = {f"session_{key}": name for key, name in zip("ab", names, strict=True)}
+        hashes = {f"manifest_{key}_sha256": sha256_of(path / MANIFEST) for key, path in zip("ab", results, strict=True)}
+        content: dict[str, Json] = {
+            "gaitcal": package_version("gaitcal"),
+            **sessions,
+            **hashes,
+            "common": comparison.common.name.lower(),
+        }
+        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
+        head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
+        write_csv(comparison.differences, out / DIFFERENCES, (*head, *DIFFERENCES_HEADER))
+        write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
+        if shared is not None:
+            write_csv(shared, out / SHARED, SHARED_HEADER)
+        (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
+    return folder
+
+
+def one_line(text: str) -> str:
+    """Names are data: what would begin a new line of a file, or moves a cursor, becomes a blank."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
 
 FURTHER = "model_sha256"
 """Entry of the manifest of further trials, whose model lies in the folder above."""
@@ -64,7 +116,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     Raises
     ------
     InputError
-        It is none, damaged, or of an earlier version that did not write what this needs.
+        It is none, or damaged.
     """
     manifest = read_object(folder / MANIFEST)
     if not manifest:

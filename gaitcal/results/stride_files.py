@@ -13,7 +13,7 @@ from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
-from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
@@ -100,23 +100,20 @@ def _turning_lines(strides: Mapping[str, Column]) -> tuple[str, ...]:
     return (f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {words}",)
 
 
-def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str], subject: Subject) -> EarlierStrides:
+def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]) -> EarlierStrides:
     """Rows of the trials `kept`, with the comment lines about them; none of a file that is not as it was written.
 
-    `hashes`: file -> SHA-256 as it was written. Rows of a version that named no person are those of `subject`.
+    `hashes`: file -> SHA-256 as it was written.
     """
     names = tuple(kept)
     out = []
-    for file, columns in STRIDE_FILES.items():
+    for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
             table, comments = read_csv(folder / file)
             # with the word that follows: a trial may be called `se`, of which the head speaks as well
             lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: {VERDICT}" for name in names)))
             table = table[table["trial"].isin(names)]
-            if "person" not in table:
-                table = table.assign(person=subject.name, session=subject.session)
-            table = table.reindex(columns=list(columns))  # an earlier version had fewer, in another order
         out.append((table, lines))
     (cycles, cycle_lines), (spatiotemporal, spatiotemporal_lines) = out
     return EarlierStrides(cycles, cycle_lines, spatiotemporal, spatiotemporal_lines)

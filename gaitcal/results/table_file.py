@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.files.number_rows import is_plain, number_cells, rows_text
 from gaitcal.gait.words import SIDE_WORDS
 from gaitcal.person.result import TrialResult
 
@@ -44,8 +43,8 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
     """Write a table below comment lines; columns by name, or a data frame.
 
-    Cells are those of `DataFrame.to_csv`, in a fraction of its time; text with a `#` stands in quotation marks, within
-    which readers that take `#` for the start of a comment leave it alone.
+    Cells are those of `DataFrame.to_csv`; text with a `#` stands in quotation marks, within which readers that take `#`
+    for the start of a comment leave it alone.
     """
     if isinstance(table, Mapping):
         names, columns = list(table), list(table.values())
@@ -56,7 +55,8 @@ def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
         stream.writelines(f"# {line}\n" for line in comments)
         stream.write(",".join(map(_cell, names)) + "\n")
         for start in range(0, rows, _BLOCK):
-            stream.write(_rows([column[start : start + _BLOCK] for column in columns]))
+            cells = [_cells(column[start : start + _BLOCK]) for column in columns]
+            stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
 def columns_of(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
@@ -71,29 +71,12 @@ def _plain(column: pd.Series) -> Column:
     return column.astype(object).where(column.notna(), None).tolist()  # type: ignore[no-any-return]
 
 
-def _rows(columns: Sequence[Column]) -> str:
-    cells = [_cells(column) for column in columns]
-    rows = list(zip(*cells, strict=True))
-    texts = (text for column, own in zip(columns, cells, strict=True) if not _is_numeric(column) for text in set(own))
-    if all(map(is_plain, texts)):
-        return rows_text(rows, ",")
-    return "".join(",".join(map(str, row)) + "\n" for row in rows)
-
-
-def _cells(column: Column) -> list[Any]:
-    """Numbers, and text in quotation marks where it needs them; empty text where there is no value."""
-    if _is_numeric(column):
-        return number_cells(np.asarray(column))
-    column = list(column)
-    values = set(column)
-    if all(isinstance(value, str) for value in values):
-        told = {value: _cell(value) for value in values}  # text repeats itself: each is looked at once
-        return [told[value] for value in column]
-    return ["" if value is None or value != value else _cell(value) for value in column]
-
-
-def _is_numeric(column: Column) -> bool:
-    return isinstance(column, np.ndarray) and column.dtype.kind in "iuf"
+def _cells(column: Column) -> list[str]:
+    """Numbers in the shortest form that reads back the same, and text; empty where there is no value."""
+    if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
+        return ["" if value != value else repr(value) for value in column.tolist()]
+    told = {value: "" if value is None or value != value else _cell(value) for value in set(column)}
+    return [told[value] for value in column]  # text repeats itself: each is looked at once
 
 
 def _cell(value: object) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
 from gaitcal.codes import Code
-from gaitcal.cores import each
 from gaitcal.errors import InputError, nearest
 from gaitcal.files.snapshot import Snapshot, sha256_of
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -16,6 +15,8 @@ from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.recording.external_loads import loads_tables
+from gaitcal.recording.metadata import Facts
+from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.borrowed_trunk import model_with_trunk
@@ -23,11 +24,47 @@ from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, StudyTrial, read_trial
-from gaitcal.study.subject import subject_of
 from gaitcal.study.truth import Truth, read_truth, truth_files
 from gaitcal.study.truth_landmarks import other_landmarks
+
+
+def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
+    """The person as the study says, and, of what it does not say, as the files do: the first recording's before others.
+
+    A file that names another person than the first one is not asked.
+    """
+    told = _told([recording.facts for recording in recordings])
+    given_mm = table.marker_diameter_mm
+    return Subject(
+        table.name,
+        table.mass_kg,
+        table.height_m,
+        table.sex,
+        age=table.age_years,
+        knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
+        ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        asis_distance=told.asis_distance if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
+        marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+        session=table.session,
+    )
+
+
+def _told(facts: Sequence[Facts]) -> Facts:
+    """Widths, distance between the ASIS and marker diameter: each from the first file that tells it and names the
+    person of the first file.
+    """
+    out = Facts()
+    for told in reversed([f for f in facts if f.name == facts[0].name]):
+        out = replace(
+            out,
+            knee_width=out.knee_width | told.knee_width,
+            ankle_width=out.ankle_width | told.ankle_width,
+            asis_distance=told.asis_distance or out.asis_distance,
+            marker_diameter=told.marker_diameter or out.marker_diameter,
+        )
+    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +109,8 @@ class Study:
         file = load_study_file(path)
         before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
         marker_set = load_marker_set(file.markers.set)
-        trials = each(lambda trial: read_trial(trial, file.markers.rename, marker_set), file.trials)
-        study = cls.assemble(file, marker_set, tuple(trials), path)
+        trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
+        study = cls.assemble(file, marker_set, trials, path)
         for name, f in _file_words(study.files, path.parent).items():
             if study.inputs[name] != before[f]:
                 raise InputError(

@@ -11,7 +11,11 @@ from pathlib import Path
 from folders.commands import DRAWS, TRIALS, Bench, Process, start
 from folders.truth import References, hidden, trials_of
 
-REFUSALS = ("changed while this ran; nothing was written, run again", "is being written by process", "made with other")
+REFUSALS = (
+    "changed while this ran; nothing was written, run again",
+    "is being written by another process",
+    "made with other",
+)
 """Lines that a command may end with (exit code 1) because of the other."""
 Words = tuple[object, ...]
 

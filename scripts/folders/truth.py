@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from folders.commands import MASSES, TRIALS, Bench
-from gaitcal.files.ownership import AMENDED, MANIFEST
+from gaitcal.files.ownership import MANIFEST
 from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.montecarlo.store import Store
 
@@ -85,7 +85,7 @@ class References:
     def _export_faults(self, result: Path, found: Mapping[str, str]) -> Iterator[str]:
         mine = {f: h for f, h in found.items() if f.startswith("export/")}
         whole = [{f: h for f, h in of.items() if f.startswith("export/")} for of in self.of.values()]
-        if mine and mine not in whole and not (result / "export" / AMENDED).exists():
+        if mine and mine not in whole:
             yield "export: files of several models, or not whole"
 
     def _draw_faults(self, result: Path) -> Iterator[str]:

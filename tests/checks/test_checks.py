@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaitcal import cores
 from gaitcal.checks import check_study
 from gaitcal.codes import Code
-from gaitcal.cores import several_cores
 from gaitcal.findings import Finding, Severity
 from gaitcal.recording import Recording
 from gaitcal.study.study import Study
@@ -59,24 +55,6 @@ def sound() -> Study:
 
 def test_sound_study_has_only_facts(sound: Study) -> None:
     assert [f for f in check_study(sound) if f.severity is not INFO] == []
-
-
-def test_what_a_copy_of_the_process_reads_and_checks_can_be_sent(sound: Study) -> None:
-    findings = check_study(sound)
-    study, told = pickle.loads(pickle.dumps((sound, findings), protocol=5))
-    assert told == findings
-    assert {"_gaitcal.study.study.nominal_of", "_gaitcal.study.static_markers.completed_static"} <= set(vars(study))
-    np.testing.assert_array_equal(study.static.recording.markers, sound.static.recording.markers)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="copies of a process are made on Linux only")
-def test_side_by_side_the_same_is_found(sound: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "_available", lambda: 2)
-    spoilt = with_trial(sound, "walk", moved("R.Thigh.Front", lambda path: path + [0.06, 0.0, 0.0]))
-    with several_cores():
-        beside = check_study(spoilt)
-    assert beside == check_study(spoilt)
-    assert any(found.topic == "one body" for found in beside)
 
 
 ASIS = "R.ASIS"

@@ -14,9 +14,8 @@ import pandas as pd
 
 from gaitcal.cohort.columns import NAMES, UNITS
 from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
-from gaitcal.cohort.measures import MEASURES
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.page import NO_STRIDE
+from gaitcal.cohort.page import MEASURES, NO_STRIDE
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.gait.variables import Kind
 from gaitcal.results.table_file import write_csv

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -148,14 +147,3 @@ def test_every_failure_has_a_code(tmp_path: Path) -> None:
         "holds 1 files, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
         "no file says subject.mass_kg, subject.height_m, subject.sex": ("GC-211", True),
     }
-
-
-def test_a_failure_without_a_code_is_tried_again(lab: Path, tmp_path: Path, ran: list[str]) -> None:
-    """As an earlier version kept it."""
-    out = tmp_path / "out"
-    run(lab, out)
-    state = state_file(out, "people/Zed", ".json")
-    state.write_text(json.dumps({**json.loads(state.read_text()), "code": ""}))
-    ran.clear()
-    run(lab, out)
-    assert ran == ["Zed"]

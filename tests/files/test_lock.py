@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.files import lock
-from gaitcal.files.atomic import atomic_directory
 from gaitcal.files.lock import locked
-from gaitcal.files.ownership import MANIFEST, ResultKind
+from gaitcal.files.ownership import MANIFEST
 
 HOLD = """
 import sys, time
@@ -63,17 +59,16 @@ def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
     assert names(tmp_path) == ["out"]
 
 
-def test_who_holds_it_is_told_while_waiting_and_at_the_end(
+def test_it_is_told_while_waiting_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(lock, "TELL_S", 0.1)
     process = holder(tmp_path / "out", 60)
     try:
-        wanted = rf"out: is being written by process {process.pid} on .* since 20"
-        with pytest.raises(InputError, match=wanted) as told, locked(tmp_path / "out", wait_s=0.5):
+        told = "out: is being written by another process"
+        with pytest.raises(InputError, match=told), locked(tmp_path / "out", wait_s=0.5):
             pass
-        assert len(str(told.value).splitlines()) == 1
-        assert f"is being written by process {process.pid}" in caplog.text
+        assert "is being written by another process; waiting" in caplog.text
         with locked(tmp_path / "other", wait_s=0.0), locked(tmp_path / "out", "another purpose", wait_s=0.0):
             pass
     finally:
@@ -81,13 +76,6 @@ def test_who_holds_it_is_told_while_waiting_and_at_the_end(
         process.wait()
     with locked(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
         pass
-    assert names(tmp_path) == []
-
-
-def test_one_that_waits_gets_it(tmp_path: Path) -> None:
-    process = holder(tmp_path / "out", 0.5)
-    with locked(tmp_path / "out", wait_s=30.0):
-        assert process.wait() == 0
     assert names(tmp_path) == []
 
 
@@ -125,49 +113,14 @@ def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_o
         process.wait()
 
 
-@pytest.mark.skipif(os.geteuid() == 0 if hasattr(os, "geteuid") else True, reason="root may write everywhere")
-def test_inside_where_nothing_can_be_made_beside(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    tmp_path.chmod(0o555)
-    try:
-        with locked(tmp_path / "out"):
-            assert len(names(tmp_path / "out")) == 1
-        assert names(tmp_path / "out") == []
-    finally:
-        tmp_path.chmod(0o755)
-
-
-def test_a_lock_that_a_killed_process_left_is_no_file_of_the_folder(tmp_path: Path) -> None:
-    def write() -> None:
-        with atomic_directory(tmp_path / "out", ResultKind.CALIBRATION) as folder:
-            (folder / MANIFEST).write_text(json.dumps({"gaitcal": "0"}))
-
-    write()
-    inside = tmp_path / "out/.gaitcal-lock-0123456789ab"
-    inside.touch()
-    write()
-    assert not inside.exists()
-    assert names(tmp_path) == ["out"]
-
-
 def test_a_file_system_without_locks_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    fcntl = pytest.importorskip("fcntl")
-
     def none(*_: object) -> None:
         raise OSError(95, "Operation not supported")
 
-    monkeypatch.setattr(fcntl, "flock", none)
+    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", none)
     with locked(tmp_path / "out"):
         pass
     assert "no locks; run one command at a time" in caplog.text
     assert names(tmp_path) == []
-
-
-def test_looking_is_quick(tmp_path: Path) -> None:
-    began = time.monotonic()
-    for _ in range(50):
-        with locked(tmp_path / "out"):
-            pass
-    assert time.monotonic() - began < 5.0  # milliseconds each; seconds would be a wait

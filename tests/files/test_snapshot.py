@@ -70,12 +70,6 @@ def test_every_byte_of_the_manifest_counts(folder: Path) -> None:
         assert found == {} or json.loads(path.read_bytes()) == json.loads(sound)
 
 
-def test_results_of_earlier_versions_are_read_as_they_are(folder: Path) -> None:
-    (folder / MANIFEST).write_text('{"gaitcal": "0.2.0", "files": ["splines.npz"]}')
-    (folder / "splines.npz").write_bytes(b"other")
-    assert read(folder, "splines.npz")[0] == b"other"
-
-
 def test_what_changes_while_it_is_read_is_read_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(snapshot, "_AGAIN_S", 0.0)
     seen: list[str] = []

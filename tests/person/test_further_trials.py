@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from gaitcal.cli import app
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.results.saved import load_result
 from tests.synthetic_studies import write_synthetic_study
 
 RUNNER = CliRunner()
@@ -95,22 +94,6 @@ def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
     for name, parts in trial["torque_error_sources"].items():
         assert further["torque_error_sources"][name] == pytest.approx(parts, abs=1e-3), name
     assert told(folder)["warnings"] == []
-
-
-def test_a_result_that_saved_no_marker_set_still_serves(folder: Path) -> None:
-    """As earlier versions wrote it; files then need the labels of the set."""
-    manifest = folder / "result/manifest.json"
-    content = json.loads(manifest.read_text(encoding="utf-8"))
-    del content["sha256"], content["own_sha256"]
-    (folder / "result/marker_set.toml").unlink()
-    back = {f"{new}_{axis}": f"{old}_{axis}" for old, new in RENAMED.items() for axis in "xyz"}
-    trial = spoil(folder, lambda t: t.rename(columns=back))
-    for name in (content["marker_set"], "own"):
-        manifest.write_text(json.dumps({**content, "rename": None, "marker_set": name}), encoding="utf-8")
-        run("dynamics", folder / "result", *trial)
-        own, again = (moments(folder / "result" / f) for f in ("moments/walk.csv", "dynamics/moments/walk2.csv"))
-        assert_same_torques(again, own)
-        assert load_result(folder / "result").marker_set.weight(WEIGHTED) == 0.0
 
 
 def _scaled(factor: float) -> Change:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import gaitcal.recording.c3d.parser as parse
 from gaitcal.errors import InputError
 from gaitcal.recording import read_recording
-from gaitcal.recording.c3d.layout import check_c3d_header
 from gaitcal.recording.c3d.parser import ParserDiedError, parse_c3d
 from tests.recording.recordings import standing_points_mm, write_raw_c3d
 
@@ -66,40 +67,41 @@ def test_cut_short_is_told_with_both_lengths(tmp_path: Path) -> None:
         read_recording(path)
 
 
-def test_a_process_of_its_own_without_fork_gives_the_same(tmp_path: Path) -> None:
-    path = write_raw_c3d(tmp_path / "s.c3d", standing_points_mm(20), LABELS)
-    size = check_c3d_header(path).size
-    forked, spawned = parse_c3d(path, size, fork=True), parse_c3d(path, size, fork=False)
-    np.testing.assert_array_equal(forked["points"], spawned["points"])
-    assert forked["parameters"]["POINT"]["LABELS"] == spawned["parameters"]["POINT"]["LABELS"]
+@pytest.fixture
+def parser(monkeypatch: pytest.MonkeyPatch) -> Iterator[parse._Parser]:
+    """A new process, which ends with the test."""
+    parser = parse._Parser()
+    monkeypatch.setattr(parse, "_PARSER", parser)
+    yield parser
+    parser.end()
 
 
-@pytest.mark.parametrize("fault, told", [("os.kill(os.getpid(), 11)", "signal 11"), ("time.sleep(60)", "longer than")])
-@pytest.mark.parametrize("fork", [True, False])
-def test_a_parser_that_dies_or_hangs_ends_in_one_clear_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str, told: str, fork: bool
+@pytest.mark.parametrize(
+    "fault, told",
+    [
+        ("os.kill(os.getpid(), 11)", "signal 11"),
+        ("time.sleep(60)", "longer than 1 s"),
+        ("numpy.ones(2**33)", "allocate"),
+    ],
+)
+def test_a_parser_that_dies_hangs_or_wants_all_memory_ends_in_one_clear_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parser: parse._Parser, fault: str, told: str
 ) -> None:
-    """The parser is replaced by one that does what a damaged file may make it do."""
-    import ezc3d
-
-    import gaitcal.recording.c3d.parser as parse
-
+    """The parser is replaced by one that does what a damaged file may make it do; the next file has a new one."""
     path = write_raw_c3d(tmp_path / "c.c3d", standing_points_mm(5), LABELS)
-    if "sleep" in fault:
-        monkeypatch.setattr(parse, "BASE_SECONDS", 1.0)
-    if fork:
-        monkeypatch.setattr(ezc3d, "c3d", lambda *_: exec(f"import os, time; {fault}"))
-    else:
-        (tmp_path / "ezc3d.py").write_text(f"import os, time\ndef c3d(*_): {fault}\n", encoding="utf-8")
-        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(ParserDiedError, match=told):
-        parse.parse_c3d(path, path.stat().st_size, fork=fork)
+    (tmp_path / "ezc3d.py").write_text(f"import os, time, numpy\ndef c3d(*_): {fault}\n", encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr(parse, "BASE_SECONDS", 1.0)
+        patch.setenv("PYTHONPATH", str(tmp_path))
+        with pytest.raises((ParserDiedError, ValueError), match=told):
+            parse_c3d(path, path.stat().st_size)
+    assert parser._process is None
+    assert read_recording(path).labels == tuple(LABELS)
 
 
-def test_a_parser_that_wants_all_memory_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import ezc3d
-
-    path = write_raw_c3d(tmp_path / "m.c3d", standing_points_mm(5), LABELS)
-    monkeypatch.setattr(ezc3d, "c3d", lambda *_: np.ones(2**33))
-    with pytest.raises(ValueError, match="allocate"):
-        parse_c3d(path, path.stat().st_size, fork=True)
+def test_one_process_parses_all_files(tmp_path: Path, parser: parse._Parser) -> None:
+    path = write_raw_c3d(tmp_path / "s.c3d", standing_points_mm(20), LABELS)
+    read_recording(path)
+    first = parser._process
+    read_recording(path)
+    assert first is not None and parser._process is first

@@ -23,8 +23,7 @@ from gaitcal.gait.variables import GROUND_REACTION
 from gaitcal.page.packing import FULL
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.person.result import Calibration
-from gaitcal.results.cycle_arrays import cycles_to_xarray
-from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, read_cycles, write_cycles
+from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles
 from gaitcal.results.table_file import read_csv
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 

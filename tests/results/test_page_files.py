@@ -72,18 +72,6 @@ def trials(page: Path) -> list[list[str]]:
     return out
 
 
-def of_an_earlier_version(folder: Path) -> None:
-    """A folder as versions left it that knew no sheet."""
-    for name in (SHEET, PAGE):
-        (folder / name).unlink()
-    path = folder / MANIFEST
-    manifest = json.loads(path.read_text(encoding="utf-8"))
-    manifest["files"] = [name for name in manifest["files"] if name not in (SHEET, PAGE)]
-    for key in (HASHES, SELF):
-        del manifest[key]
-    path.write_text(json.dumps(manifest), encoding="utf-8")
-
-
 def with_another_model(result: Path) -> None:
     with (result / "model.toml").open("a", encoding="utf-8") as stream:
         stream.write("\n# by hand\n")
@@ -233,17 +221,6 @@ def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     assert trials(result / "dynamics" / PAGE) == [["walk3", "walk2"]]
 
 
-def test_further_trials_of_an_earlier_version(folder: Path) -> None:
-    result = folder / "result"
-    of_an_earlier_version(result / "dynamics")
-    told = run("view", result, "--html", folder / "own.html").stdout
-    assert "its page is of an earlier version; run its trials again to see them" in told
-    (result / "dynamics" / SCENE).unlink()
-    told = run("dynamics", result, trial(folder, "walk3")).stdout
-    assert "warning: walk2: its run, of an earlier version, kept no page: the page leaves this trial out" in told
-    assert trials(result / "dynamics" / PAGE) == [["walk3"]]
-
-
 # ------------------------------------------------------------------------------------------------------------- view
 
 
@@ -265,19 +242,6 @@ def test_two_results_stand_side_by_side(folder: Path) -> None:
     run("view", folder / "result", other, "--html", folder / "own.html")
     assert trials(folder / "own.html") == [["walk", "walk2"], ["walk"]]
     assert [shown["name"] for shown in results(folder / "own.html")] == ["made/result", "later/result"]
-
-
-def test_a_result_of_an_earlier_version_shows_its_body_alone(folder: Path) -> None:
-    other = Path(shutil.copytree(folder / "result", folder / "other"))
-    of_an_earlier_version(other)
-    told = run("view", other, "--html", folder / "own.html").stdout.splitlines()
-    alone = "of an earlier version, without page.json: the body alone; calibrate again for its curves"
-    assert told[0] == f"{other}: {alone}"
-    assert len(told) == 2 and results(folder / "own.html")[0]["sheet"] is None
-    for pair in ((folder / "result", other), (other, folder / "result")):
-        with pytest.raises(InputError, match=r"other: found no page\.json: .*calibrate again to compare it"):
-            run("view", *pair, "--html", folder / "none.html")
-    assert not (folder / "none.html").exists()
 
 
 def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables of strides from elsewhere: read by pandas alone, of earlier versions, in other conventions, or none at all."""
+"""Tables of strides from elsewhere: read by pandas alone, in other conventions, or none at all."""
 
 from __future__ import annotations
 
@@ -13,18 +13,14 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
-from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
+from gaitcal.gait.stride_table import typed
 from gaitcal.gait.variables import unit_of
 from gaitcal.person.result import Calibration
-from gaitcal.results.cycle_arrays import cycles_to_xarray
-from gaitcal.results.cycles import CYCLES, cycles, read_cycles, write_cycles
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.cycles import CYCLES, cycles, cycles_to_xarray, read_cycles, write_cycles
+from gaitcal.results.spatiotemporal import SPATIOTEMPORAL
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.table_file import write_csv
 from tests.fake_result import fake_calibration
-
-EARLIER = ["person", "session", "se_stride"]
-"""Columns that the first tables of strides did not have."""
 
 
 @pytest.fixture(scope="module")
@@ -76,37 +72,11 @@ def test_cells_are_those_of_pandas_but_for_the_quotation_marks(tmp_path: Path) -
     assert (tmp_path / "t.csv").read_text(encoding="utf-8") == f"# said\n{by_pandas.getvalue()}"
 
 
-def test_a_table_of_an_earlier_version_says_what_it_can(whole: Calibration, folder: Path) -> None:
-    old = pd.read_csv(folder / CYCLES, comment="#").drop(columns=EARLIER)
-    old.to_csv(folder / CYCLES, index=False)
-    found = read_cycles(folder)
-    assert tuple(found.columns) == CYCLE_COLUMNS and found["se_stride"].isna().all() and set(found["person"]) == {""}
-    for table in (found, old):
-        mean = ensemble(table)
-        assert mean["se"][mean["n"] > 1].isna().all() and tuple(mean.columns) == ENSEMBLE_COLUMNS
-        np.testing.assert_array_equal(mean["sd"], ensemble(cycles(whole))["sd"])
-    pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
-    assert cycles_to_xarray(old)["hip_flexion"].attrs["units"] == "deg"
-
-
-def test_columns_stay_in_order_when_trials_join_those_of_an_earlier_version(whole: Calibration, folder: Path) -> None:
-    for file in STRIDE_FILES:
-        old = pd.read_csv(folder / file, comment="#").drop(columns=EARLIER, errors="ignore")
-        old.to_csv(folder / file, index=False)
-    hashes = {name: str(sha256_of(folder / name)) for name in STRIDE_FILES}
-    found = earlier_strides(folder, hashes, ["walk"], whole.model.subject)
-    (later := folder / "later").mkdir()
-    write_stride_files(later, whole.model, [replace(whole.trial("walk"), name="later")], None, found)
-    for file, columns in ((CYCLES, CYCLE_COLUMNS), (SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS)):
-        table = pd.read_csv(later / file, comment="#")
-        assert tuple(table.columns) == columns and set(table["trial"]) == {"walk", "later"}
-
-
 def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibration, tmp_path: Path) -> None:
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
     write_stride_files(tmp_path, model, [walk.refused(("r",))])
     hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
-    found = earlier_strides(tmp_path, hashes, ["se", "valid", "variable"], model.subject)
+    found = earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
     assert [len(found.cycle_lines), len(found.spatiotemporal_lines)] == [1, 1]
     assert found.cycle_lines[0].startswith("se: verdict: the right leg")
 

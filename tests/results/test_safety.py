@@ -176,7 +176,7 @@ def test_killed_while_writing_leaves_the_old_result_or_none(kill: signal.Signals
         command, env=dict(os.environ), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 120
-    while child.poll() is None and not list(tmp_path.glob(".gaitcal-tmp-*/content/*")):
+    while child.poll() is None and not list(tmp_path.glob(".gaitcal-tmp-*/*")):
         assert time.monotonic() < deadline
         time.sleep(0.005)
     child.send_signal(kill)

@@ -20,13 +20,12 @@ from gaitcal.model.model_file import save_model
 from gaitcal.person.result import Calibration
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.sessions import compare_results
+from gaitcal.results.sessions import CURVES, DIFFERENCES, WORDS, compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
-from gaitcal.results.write_comparison import CURVES, DIFFERENCES, WORDS, write_comparison
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration
 

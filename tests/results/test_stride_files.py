@@ -85,7 +85,7 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir(), second.mkdir()
     write_stride_files(first, whole.model, [walk.refused(("r",))])
-    earlier = earlier_strides(first, hashes(first), ["walk"], whole.model.subject)
+    earlier = earlier_strides(first, hashes(first), ["walk"])
     write_stride_files(second, whole.model, [replace(walk, name="later")], None, earlier)
     for file in STRIDE_FILES:
         text = (second / file).read_text(encoding="utf-8")
@@ -109,13 +109,13 @@ def test_rows_of_an_earlier_version_get_their_person_and_damaged_ones_are_left(
     as_written = hashes(tmp_path)
     later = tmp_path / "later"
     later.mkdir()
-    found = earlier_strides(tmp_path, as_written, ["walk"], whole.model.subject)
+    found = earlier_strides(tmp_path, as_written, ["walk"])
     write_stride_files(later, whole.model, [replace(whole.trial("walk"), name="later")], None, found)
     table = pd.read_csv(later / CYCLES, comment="#")
     assert set(table["person"]) == {"S07"} and table[table["trial"] == "walk"]["se_stride"].isna().all()
     assert pd.read_csv(later / ENSEMBLE, comment="#")["trials"].max() == 2
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
-    found = earlier_strides(tmp_path, as_written, ["walk"], whole.model.subject)
+    found = earlier_strides(tmp_path, as_written, ["walk"])
     assert found.cycles is None and found.spatiotemporal is not None and len(found.spatiotemporal)
 
 

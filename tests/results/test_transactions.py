@@ -102,7 +102,7 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
     monkeypatch.setattr(trials_module, "also_at", after(trials_module.also_at, between))
     assert run("dynamics", folder / "result", second_trial(folder)).exit_code == 0
     assert told
-    assert all("is being written by process" in line for line in told)
+    assert all("is being written by another process" in line for line in told)
     summary = json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8"))
     assert list(summary["trials"]) == ["walk", "walk2"]
 

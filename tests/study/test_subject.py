@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from gaitcal.recording import Recording
 from gaitcal.recording.metadata import Facts
+from gaitcal.study.study import subject_of
 from gaitcal.study.study_file import SubjectTable
-from gaitcal.study.subject import subject_of
 
 TABLE = SubjectTable(name="S07", mass_kg=70, height_m=1.8, sex="male")
 

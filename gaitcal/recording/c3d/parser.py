@@ -1,39 +1,36 @@
 """One C3D file through ezc3d, in a process of its own.
 
-A damaged file can make a parser of binary data crash, hang, or ask for all memory. Here that ends the child, and the
-caller learns of it. This file is also run as a script where there is no safe `fork`: it imports nothing of gaitcal.
+A damaged file can make a parser of binary data crash, hang, or ask for all memory. Here that ends the process, and the
+caller learns of it. One process parses all files, one after the other; a new one follows when it has died. This file is
+what it runs: it imports nothing of gaitcal.
 """
 
 from __future__ import annotations
 
-import ctypes
-import faulthandler
+import atexit
 import os
 import pickle
-import select
-import signal
 import subprocess
 import sys
+import threading
 import time
-import warnings
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS")
+START_SECONDS = 30.0
+"""A process that loads its libraries on a busy machine is no fault of the file."""
 BASE_SECONDS = 6.0
 """An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged."""
 SECONDS_PER_BYTE = 1e-6
 BASE_MEMORY = 2**30
 MEMORY_PER_BYTE = 100
-"""Bytes a child may take for each byte of the file: 16-bit samples become doubles, held some times over."""
+"""Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some times over."""
 
 FAULTS = (RuntimeError, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, OSError, SystemError)
 """What ezc3d and its wrapper raise on files that they cannot read."""
-
-END_WITH_PARENT = 1
-"""Number of Linux's `prctl`: a signal to this process when its parent ends."""
 
 RUN_AS_SCRIPT = (
     "import sys; sys.path[:] = [folder for folder in sys.path if folder];"  # nothing from the working folder
@@ -42,95 +39,101 @@ RUN_AS_SCRIPT = (
 
 
 class ParserDiedError(Exception):
-    """The child ended, or was ended, without an answer; the text says how."""
+    """The process ended, or was ended, without an answer; the text says how."""
 
 
-def parse_c3d(path: Path, size: int, *, fork: bool = sys.platform == "linux") -> dict[str, Any]:
+def parse_c3d(path: Path, size: int) -> dict[str, Any]:
     """Raw content: `points` (3, np, nf) with NaN for missing, `analogs` (na, ns), `parameters`, rates, first frame.
 
     ValueError with the parser's words where it refuses the file; ParserDiedError where it does not survive it.
     """
-    seconds = BASE_SECONDS + SECONDS_PER_BYTE * size
-    answer = _in_fork(path, size, seconds) if fork else _in_subprocess(path, size, seconds)
-    kind, content = pickle.loads(answer)
+    kind, content = _PARSER.answer(str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size)
     if kind == "fault":
         raise ValueError(content)
     return dict(content)
 
 
-def _in_fork(path: Path, size: int, seconds: float) -> bytes:
-    import ezc3d  # noqa: F401  loaded before the fork, so that the child need not
+class _Parser:
+    """The process, for one thread at a time."""
 
-    reader, writer = os.pipe()
-    with warnings.catch_warnings():
-        # The child runs the parser and ends by _exit; it takes no lock that another thread may hold.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
-    if child == 0:
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._one_at_a_time = threading.Lock()
+        atexit.register(self.end)
+
+    def answer(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
+        """`content` and a file's content, or `fault` and why there is none."""
+        with self._one_at_a_time:
+            try:
+                if self._process is None:
+                    command = [sys.executable, "-c", RUN_AS_SCRIPT, __file__]
+                    pipe, nowhere = subprocess.PIPE, subprocess.DEVNULL
+                    self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=nowhere)
+                    self._told(None, START_SECONDS)
+                kind, content = self._told((path, size), seconds)
+            except BaseException:  # also Ctrl-C: what it still says is no answer to the next question
+                self.end()
+                raise
+            if kind == "fault":
+                self.end()  # a parser that met a damaged file reads no other
+            return kind, content
+
+    def _told(self, question: tuple[str, int] | None, seconds: float) -> Any:
+        """What the process answers; without a question, that it is ready."""
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise ParserDiedError("it did not begin")
+        began = time.monotonic()
+        clock = threading.Timer(seconds, process.kill)
+        clock.start()
         try:
-            os.close(reader)
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            if sys.platform == "linux":  # who waits for it may be ended by a signal that nobody can hear
-                ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
-            faulthandler.disable()
-            with os.fdopen(writer, "wb") as pipe:
-                _serve(str(path), size, pipe)
-            os._exit(0)
+            if question is not None:
+                pickle.dump(question, process.stdin)
+                process.stdin.flush()
+            return pickle.load(process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            code = process.wait()
+            if time.monotonic() - began >= seconds:
+                raise ParserDiedError(f"it took longer than {seconds:.0f} s") from None
+            how = f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
+            raise ParserDiedError(how) from None
         finally:
-            os._exit(1)
-    os.close(writer)
-    answer = bytearray()
-    deadline = time.monotonic() + seconds
-    status = None
-    try:
+            clock.cancel()
+
+    def end(self) -> None:
+        """End the process, if there is one."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+_PARSER = _Parser()
+if hasattr(os, "register_at_fork"):  # a copy of this process asks a parser of its own
+    os.register_at_fork(after_in_child=_PARSER.__init__)  # type: ignore[misc]
+
+# ------------------------------------------------------------------------------------------- what the process runs
+
+
+def _serve() -> None:
+    """Parse one file after the other, until the caller has gone; what the library prints goes nowhere."""
+    with os.fdopen(os.dup(1), "wb") as out:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        import ezc3d  # noqa: F401  before the first file's time begins
+
+        pickle.dump("ready", out)
         while True:
-            ready, _, _ = select.select([reader], [], [], max(0.0, deadline - time.monotonic()))
-            if not ready:
-                raise ParserDiedError(f"it took longer than {seconds:.0f} s")
-            block = os.read(reader, 1 << 20)
-            if not block:
-                break
-            answer += block
-        _, status = os.waitpid(child, 0)
-    finally:
-        os.close(reader)
-        if status is None:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-    code = os.waitstatus_to_exitcode(status)
-    if code != 0:
-        raise ParserDiedError(_ending(code))
-    return bytes(answer)
-
-
-def _in_subprocess(path: Path, size: int, seconds: float) -> bytes:
-    command = [sys.executable, "-c", RUN_AS_SCRIPT, __file__, str(path), str(size)]
-    try:
-        done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=seconds
-        )
-    except subprocess.TimeoutExpired:
-        raise ParserDiedError(f"it took longer than {seconds:.0f} s") from None
-    if done.returncode != 0:
-        raise ParserDiedError(_ending(done.returncode))
-    return done.stdout
-
-
-def _ending(code: int) -> str:
-    return f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
-
-
-def _serve(path: str, size: int, pipe: IO[bytes]) -> None:
-    """In the child: parse, and write the pickled answer; what the library prints goes nowhere."""
-    silent = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silent, 1)
-    os.dup2(silent, 2)
-    _limit_memory(BASE_MEMORY + MEMORY_PER_BYTE * size)
-    try:
-        answer: tuple[str, Any] = ("content", _content(path))
-    except FAULTS as error:
-        answer = ("fault", str(error) or type(error).__name__)
-    pickle.dump(answer, pipe, protocol=5)
+            out.flush()
+            try:
+                path, size = pickle.load(sys.stdin.buffer)
+            except EOFError:
+                return
+            _limit_memory(BASE_MEMORY + MEMORY_PER_BYTE * size)
+            try:
+                answer: tuple[str, Any] = ("content", _content(path))
+            except FAULTS as error:
+                answer = ("fault", str(error) or type(error).__name__)
+            pickle.dump(answer, out, protocol=5)
 
 
 def _limit_memory(more: int) -> None:
@@ -168,6 +171,4 @@ def _content(path: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    # runpy leaves sys.argv as ["-c", this file, path, size].
-    with os.fdopen(os.dup(1), "wb") as out:
-        _serve(sys.argv[2], int(sys.argv[3]), out)
+    _serve()
