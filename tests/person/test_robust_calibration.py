@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.study.study import Study
-from tests.scripts import script
+from scripts.validation import robustness as robustness_check
 
 LOST = "one lost for half"
 Sought = tuple[np.ndarray, tuple[str, ...]]
@@ -18,7 +18,7 @@ Sought = tuple[np.ndarray, tuple[str, ...]]
 
 @pytest.fixture(scope="module")
 def robustness() -> ModuleType:
-    return script("check_robustness")
+    return robustness_check
 
 
 @pytest.fixture(scope="module")
