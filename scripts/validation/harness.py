@@ -46,7 +46,6 @@ MEMBERS = {
     "sessions": "sessions.check",
     "priors": "priors.check",
     "cohorts": "cohorts.check",
-    "folders": "folders.check",
     "events": "events",
     "readers": "readers",
 }

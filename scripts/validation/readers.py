@@ -4,8 +4,8 @@
 
 Sound files are made (C3D, TRC, MOT, CSV of markers and of forces, study, marker-set and model TOML; with GAITCAL_DATA
 also real C3D, TRC and MOT files), damaged at random, and read. Counted are results, clear errors (`GaitcalError` with
-one line that names the file), and, as failures: other exceptions, recordings that are not sound, hangs over 10 s, dead
-processes. Exit code 1 if there is any failure.
+one line that names the file), and, as failures: other exceptions, recordings that are not sound, hangs over 10 s. A
+reader that takes its process along ends the run. Exit code 1 if there is any failure.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
-from multiprocessing import get_context
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +49,7 @@ from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, static_motion
+from scripts.validation.harness import side_by_side
 
 SHARED = ("--jobs", "--seed")
 STUDY = """[subject]
@@ -282,37 +282,11 @@ def fuzz(kind: Kind, folder: Path, files: int, seed: int) -> Count:
     return count
 
 
-def in_child(kind: Kind, files: int, seed: int, pipe: object) -> None:
-    """Work of one child process: a reader that dies takes only its child along."""
+def fuzz_alone(kind: Kind, files: int, seed: int) -> Count:
+    """The same in a folder of its own, with the files that a study names."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        list(made_kinds(folder))  # the files that a study names
-        pipe.send(fuzz(kind, folder, files, seed))  # type: ignore[attr-defined]
-
-
-def fuzz_all(kinds: list[Kind], files: int, seed: int, processes: int) -> dict[str, Count]:
-    """All kinds, each in a process of its own, at most `processes` at once."""
-    context = get_context("spawn")
-    share = -(-files // len(kinds))
-    waiting, running, done = list(kinds), {}, {}
-    while waiting or running:
-        while waiting and len(running) < processes:
-            kind = waiting.pop(0)
-            receiver, sender = context.Pipe(duplex=False)
-            child = context.Process(target=in_child, args=(kind, share, seed, sender))
-            child.start()
-            sender.close()
-            running[kind.name] = (child, receiver)
-        for name, (child, receiver) in list(running.items()):
-            if receiver.poll(0.05):
-                try:
-                    done[name] = receiver.recv()
-                except EOFError:
-                    child.join()
-                    done[name] = Count(failures=[f"{name}: the process died with code {child.exitcode}"])
-                child.join()
-                del running[name]
-    return {kind.name: done[kind.name] for kind in kinds}
+        list(made_kinds(Path(name)))
+        return fuzz(kind, Path(name), files, seed)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -324,7 +298,9 @@ def run(chosen: argparse.Namespace) -> dict[str, Count]:
     """Damage and read; kind of file -> how these ended."""
     with tempfile.TemporaryDirectory() as folder:
         kinds = [*made_kinds(Path(folder)), *real_kinds()]
-    counts = fuzz_all(kinds, chosen.files, chosen.seed, chosen.jobs)
+    share = -(-chosen.files // len(kinds))
+    found = side_by_side([partial(fuzz_alone, kind, share, chosen.seed) for kind in kinds], chosen.jobs)
+    counts = {kind.name: count for kind, count in zip(kinds, found, strict=True)}
     print(f"{'reader':28} {'files':>6} {'results':>8} {'errors':>7} {'failures':>9} {'slowest s':>10}")
     total: Counter[str] = Counter()
     for name, c in counts.items():

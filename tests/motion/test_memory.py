@@ -11,7 +11,7 @@ from gaitcal.motion import track
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from scripts.validation import memory
+from scripts.tools.benchmark import memory
 from tests.derivatives import perturbed_parameters, random_trial
 
 SLOPE_GIB = 0.3

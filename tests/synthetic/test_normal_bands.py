@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.files.package_data import models_path
-from scripts.tools.walking import __main__ as walking_person
+from scripts.tools import walking_person
 
 TABLE = models_path() / "normal_walking.csv"
 RESIDUAL = 1e-9

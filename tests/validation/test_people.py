@@ -12,6 +12,7 @@ import pytest
 from gaitcal.calibration.influence import nominal_influence
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.nominal import published_model
+from scripts.validation import recordings
 from scripts.validation.harness import results
 from scripts.validation.people import hips, imaging, pairs, real, simulated
 from scripts.validation.truth import opensim_trials, skin
@@ -79,9 +80,9 @@ def test_hips_of_ct_miss_the_regression_as_published(data_dir: Path) -> None:
 
 
 def test_pairs_of_recordings_that_are_compared(data_dir: Path) -> None:
-    kinds = [pair.kind for pair in pairs.pairs_of("multi", real.study_of_person("multi"))]
+    kinds = [pair.kind for pair in pairs.pairs_of("multi", recordings.study_of_person("multi"))]
     assert [kinds.count(kind) for kind in ("walk against walk", "first walks against last")] == [10, 1]
-    straight, strides = pairs.pairs_of("HC030A", real.study_of_person("HC030A"))
+    straight, strides = pairs.pairs_of("HC030A", recordings.study_of_person("HC030A"))
     assert straight.first.walks == ("straight",) and straight.last.walks == ("turn",)
     (turn,) = (t.recording for t in straight.last.moving)
     halves = [t.recording for study in (strides.first, strides.last) for t in study.moving]
@@ -100,10 +101,10 @@ def test_the_same_fit_twice_does_not_differ() -> None:
 
 
 def test_third_markers_are_left_aside_where_there_are_three(data_dir: Path) -> None:
-    study = real.only(real.study_of_person("uf3"), "gait")
+    study = recordings.only(recordings.study_of_person("uf3"), "gait")
     fewer = pairs.without_third(study, "thigh")
     assert fewer.weights == dict(study.weights) | {"R_Thigh_Lateral": 0.0, "L_Thigh_Lateral": 0.0}
-    assert pairs.without_third(real.study_of_person("pig"), "thigh") is None
+    assert pairs.without_third(recordings.study_of_person("pig"), "thigh") is None
 
 
 def test_skin_of_people_has_the_size_of_its_task() -> None:

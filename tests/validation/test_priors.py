@@ -7,7 +7,7 @@ import pytest
 
 from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import nominal_influence
-from gaitcal.calibration.joint_prior import MEAN, prior_deviations
+from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.study.people_design import Person, mirror
 
@@ -54,19 +54,3 @@ def test_errors_and_gains() -> None:
     )
     assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
     assert any(line.startswith("directions half seen (18 of 54)") for line in said)
-
-
-def test_a_linear_fit_is_that_of_the_normal_distribution() -> None:
-    """With no information the prior stays; with much of it the truth is found, whatever the prior."""
-    from gaitcal.population.person_evidence import PARTS
-    from scripts.validation.priors.linear import LinearPerson, Shown, linear_fit, told_of
-
-    rng, deviation = np.random.default_rng(3), 0.01 * np.ones(len(JP_NAMES))
-    index = [JP_NAMES.index(name) for name in PARTS["legs"]]
-    for size, wanted in ((0.0, MEAN[index]), (1e12, 0.01)):
-        information = {part: size * np.eye(len(names)) for part, names in PARTS.items()}
-        one = LinearPerson(person=ANYBODY, deviation=deviation, shown=Shown(gait=information, isolated=information))
-        fit = linear_fit(told_of(one, "gait", "", rng), None)
-        np.testing.assert_allclose(fit.fitted[index], wanted, atol=1e-6)
-        if not size:
-            np.testing.assert_allclose(fit.errors, prior_deviations(JP_NAMES))

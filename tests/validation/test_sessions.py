@@ -9,7 +9,7 @@ from scripts.validation.harness import results
 
 
 def test_the_part_inside_error_bars() -> None:
-    from scripts.validation.sessions.coverage import coverage
+    from scripts.validation.error_bars import coverage
 
     told = coverage(np.array([0.5, -0.9, 1.5, 3.0]))
     assert told == "50% of 4 inside 68 %, 75% inside 95 %, RMS 1.75 standard errors"

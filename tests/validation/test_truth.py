@@ -17,6 +17,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.recording import Recording
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
+from scripts.validation import error_bars
 from scripts.validation.harness import changed_settings, results, write_json
 from scripts.validation.truth import functional, opensim_trials, outcome, report, rigid, skin, true_joints, wanted
 
@@ -118,7 +119,7 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
 
 
 def test_bars_count_what_holds() -> None:
-    held = outcome.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
+    held = error_bars.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
     assert (held.count, held.within) == (4, (1, 2))
     assert held.rms == pytest.approx(np.sqrt(3 / 4))
     both = held + held
@@ -127,7 +128,7 @@ def test_bars_count_what_holds() -> None:
 
 def test_bars_of_normal_errors_cover_as_they_say() -> None:
     errors = np.random.default_rng(12).normal(size=200_000) * 3.0
-    first, second = outcome.bars(errors, np.full(errors.shape, 3.0)).shares
+    first, second = error_bars.bars(errors, np.full(errors.shape, 3.0)).shares
     assert first == pytest.approx(68.27, abs=0.5)
     assert second == pytest.approx(95.0, abs=0.3)
 
@@ -204,7 +205,7 @@ def test_smooth_noise_has_its_variance_and_frequency() -> None:
 
 
 def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
-    held = outcome.Bars(20, (14, 19), 20.0)
+    held = error_bars.Bars(20, (14, 19), 20.0)
     fits = [
         outcome.Outcome(
             part="isolated",

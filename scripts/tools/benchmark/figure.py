@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -40,3 +44,10 @@ class Amount:
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
     """E of  value = c size^e, by least squares in logarithms."""
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
+
+
+def temporary_folder() -> Path:
+    """A new folder, removed when Python ends."""
+    folder = Path(tempfile.mkdtemp(prefix="gaitcal-benchmark-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -16,8 +16,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.motion.motion import track
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.recording import write_trc
-from scripts.tools.benchmark.figure import Timing
-from scripts.tools.benchmark.folder import temporary_folder
+from scripts.tools.benchmark.figure import Timing, temporary_folder
 
 if TYPE_CHECKING:
     from gaitcal.model.subject_model import SubjectModel

@@ -15,8 +15,7 @@ from gaitcal.montecarlo.settings import Plan
 from gaitcal.montecarlo.study import monte_carlo
 from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess, Workers
 from gaitcal.study.study import Study
-from scripts.tools.benchmark.figure import Timing
-from scripts.tools.benchmark.folder import temporary_folder
+from scripts.tools.benchmark.figure import Timing, temporary_folder
 
 DRAWS = Plan(levels=(100,), draws=100)
 IMPORTS = "import gaitcal.commands.calibrate, gaitcal.person.calibrate, gaitcal.results.calibration"

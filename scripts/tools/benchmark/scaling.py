@@ -6,9 +6,9 @@ from gaitcal.calibration.joint_calibration import calibrate_joints
 from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.motion.motion import track
 from gaitcal.motion.node_rule import NodeRule
+from scripts.tools.benchmark import memory
 from scripts.tools.benchmark.figure import Amount, Timing
 from scripts.tools.benchmark.trials import GAIT_JPS, calibrated, first_frames, problem, recording, start_of, subject
-from scripts.validation import memory
 
 FRAMES = (200, 1000, 5000, 25_000, 100_000)
 MEMORY_FRAMES = (5000, 25_000, 100_000)

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from gaitcal import Recording, Study, synthesize
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial, load_study_file
+from gaitcal.study.study_file import Joint, load_study_file
 from gaitcal.study.study_trial import StudyTrial
-from scripts.validation.clinics.folders import data
+from scripts.validation.recordings import WALK, recorded
 
 SEED = 1
 """Of the synthetic person."""
-WALK, SYNTHETIC = "walk", "synthetic"
+SYNTHETIC = "synthetic"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,36 +57,6 @@ def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ..
         )
         content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings(), "truth": None})
         path.write_text(content.to_toml(path.parent), encoding="utf-8")
-        return path
-
-    return make
-
-
-def recorded(
-    subject: tuple[float, float, str],
-    markers: str,
-    walk: tuple[str, str | None] | None,
-    static: str,
-    joints: dict[Joint, str] | None = None,
-    rename: dict[str, str] | None = None,
-) -> Callable[[Path], Path]:
-    """A study of files in the data folder."""
-
-    def make(folder: Path) -> Path:
-        mass, height, sex = subject
-        trials = [Trial(name="static", role="static", file=data() / static)]
-        trials += [Trial(name=j, role="joint", joint=j, file=data() / f) for j, f in (joints or {}).items()]
-        if walk:
-            forces = data() / walk[1] if walk[1] else None
-            trials.append(Trial(name=WALK, role="gait", file=data() / walk[0], forces=forces))
-        path = folder / "study.toml"
-        chosen = markers.replace("{data}", str(data()))
-        file = StudyFile(
-            subject=SubjectTable(name="person", mass_kg=mass, height_m=height, sex=sex),  # type: ignore[arg-type]
-            markers=Markers(set=chosen, rename=rename or {}),
-            trial=tuple(trials),
-        )
-        path.write_text(file.to_toml(), encoding="utf-8")
         return path
 
     return make

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from scripts.validation.clinics.folders import CLINICS
 from scripts.validation.clinics.variants import VARIANTS
+from scripts.validation.recordings import CLINICS
 
 FLOOR_BWH = 0.2
 """% of body weight times height: smaller differences are none."""

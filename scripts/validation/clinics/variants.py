@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from scripts.validation.clinics.files import Trial, each
-from scripts.validation.clinics.folders import Clinic
+from scripts.validation.recordings import CLINICS, Clinic, data
 
 TRUNK = ("C7", "T2", "T6", "T8", "T10", "T12", "CLAV", "STRN", "RBAK", "RSHO", "LSHO")
 ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI")
@@ -175,8 +175,6 @@ def _without_static(folder: Path) -> None:
 
 
 def _two_people(folder: Path, clinic: Clinic) -> tuple[str, ...]:
-    from scripts.validation.clinics.folders import CLINICS, data
-
     other = CLINICS["HC031A" if clinic.name != "HC031A" else "HC002D"]
     for file in other.files:
         target = folder / f"other_{Path(file).name}"

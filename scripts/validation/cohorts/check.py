@@ -3,13 +3,11 @@
     cohorts --parts kills [--kills 30] [--people 8]     SIGKILL of parent or worker, anywhere: the same tables
     cohorts --parts cluster [--people 6]                two dask workers against this machine: the same tables
     cohorts --parts memory [--people 20 60]             people a minute, largest memory of the parent
-    cohorts --parts scaling [--people 24]               two processes against one, and against `calibrate`
     cohorts --parts page [--people 100 1000]            size of cohort.html, time until it can be used; these people are
                                                         copies of three, with noise
 
-Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), two processes 1.8
-times as fast as one and a person 1.05 times the CPU time of `gaitcal calibrate` (scaling; on two free cores), a page of
-6 MB that is ready after 3 s, written with 10 % more memory (page).
+Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), a page of 6 MB that is
+ready after 3 s, written with 10 % more memory (page).
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ import argparse
 import json
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
@@ -30,7 +27,7 @@ from pathlib import Path
 from gaitcal.cohort.page import PAGE
 from scripts.validation.cohorts.many_people import write_people
 from scripts.validation.cohorts.page_of_many import copy_people, look_at
-from scripts.validation.harness import commas
+from scripts.validation.harness import commas, judged, say
 
 TABLES = (
     "people.csv",
@@ -42,13 +39,13 @@ TABLES = (
     "manifest.json",
 )
 """What must be the same; times.csv tells what is not."""
-MOST_GROWTH, LEAST_SPEED_UP, MOST_OVER_ONE = 1.10, 1.8, 1.05
+MOST_GROWTH = 1.10
 COPIED = 3
 """People who are calibrated for a page of many copies."""
 LEAST_S = 0.3
 """A command is killed this long after its start at the earliest."""
 SHARED = ("--seed",)
-PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "scaling": [24], "page": [100, 1000]}
+PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "page": [100, 1000]}
 
 
 def command(*words: object) -> list[str]:
@@ -81,8 +78,10 @@ def same(what: str, one: Path, other: Path) -> bool:
     """Whether the tables of two cohorts are the same, told table by table."""
     first, second = tables(one), tables(other)
     differ = [name for name in TABLES if first[name] != second[name]]
-    print(f"{'NOT MET' if differ else 'met'}: {what}: {', '.join(differ) or 'all tables'} "
-          f"{'differ' if differ else 'are the same, bit for bit'}", flush=True)  # fmt: skip
+    say(
+        f"{'NOT MET' if differ else 'met'}: {what}: {', '.join(differ) or 'all tables'} "
+        f"{'differ' if differ else 'are the same, bit for bit'}"
+    )
     return not differ
 
 
@@ -175,10 +174,7 @@ def memory(folder: Path, sizes: Sequence[int]) -> bool:
         minutes = (time.monotonic() - began) / 60
         print(f"{people} people: {people / minutes:.1f} a minute, parent {peak:.0f} MiB at most", flush=True)
         peaks.append(peak)
-    growth = peaks[-1] / peaks[0]
-    met = growth <= MOST_GROWTH
-    print(f"{'met' if met else 'NOT MET'}: memory of the parent grows {growth:.3f} times, limit {MOST_GROWTH}")
-    return met
+    return _growth("memory of the parent", peaks)
 
 
 def _peak(process: int) -> float:
@@ -187,24 +183,6 @@ def _peak(process: int) -> float:
     except OSError:
         return 0.0
     return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmHWM")), 0.0)
-
-
-def scaling(folder: Path, people: int) -> bool:
-    """Two processes against one (wall), and one process against a `calibrate` for each person (CPU)."""
-    source = folder / "people"
-    write_people(source, range(people), bodies=4)
-    began = time.monotonic()
-    alone = _cpu(lambda: [_calibrated(p, folder) for p in sorted(source.iterdir()) if p.is_dir()])
-    alone_wall = time.monotonic() - began
-    one_wall: list[float] = []
-    one = _cpu(lambda: one_wall.append(whole(source, folder / "one", "--jobs", 1)))
-    two_wall = whole(source, folder / "two", "--jobs", 2)
-    over, faster = one / alone, one_wall[0] / two_wall
-    print(f"{'met' if over <= MOST_OVER_ONE else 'NOT MET'}: a person takes {over:.2f} times the CPU of 'calibrate'")
-    clock = [wall / alone_wall for wall in (one_wall[0], two_wall)]
-    print(f"by the clock, one process takes {clock[0]:.2f} and two {clock[1]:.2f} times as long as 'calibrate' in turn")
-    print(f"{'met' if faster >= LEAST_SPEED_UP else 'NOT MET'}: two processes are {faster:.2f} times as fast as one")
-    return over <= MOST_OVER_ONE and faster >= LEAST_SPEED_UP
 
 
 def page(folder: Path, sizes: Sequence[int]) -> bool:
@@ -222,28 +200,18 @@ def page(folder: Path, sizes: Sequence[int]) -> bool:
         peaks.append(told["mebibytes"])
         print(f"{people} people: tables and page written in {told['seconds']} s, {told['mebibytes']:.0f} MiB at most")
         met &= look_at(out / PAGE)
+    return _growth("memory", peaks) and met
+
+
+def _growth(what: str, peaks: Sequence[float]) -> bool:
     growth = peaks[-1] / peaks[0]
-    print(f"{'met' if growth <= MOST_GROWTH else 'NOT MET'}: memory grows {growth:.3f} times, limit {MOST_GROWTH}")
-    return met and growth <= MOST_GROWTH
-
-
-def _calibrated(person: Path, folder: Path) -> None:
-    subprocess.run(command("calibrate", person, "--out", folder / f"single-{person.name}", "-q"), check=True)
-
-
-def _cpu(work: object) -> float:
-    """CPU seconds of the processes that a piece of work starts."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    work()  # type: ignore[operator]
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return judged(what, f"grows {growth:.3f} times", f"{MOST_GROWTH}", growth <= MOST_GROWTH)
 
 
 PARTS: dict[str, Callable[[Path, list[int], argparse.Namespace], bool]] = {
     "kills": lambda folder, people, chosen: kills(folder, people[0], chosen.kills, chosen.seed),
     "cluster": lambda folder, people, _: cluster(folder, people[0]),
     "memory": lambda folder, people, _: memory(folder, people),
-    "scaling": lambda folder, people, _: scaling(folder, people[0]),
     "page": lambda folder, people, _: page(folder, people),
 }
 

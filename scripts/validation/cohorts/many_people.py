@@ -1,14 +1,11 @@
 """A cohort of made-up people, each a small study: somebody stands for a moment and walks two strides at 100 Hz.
 
-python -m scripts.validation.cohorts.many_people OUT [--people 60] [--first 0] [--sessions 1] [--bodies 20]
-
-Person k has the joint and inertial parameters of body k modulo `--bodies`, drawn within the published bounds, and
+Person k has the joint and inertial parameters of body k modulo `bodies`, drawn within the published bounds, and
 marker noise of its own; people.csv says the groups. The same numbers give the same files. 100 people take some 40 MB.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 from collections.abc import Sequence
 from dataclasses import replace
@@ -86,19 +83,3 @@ def write_people(out: Path, numbers: Sequence[int], sessions: int = 1, bodies: i
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(("person", "group"))
         table.writerows((f"P{number:04d}", GROUPS[number % len(GROUPS)]) for number in numbers)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--people", type=int, default=60)
-    parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--sessions", type=int, default=1)
-    parser.add_argument("--bodies", type=int, default=20, help="how many different bodies they have")
-    told = parser.parse_args(words)
-    write_people(told.out, range(told.first, told.first + told.people), told.sessions, told.bodies)
-    print(f"{told.people} people, {told.sessions} sessions each: {told.out}")
-
-
-if __name__ == "__main__":
-    main()

@@ -25,9 +25,8 @@ from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.verdict.force_evidence import ForceEvidence, force_evidence
-from scripts.validation.clinics.folders import data
 from scripts.validation.harness import matching
-from scripts.validation.people.real import CHILDREN, study_of_person
+from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person
 
 REAL = ("subject01", "pig", *CHILDREN, "kad", "multi")
 SYNTHETIC = (1, 2, 3)
@@ -108,7 +107,7 @@ def _studies(folder: Path) -> dict[str, Callable[[], Study]]:
     out: dict[str, Callable[[], Study]] = {}
     if "GAITCAL_DATA" in os.environ:
         out |= {name: partial(study_of_person, name) for name in REAL}
-        out |= {name: partial(Study.load, data() / "opensim_truth" / name / "study.toml") for name in ("p01", "p18")}
+        out |= {name: partial(Study.load, data() / "opensim_truth" / name / "study.toml") for name in SIMULATED}
     for seed in SYNTHETIC:
         out[f"synthetic{seed}"] = partial(_synthetic, folder / f"synthetic{seed}", seed)
     return out

@@ -27,16 +27,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import gaitcal
-from scripts.validation.clinics.folders import data
 from scripts.validation.harness import commas, matching, say
 from scripts.validation.people import calibrated, hips, imaging, pairs, simulated
-from scripts.validation.people.real import PEOPLE, changed, fitted, study_of_person
+from scripts.validation.people.real import fitted
+from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, study_of_person
 from scripts.validation.truth.people import made
 from scripts.validation.truth.skin import Kind
 
 SHARED = ("--only", "--set", "--cache", "--json")
 Figures = dict[str, float]
-SIMULATED = ("p01", "p18")
 
 
 def hips_part(chosen: argparse.Namespace) -> Figures:

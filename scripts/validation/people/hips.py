@@ -12,7 +12,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
-from scripts.validation.people.real import CHILDREN, LEG, Fit, changed, fitted, only, study_of_person, wide_hips
+from scripts.validation.people.real import LEG, Fit, fitted, wide_hips
+from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
 HIP = [LEG.index(f"hip.pelvis.{d}") for d in ("ant", "sup", "lat")]
 BOTH = HIP + [LEG.index(f"hip.thigh.{d}") for d in ("ant", "sup", "lat")]

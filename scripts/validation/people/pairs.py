@@ -21,9 +21,10 @@ from gaitcal.compare.session import Common
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import SIDES
 from gaitcal.study.study_trial import Role, StudyTrial
+from scripts.validation.error_bars import coverage
 from scripts.validation.people.hips import HIP
-from scripts.validation.people.real import CHILDREN, Fit, changed, fitted, only, study_of_person
-from scripts.validation.sessions.coverage import coverage
+from scripts.validation.people.real import Fit, fitted
+from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
 LONG_S = 3.0
 """A walk that lasts longer is cut in two, of a stride or more each."""

@@ -1,21 +1,14 @@
-"""The real people of the data folder: their studies, drafted from their folders, and fits of their joints."""
+"""The joints of a real person, fitted to some of their recordings."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from gaitcal import Study, SubjectModel
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
-from gaitcal.commands.console import Talk
-from gaitcal.commands.init import options_of, study_or_draft
-from gaitcal.intake.draft_text import study_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, leg_parameters
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
@@ -23,30 +16,7 @@ from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.runtime import silent
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
-from gaitcal.study.study_trial import Role
-from scripts.validation.attacks.bases import recorded
-from scripts.validation.clinics.folders import CLINICS
 
-_MARKER_SETS = Path(__file__).parent / "marker_sets"
-_LABS = "more_labs"
-OTHERS = {
-    "one_frame": recorded(
-        (67.0, 1.655, "male"),
-        str(_MARKER_SETS / "one_frame.toml"),
-        (f"{_LABS}/one_frame_static/walk.c3d", None),
-        f"{_LABS}/one_frame_static/static.c3d",
-    ),
-    "mt_feet": recorded(
-        (68.0, 1.65, "female"),  # nobody tells them: by force plates and markers
-        str(_MARKER_SETS / "mt_feet.toml"),
-        (f"{_LABS}/mt_feet/walk.trc", f"{_LABS}/mt_feet/walk_grf.mot"),
-        f"{_LABS}/mt_feet/static.trc",
-    ),
-}
-"""People whose folders no study follows from."""
-PEOPLE = (*(name for name in CLINICS if name != "multi2"), *OTHERS)
-"""`multi2` is `multi` again."""
-CHILDREN = ("HC002D", "HC030A", "HC031A", "HC032A")
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""
 OUTWARD = {s: np.array([-1.0 if s == "l" and p.mirrored else 1.0 for p in JOINT_PARAMETERS]) for s in SIDES}
@@ -93,42 +63,6 @@ class Fit:
         gaps = [p.joint[at[0]] - p.joint[at[1]] for p in (self.nominal.parameters, self.parameters)]
         nominal, fitted = (float(np.linalg.norm(gap)) for gap in gaps)
         return nominal, fitted, float(np.hypot(self.errors[at[0][2]], self.errors[at[1][2]]))
-
-
-@lru_cache(maxsize=1)
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Where copies of recordings lie as long as the process does: curves are read from them again."""
-    return tempfile.TemporaryDirectory()
-
-
-@lru_cache(maxsize=32)
-def study_of_person(name: str) -> Study:
-    """All recordings of a person, drafted from the bare folder; or the study file of that path."""
-    if name not in PEOPLE:
-        return Study.load(name)
-    folder = Path(_folder().name) / name
-    folder.mkdir()
-    if name in OTHERS:
-        return Study.load(OTHERS[name](folder))
-    person = CLINICS[name]
-    words = (*person.options, *person.facts)
-    told = dict(zip(words[::2], words[1::2], strict=True))
-    person.copy(folder)
-    options = options_of(float(told["--mass"]), float(told["--height"]), told.get("--sex"), None)
-    draft = study_or_draft(folder, options, Talk(quiet=True, verbose=False))
-    return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
-
-
-def changed(study: Study, settings: Mapping[str, object]) -> Study:
-    """The study with these settings of `[calibration]`."""
-    told = study.settings.model_dump(exclude_unset=True) | dict(settings)
-    return replace(study, settings=type(study.settings).model_validate(told))
-
-
-def only(study: Study, *names: str) -> Study:
-    """The static trial and these, or trials of these roles."""
-    chosen = (t for t in study.trials if t.role is Role.STATIC or t.name in names or t.role.value in names)
-    return replace(study, trials=tuple(chosen))
 
 
 def wide_hips(study: Study, deviation_mm: float) -> Study:

@@ -11,9 +11,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import SIDES
-from scripts.validation.people.real import changed, fitted, only
+from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.people.real import fitted
+from scripts.validation.recordings import changed, only
 from scripts.validation.truth.gathered import TO_UNIT
-from scripts.validation.truth.outcome import Bars, bars, rms
 from scripts.validation.truth.people import isolated_person
 from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
 from scripts.validation.truth.true_joints import hip_parameters, static_frames

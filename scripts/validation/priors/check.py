@@ -1,7 +1,6 @@
 """Does what a cohort teaches of joint parameters bring people it does not know nearer to the truth?
 
     priors [--populations offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
-    priors --linear --cohort 40 --left-out 40 --seeds 3
 
 Made-up people of populations that the program does not know (`priors/populations.py`), with slow waves on every marker
 (`priors/people.py`). Priors are learnt of a cohort that walked (`gait`), and of the same people with isolated trials of
@@ -10,15 +9,14 @@ default prior and with these two, all else being equal.
 
 Printed: RMS error of the legs' joint parameters, and how often bars of 95 % cover the truth: nominal, default prior,
 priors of either cohort; then the same by joint, and by how well the walk of a person shows a direction of the
-parameters. A person takes some 20 s; with `--linear` (`priors/linear.py`), which fits three people and takes the
-others' recordings as linear, less than one.
+parameters. A person takes some 20 s.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,18 +24,14 @@ import numpy as np
 
 from gaitcal.population.cohort_priors import Rules, learn_cohort, priors_words
 from gaitcal.population.person_evidence import PersonEvidence
-from gaitcal.study.cohort_prior import CohortPriors, joint_prior, prior_of_person
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import CohortPriors, joint_prior
 from scripts.validation.harness import commas
-from scripts.validation.priors.linear import Shown, linear_outcome, linear_person, shown, told_of
 from scripts.validation.priors.people import MadePerson, evidence, fit, person_of, walk_alone
 from scripts.validation.priors.populations import POPULATIONS
 from scripts.validation.priors.report import Outcome, report
 
 SHARED = ("--seed",)
 COHORTS = ("gait", "isolated")
-RECORDED = 3
-"""People whose trials the others have, where trials are linear."""
 
 
 @dataclass(frozen=True)
@@ -84,49 +78,17 @@ def outcomes(name: str, learnt: Cohort, people: int, seed: int) -> Iterator[Outc
         )
 
 
-def _linear(name: str, chosen: argparse.Namespace, seen: Sequence[Shown]) -> None:
-    """Print what populations of one kind give, without fits."""
-    began, found = time.monotonic(), list[Outcome]()
-    for seed in range(chosen.seed, chosen.seed + chosen.seeds):
-        draw, rng = POPULATIONS[name](np.random.default_rng(seed)), np.random.default_rng([seed, 3])
-        people = [linear_person(draw, (seed, 4, k), seen) for k in range(chosen.cohort)]
-        rules = Rules(marker_set="published", hip_centre="harrington", ankle_zero="auto")
-        learnt = {}
-        for kind in COHORTS:
-            told = [told_of(one, kind, f"P{k:03d}", rng) for k, one in enumerate(people)]
-            learnt[kind] = learn_cohort(f"{name}, {kind}", told, rules)
-            print(f"population {name} (seed {seed}), {kind}: {next(priors_words(learnt[kind]))}")
-        for k in range(chosen.left_out):
-            one = linear_person(draw, (seed, 5, k), seen)
-            priors: dict[str, JointPrior | None] = {"default prior": None}
-            for kind in COHORTS:
-                priors[f"cohort: {kind}"] = prior_of_person(learnt[kind], one.person, Path("priors.json"))
-            found.append(linear_outcome(one, told_of(one, "gait", "", rng), priors))
-    print(f"population {name}, linear: {chosen.seeds} cohorts of {chosen.cohort} people, {len(found)} left out")
-    for line in report(found):
-        print(f"  {line}")
-    print(f"  {time.monotonic() - began:.0f} s", flush=True)
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Populations and numbers of people."""
     known = list(POPULATIONS)
     parser.add_argument("--populations", type=commas(known), default=known, help=f"of {', '.join(known)}")
     parser.add_argument("--cohort", type=int, default=20, help="people in the cohort")
     parser.add_argument("--left-out", type=int, default=12, help="people who are not")
-    parser.add_argument("--linear", action="store_true", help="trials as linear: many people, several populations")
-    parser.add_argument("--seeds", type=int, default=1, help="with --linear: populations of each kind")
 
 
 def run(chosen: argparse.Namespace) -> None:
     """Print the figures, population by population."""
-    names = chosen.populations
-    if chosen.linear:
-        seen = shown(POPULATIONS[names[0]](np.random.default_rng(chosen.seed)), RECORDED, chosen.seed)
-        for name in names:
-            _linear(name, chosen, seen)
-        return
-    for name in names:
+    for name in chosen.populations:
         began = time.monotonic()
         learnt = cohort(name, chosen.cohort, chosen.seed)
         found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))

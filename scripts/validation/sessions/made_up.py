@@ -32,7 +32,7 @@ from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.sessions.coverage import coverage
+from scripts.validation.error_bars import coverage
 
 PLACED = 0.006
 """m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""

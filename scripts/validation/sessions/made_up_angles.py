@@ -19,7 +19,7 @@ from gaitcal.compare.session import Session, common_to
 from gaitcal.compare.stride_sets import mean_over, stride_sets
 from gaitcal.results.sessions import load_session
 from gaitcal.synthetic.subject import synthetic_model
-from scripts.validation.sessions.coverage import coverage
+from scripts.validation.error_bars import coverage
 from scripts.validation.sessions.made_up import record_session
 
 EVERY = 10

@@ -19,8 +19,8 @@ from gaitcal.compare.session import Session, common_to
 from gaitcal.compare.stride_sets import mean_over, stride_sets
 from gaitcal.gait.variables import Kind, kind_of
 from gaitcal.results.sessions import load_session
-from scripts.validation.people.real import only, study_of_person
-from scripts.validation.sessions.coverage import coverage
+from scripts.validation.error_bars import coverage
+from scripts.validation.recordings import only, study_of_person
 
 PERSON = "multi"
 """Five walks over force plates."""

@@ -18,12 +18,12 @@ import gaitcal
 from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
+from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.truth.gathered import Gathered, fitted_parameters
-from scripts.validation.truth.outcome import Bars, Figure, Outcome, bars, rms
+from scripts.validation.truth.outcome import Figure, Outcome, timed_fit
 from scripts.validation.truth.people import WalkingPerson, at_times, walking_person, with_settings
 from scripts.validation.truth.rigid import across, rigid_motion
 from scripts.validation.truth.skin import Kind, disturbed
-from scripts.validation.truth.timed_fit import timed_fit
 from scripts.validation.truth.true_joints import hip_parameters, static_frames
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}

@@ -9,7 +9,8 @@ import numpy as np
 
 import gaitcal
 from gaitcal import Calibration
-from scripts.validation.truth.outcome import Bars, Figure, bars, rms
+from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.truth.outcome import Figure
 from scripts.validation.truth.true_joints import DIRECTIONS
 
 TO_UNIT = {"mm": 1e-3, "deg": np.pi / 180}

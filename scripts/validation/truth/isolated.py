@@ -11,11 +11,10 @@ from gaitcal import Calibration, Study
 from gaitcal.arrays import Array
 from scripts.validation.truth.functional import sara, score
 from scripts.validation.truth.gathered import Fitted, Gathered, fitted_parameters
-from scripts.validation.truth.outcome import Figure, Outcome
+from scripts.validation.truth.outcome import Figure, Outcome, timed_fit
 from scripts.validation.truth.people import IsolatedPerson, isolated_person, with_settings
 from scripts.validation.truth.rigid import Line, rigid_motion
 from scripts.validation.truth.skin import Kind, disturbed
-from scripts.validation.truth.timed_fit import timed_fit
 from scripts.validation.truth.true_joints import DIRECTIONS, SegmentPose, leg_parameters, static_frames, x_axis, z_axis
 
 AXES = {

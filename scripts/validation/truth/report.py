@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.validation.truth.outcome import Bars, Figure, Outcome, rms
+from scripts.validation.error_bars import Bars, rms
+from scripts.validation.truth.outcome import Figure, Outcome
 
 Earlier = Mapping[tuple[str, str, str], float]
 """(part, case, figure) -> RMS of an earlier run."""

@@ -28,9 +28,9 @@ from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from gaitcal.synthetic.truth import in_static_frames, truth_table
-from scripts.validation.truth.outcome import Figure, Outcome, bars, rms
+from scripts.validation.error_bars import bars, rms
+from scripts.validation.truth.outcome import Figure, Outcome, TimedFit, timed_fit
 from scripts.validation.truth.people import with_settings
-from scripts.validation.truth.timed_fit import TimedFit, timed_fit
 
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 JOINT_KINDS = {"joint position": "mm", "joint orientation": "deg"}

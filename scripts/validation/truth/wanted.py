@@ -8,7 +8,8 @@ from fnmatch import fnmatch
 
 import numpy as np
 
-from scripts.validation.truth.outcome import Bars, Outcome, rms
+from scripts.validation.error_bars import Bars, rms
+from scripts.validation.truth.outcome import Outcome
 from scripts.validation.truth.skin import SKIN, Kind
 
 COVERAGE = (90.0, 98.0)

@@ -22,7 +22,7 @@ from gaitcal.person.result import Calibration, Stage
 from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import StudyTrial
-from scripts.validation.people.real import CHILDREN, study_of_person
+from scripts.validation.recordings import CHILDREN, study_of_person
 from scripts.validation.vendors.curves import Quantity, vendor_curves
 
 LABS = {"kad": ("kad",), "multi": ("multi",), "children": CHILDREN, "pig": ("pig",)}

@@ -1,14 +1,10 @@
-"""How much memory tracking a long recording takes, and how long.
+"""How much memory tracking a long recording takes: the published subject walks on and on, with 1 mm of noise.
 
-    python -m scripts.validation memory [--frames 100000] [--rate 100]
-
-The published subject walks on and on (the gait cycle repeated, 1 mm of noise); a child process tracks it with the
-default splines and tells its peak memory. Limit: 1.5 GiB for 100 000 frames.
+A child process tracks with the default splines and tells its peak memory. Limit: 1.5 GiB for 100 000 frames.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
 import subprocess
@@ -83,25 +79,10 @@ def measured(frames: int, rate: float) -> Usage:
 
 def usage(frames: int, rate: float) -> Usage:
     """The same in a process of its own, whose peak is that of this run alone."""
-    command = [sys.executable, __file__, "--child", "--frames", str(frames), "--rate", str(rate)]
+    command = [sys.executable, "-m", "scripts.tools.benchmark.memory", str(frames), str(rate)]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True)
     return Usage(**json.loads(done.stdout))
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=100_000)
-    parser.add_argument("--rate", type=float, default=100.0)
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    chosen = parser.parse_args(arguments)
-    if chosen.child:
-        print(json.dumps(asdict(measured(chosen.frames, chosen.rate))))
-        return 0
-    u = usage(chosen.frames, chosen.rate)
-    print(f"{u.frames} frames at {chosen.rate:g} Hz: {u.seconds:.1f} s, marker RMS {u.rms_mm:.2f} mm")
-    print(f"peak memory {u.peak_gib:.2f} GiB ({u.before_gib:.2f} GiB before tracking); limit {LIMIT_GIB:g} GiB")
-    return 0 if u.peak_gib < LIMIT_GIB else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    print(json.dumps(asdict(measured(int(sys.argv[1]), float(sys.argv[2])))))

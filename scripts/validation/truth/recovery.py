@@ -1,13 +1,7 @@
-"""How near the truth does the main job come, through files, and do its error bars hold?
+"""Part `recovery`: how near the truth the main job comes, joint by joint, and whether its error bars hold.
 
-    python -m scripts.validation recovery [--people 8] [--seed 0] [--settings default|gait-only|exact]
-
-Synthetic people, wrong in every joint and inertial parameter by up to 10 mm, 10 deg and 10 %, with the published marker
-noise, are written as C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as any other study, with
-gaitcal's defaults, every one (`default`), and these with the gait trial alone (`gait-only`): what a user has.
-`exact` knows that these plates and axes are exact, which no user knows: see `Settings` in `truth/synthetic.py`.
-
-With `exact` this is the part `synthetic` of `python -m scripts.validation truth`.
+People of part `synthetic` with gaitcal's defaults, every one (`default`), these with the gait trial alone
+(`gait-only`): what a user has; or, as in that part, told that plates and axes are exact (`exact`), which no user knows.
 
 Printed: RMS error of joint parameters before (nominal) and after, median over people, of all that a trial may move.
 Those that the result declares undetermined stay nominal, and count: how many is told, and the error without them.
@@ -18,7 +12,6 @@ parameters by kind, joint torques, powers and moment vectors in valid frames. A 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,16 +19,14 @@ import pandas as pd
 
 from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES
 from gaitcal.dynamics.powers import POWER_JOINTS, POWERS
-from scripts.validation.truth.outcome import HALF_WIDTHS
+from scripts.validation.error_bars import HALF_WIDTHS
 from scripts.validation.truth.synthetic import (
     INERTIAL_KINDS,
     JOINT_KINDS,
     JOINTS,
     TORQUES,
     UNDETERMINED,
-    Settings,
     SyntheticPerson,
-    synthetic_person,
 )
 
 LEVELS = dict(zip(("68 %", "95 %"), HALF_WIDTHS, strict=True))
@@ -95,18 +86,3 @@ def lines(people: list[SyntheticPerson]) -> Iterator[str]:
     for k, frame in enumerate(VECTOR_FRAMES):
         own = list(range(k * len(COMPONENTS), (k + 1) * len(COMPONENTS)))
         yield f"{frame.key:31}{np.sqrt(np.mean(gaps[:, own] ** 2)):6.2f}  {coverage(gaps[:, own] / errors[:, own])}"
-
-
-def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--people", type=int, default=8)
-    parser.add_argument("--seed", type=int, default=0, help="of the first person")
-    parser.add_argument("--settings", choices=[s.value for s in Settings], default="default")
-    chosen = parser.parse_args(arguments)
-    settings, seeds = Settings(chosen.settings), range(chosen.seed, chosen.seed + chosen.people)
-    people = [synthetic_person(seed, settings) for seed in seeds]
-    print("\n".join(lines(people)))
-
-
-if __name__ == "__main__":
-    main()

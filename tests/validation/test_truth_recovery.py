@@ -13,7 +13,7 @@ import pytest
 from gaitcal import Study, calibrate, parameter_table
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.study.study_trial import Role
-from scripts.validation import recovery as check
+from scripts.validation.truth import recovery, synthetic
 from tests.kept import copied_person, kept_person
 
 SEEDS = (3, 4, 5)
@@ -27,14 +27,14 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
 ) -> None:
     """`exact`, not `default`: there, the bars are for plates and palpated axes that are wrong, which these are not."""
     monkeypatch.setattr("scripts.validation.truth.synthetic.synthesize", partial(copied_person, kept))
-    people = [check.synthetic_person(seed, check.Settings(settings)) for seed in SEEDS]
+    people = [synthetic.synthetic_person(seed, synthetic.Settings(settings)) for seed in SEEDS]
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"].dropna()
     for z in (joint, np.concatenate([p.torques.ravel() for p in people])):
         # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
         assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
         assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
-    report = list(check.lines(people))
+    report = list(recovery.lines(people))
     assert any(line.startswith("knee       position") and "in 95 %" in line for line in report)
     assert any(line.startswith("subtalar_angle_l") for line in report)
 
