@@ -1,11 +1,11 @@
-"""Every real person of the data folder, in one list: which files, what no file holds, and the study that follows."""
+"""Every real person of the data folder, in one list (`recordings.toml`), and the studies that follow."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,29 +16,75 @@ from gaitcal.commands.init import options_of, study_or_draft
 from gaitcal.intake.draft_text import study_of
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role
+from scripts.validation.harness import tomllib
 
+HERE = Path(__file__).resolve().parent
 WALK = "walk"
-"""Name of the gait trial of a recorded study."""
-SIMULATED = ("p01", "p18")
-"""Folders of `opensim_truth`: people whose walk OpenSim made."""
+"""Name of the gait trial of a study that names its files."""
+JOINTS: tuple[Joint, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
 
 
-@dataclass(frozen=True)
-class Clinic:
-    """One folder of recordings."""
+@dataclass(frozen=True, kw_only=True)
+class Person:
+    """Somebody's recordings, and what no file of them holds."""
 
     name: str
+    mass: float
+    """kg."""
+    height: float
+    """m."""
+    sex: str
     files: tuple[str, ...]
     """Below the data folder."""
-    options: tuple[str, ...]
-    """What the command is told, as no file holds it."""
-    facts: tuple[str, ...] = ()
-    """Mass and height, where the files hold them but a variant takes them away."""
+    markers: str
+    """Marker set of a study that names its files."""
+    told: tuple[str, ...] = ("sex",)
+    drafted: bool = True
+    """Whether a study follows from the bare folder."""
+
+    def _words(self, told: bool) -> tuple[str, ...]:
+        every = ("mass", "height", "sex")
+        return tuple(w for k in every if (k in self.told) is told for w in (f"--{k}", str(getattr(self, k))))
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """What the command is told, as no file holds it."""
+        return self._words(True)
+
+    @property
+    def facts(self) -> tuple[str, ...]:
+        """What the files hold, but a variant may take away."""
+        return self._words(False)
 
     def copy(self, folder: Path) -> None:
         """The files into an empty folder."""
         for file in self.files:
             shutil.copyfile(data() / file, folder / Path(file).name)
+
+    def recorded(self, walk: str = "", joints: Sequence[Joint] = ()) -> Callable[[Path], Path]:
+        """What writes a study that names these files: static and isolated trials, and the walk of that name or the
+        only one.
+        """
+        stems = {Path(file).stem: file for file in self.files}
+        static = next(file for stem, file in stems.items() if stem.endswith("static"))
+        forces = next((file for file in self.files if file.endswith(".mot")), None)
+        walks = {stem: file for stem, file in stems.items() if file not in (static, forces) and stem not in JOINTS}
+
+        def make(folder: Path) -> Path:
+            trials = [Trial(name="static", role="static", file=data() / static)]
+            trials += [Trial(name=j, role="joint", joint=j, file=data() / stems[j]) for j in joints]
+            if walks:
+                file = walks[walk] if walk else next(iter(walks.values()))
+                given = data() / forces if forces else None
+                trials.append(Trial(name=WALK, role="gait", file=data() / file, forces=given))
+            table = SubjectTable(name="person", mass_kg=self.mass, height_m=self.height, sex=self.sex)  # type: ignore[arg-type]
+            chosen = Markers(set=self.markers.replace("{data}", str(data())).replace("{here}", str(HERE)), rename={})
+            path = folder / "study.toml"
+            study = StudyFile(subject=table, markers=chosen, trial=tuple(trials))
+            path.write_text(study.to_toml(), encoding="utf-8")
+            return path
+
+        return make
 
 
 def data() -> Path:
@@ -49,109 +95,20 @@ def data() -> Path:
     return Path(named).resolve()
 
 
-def _child(name: str, sex: str, mass: str, height: str) -> Clinic:
-    files = tuple(f"children/{name}/{file}.c3d" for file in ("static", "straight", "turn"))
-    return Clinic(name, files, ("--sex", sex), ("--mass", mass, "--height", height))
+def _everybody() -> dict[str, Person]:
+    rows = tomllib.loads((HERE / "recordings.toml").read_text(encoding="utf-8")).items()
+    listed = ("files", "told")
+    return {n: Person(name=n, **{k: tuple(v) if k in listed else v for k, v in row.items()}) for n, row in rows}
 
 
-CLINICS = {
-    clinic.name: clinic
-    for clinic in (
-        Clinic(
-            "pig", ("pig_c3d/static.c3d", "pig_c3d/gait.c3d"), ("--sex", "male"), ("--mass", "66.5", "--height", "1.79")
-        ),
-        Clinic(
-            "kad",
-            ("labs_c3d/kad/static.c3d", "labs_c3d/kad/walk.c3d"),
-            ("--sex", "male"),
-            ("--mass", "79.25", "--height", "1.624"),
-        ),
-        Clinic(
-            "multi",
-            ("labs_c3d/multi/static.c3d", *(f"labs_c3d/multi/walk0{k}.c3d" for k in (3, 4, 5, 6, 7))),
-            ("--sex", "female"),
-            ("--mass", "53.5", "--height", "1.634"),
-        ),
-        Clinic(
-            "multi2",
-            ("labs_c3d/multi/static.c3d", *(f"labs_c3d/multi/walk0{k}.c3d" for k in (3, 6))),
-            ("--sex", "female"),
-            ("--mass", "53.5", "--height", "1.634"),
-        ),
-        _child("HC002D", "female", "32.1", "1.45"),
-        _child("HC030A", "male", "45.8", "1.48"),
-        _child("HC031A", "female", "27.7", "1.33"),
-        _child("HC032A", "male", "60.3", "1.58"),
-        Clinic(
-            "functional",
-            ("functional_c3d/static.c3d", "functional_c3d/hip_r.c3d", "functional_c3d/knee_r.c3d"),
-            ("--mass", "65", "--height", "1.68", "--sex", "female"),
-        ),
-        Clinic(
-            "subject01",
-            tuple(f"subject01/{f}" for f in ("subject01_static.trc", "subject01_walk1.trc", "subject01_walk1_grf.mot")),
-            ("--mass", "72.6", "--height", "1.803", "--sex", "male"),
-        ),
-        Clinic(
-            "uf3",
-            tuple(
-                f"uf3/{f}.trc" for f in ("static", "gait", "hip_r", "hip_l", "knee_r", "knee_l", "ankle_r", "ankle_l")
-            ),
-            ("--mass", "68.17", "--height", "1.70", "--sex", "male"),
-        ),
-    )
-}
-
-
-def recorded(
-    subject: tuple[float, float, str],
-    markers: str,
-    walk: tuple[str, str | None] | None,
-    static: str,
-    joints: dict[Joint, str] | None = None,
-    rename: dict[str, str] | None = None,
-) -> Callable[[Path], Path]:
-    """A study of files in the data folder."""
-
-    def make(folder: Path) -> Path:
-        mass, height, sex = subject
-        trials = [Trial(name="static", role="static", file=data() / static)]
-        trials += [Trial(name=j, role="joint", joint=j, file=data() / f) for j, f in (joints or {}).items()]
-        if walk:
-            forces = data() / walk[1] if walk[1] else None
-            trials.append(Trial(name=WALK, role="gait", file=data() / walk[0], forces=forces))
-        path = folder / "study.toml"
-        chosen = markers.replace("{data}", str(data()))
-        file = StudyFile(
-            subject=SubjectTable(name="person", mass_kg=mass, height_m=height, sex=sex),  # type: ignore[arg-type]
-            markers=Markers(set=chosen, rename=rename or {}),
-            trial=tuple(trials),
-        )
-        path.write_text(file.to_toml(), encoding="utf-8")
-        return path
-
-    return make
-
-
-_MARKER_SETS = Path(__file__).parent / "marker_sets"
-OTHERS = {
-    "one_frame": recorded(
-        (67.0, 1.655, "male"),
-        str(_MARKER_SETS / "one_frame.toml"),
-        ("more_labs/one_frame_static/walk.c3d", None),
-        "more_labs/one_frame_static/static.c3d",
-    ),
-    "mt_feet": recorded(
-        (68.0, 1.65, "female"),  # nobody tells them: by force plates and markers
-        str(_MARKER_SETS / "mt_feet.toml"),
-        ("more_labs/mt_feet/walk.trc", "more_labs/mt_feet/walk_grf.mot"),
-        "more_labs/mt_feet/static.trc",
-    ),
-}
-"""People whose folders no study follows from."""
-PEOPLE = (*(name for name in CLINICS if name != "multi2"), *OTHERS)
+EVERYBODY = _everybody()
+CLINICS = {name: person for name, person in EVERYBODY.items() if person.drafted}
+"""Bare folders, from which a study follows."""
+SIMULATED = ("p01", "p18")
+"""People whose walk OpenSim made."""
+PEOPLE = tuple(name for name in EVERYBODY if name not in ("multi2", *SIMULATED))
 """`multi2` is `multi` again."""
-CHILDREN = ("HC002D", "HC030A", "HC031A", "HC032A")
+CHILDREN = tuple(name for name in EVERYBODY if name.startswith("HC"))
 
 
 @lru_cache(maxsize=1)
@@ -165,15 +122,12 @@ def study_of_person(name: str) -> Study:
     """All recordings of a person, drafted from the bare folder; or the study file of that path."""
     if name not in PEOPLE:
         return Study.load(name)
-    folder = Path(_folder().name) / name
+    folder, person = Path(_folder().name) / name, EVERYBODY[name]
     folder.mkdir()
-    if name in OTHERS:
-        return Study.load(OTHERS[name](folder))
-    person = CLINICS[name]
-    words = (*person.options, *person.facts)
-    told = dict(zip(words[::2], words[1::2], strict=True))
+    if not person.drafted:
+        return Study.load(person.recorded()(folder))
     person.copy(folder)
-    options = options_of(float(told["--mass"]), float(told["--height"]), told.get("--sex"), None)
+    options = options_of(person.mass, person.height, person.sex, None)
     draft = study_or_draft(folder, options, Talk(quiet=True, verbose=False))
     return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
 

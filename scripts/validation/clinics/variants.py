@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from scripts.validation.clinics.files import Trial, each
-from scripts.validation.recordings import CLINICS, Clinic, data
+from scripts.validation.recordings import CLINICS, Person, data
 
 TRUNK = ("C7", "T2", "T6", "T8", "T10", "T12", "CLAV", "STRN", "RBAK", "RSHO", "LSHO")
 ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI")
@@ -26,7 +26,7 @@ class Variant:
     """One thing that another laboratory does."""
 
     name: str
-    make: Callable[[Path, Clinic], tuple[str, ...]]
+    make: Callable[[Path, Person], tuple[str, ...]]
     """Changes a copy of a folder; returns the options of the command."""
     clinics: tuple[str, ...]
     may_refuse: bool = False
@@ -35,15 +35,15 @@ class Variant:
     """Whether the torques must be those of the folder as it was."""
 
 
-def _plain(change: Callable[[Path], None]) -> Callable[[Path, Clinic], tuple[str, ...]]:
-    def make(folder: Path, clinic: Clinic) -> tuple[str, ...]:
+def _plain(change: Callable[[Path], None]) -> Callable[[Path, Person], tuple[str, ...]]:
+    def make(folder: Path, clinic: Person) -> tuple[str, ...]:
         change(folder)
         return clinic.options
 
     return make
 
 
-def _trials(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[str, ...]]:
+def _trials(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
     def every(folder: Path) -> None:
         for trial in each(folder):
             change(trial)
@@ -52,7 +52,7 @@ def _trials(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[s
     return _plain(every)
 
 
-def _static(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[str, ...]]:
+def _static(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
     def one(folder: Path) -> None:
         trial = Trial(folder / "static.c3d")
         change(trial)
@@ -61,7 +61,7 @@ def _static(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[s
     return _plain(one)
 
 
-def _moving(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[str, ...]]:
+def _moving(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
     def others(folder: Path) -> None:
         for trial in each(folder):
             if trial.path.name != "static.c3d":
@@ -71,7 +71,7 @@ def _moving(change: Callable[[Trial], None]) -> Callable[[Path, Clinic], tuple[s
     return _plain(others)
 
 
-def _as_it_is(folder: Path, clinic: Clinic) -> tuple[str, ...]:
+def _as_it_is(folder: Path, clinic: Person) -> tuple[str, ...]:
     return clinic.options
 
 
@@ -91,7 +91,7 @@ def _lower(trial: Trial) -> None:
     trial.relabel(lambda name: name if name in computed else name.lower())
 
 
-def _no_metadata(folder: Path, clinic: Clinic) -> tuple[str, ...]:
+def _no_metadata(folder: Path, clinic: Person) -> tuple[str, ...]:
     for trial in each(folder):
         trial.forget("PROCESSING", "SUBJECTS", "EVENT", "ANALYSIS")
         trial.write()
@@ -174,7 +174,7 @@ def _without_static(folder: Path) -> None:
     (folder / "static.c3d").unlink()
 
 
-def _two_people(folder: Path, clinic: Clinic) -> tuple[str, ...]:
+def _two_people(folder: Path, clinic: Person) -> tuple[str, ...]:
     other = CLINICS["HC031A" if clinic.name != "HC031A" else "HC002D"]
     for file in other.files:
         target = folder / f"other_{Path(file).name}"
