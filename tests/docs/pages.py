@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from scripts.tools.documentation.blocks import Block, blocks_of, run
+from tests.docs.blocks import Block, blocks_of, run
 from tests.kept import kept_folder
 
 ROOT = Path(__file__).parents[2]

@@ -38,7 +38,7 @@ def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: p
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
 def test_blocks_have_the_form_of_their_language(page: Path) -> None:
-    from scripts.tools.documentation.blocks import NOT_RUN, lint
+    from tests.docs.blocks import NOT_RUN, lint
 
     for block in blocks_of(page):
         assert lint(block) == "", f"{page}:{block.line}"

@@ -205,7 +205,6 @@ def _turned(trial: Trial) -> None:
 
 
 VICON = ("pig", "kad", "multi2", "HC002D", "HC030A")
-ADULTS = ("pig", "kad", "multi2")
 
 VARIANTS = (
     Variant(

@@ -19,8 +19,6 @@ ONE_PLATE = 0.4
 """Share of faults of one plate alone, where a fault can be of one."""
 ONE_TRIAL = 0.5
 """Share of faults in one trial alone, in sessions of several."""
-LABORATORY = (Kind.CLOCK, Kind.MARKERS_TILTED, Kind.FORCE_UNIT, Kind.MOMENT_UNIT, Kind.CENTRE_UNIT, Kind.EXCHANGED)
-"""Of all plates, always."""
 
 
 class Outcome(Enum):

@@ -24,8 +24,6 @@ from scripts.validation.attacks.corpus.words import (
     rows,
 )
 
-TRC_HEADER_ROWS = 5
-
 
 def text(name: str, change: Callable[[str], str], encoding: str = "utf-8") -> FileChange:
     """The text of a file changed."""
