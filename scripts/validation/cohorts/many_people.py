@@ -30,6 +30,8 @@ EVERY = 2
 NOISE_M = 0.004
 """Largest amplitude of the noise of a marker: skin moves by more, and more of it would only take longer."""
 GROUPS = ("walkers", "others")
+SESSION = 1
+"""Of the seed of the noise."""
 
 
 @cache
@@ -49,10 +51,10 @@ def _thinned(walk: Recording) -> Recording:
     return replace(walk, time=walk.time[::EVERY], markers=walk.markers[::EVERY], plates=plates)
 
 
-def write_person(folder: Path, number: int, session: int, bodies: int) -> None:
-    """Write one session of one person as a study folder."""
+def write_person(folder: Path, number: int, bodies: int) -> None:
+    """Write a person as a study folder."""
     model, standing, walk = body(number % bodies)
-    rng = np.random.default_rng([number, session])
+    rng = np.random.default_rng([number, SESSION])
     noisy = walk.markers + marker_noise(walk.time, len(walk.labels), rng, NOISE_M)
     folder.mkdir(parents=True, exist_ok=True)
     write_c3d(folder / "static.c3d", standing)
@@ -72,13 +74,11 @@ def write_person(folder: Path, number: int, session: int, bodies: int) -> None:
     (folder / "study.toml").write_text(study.to_toml(), encoding="utf-8")
 
 
-def write_people(out: Path, numbers: Sequence[int], sessions: int = 1, bodies: int = 20) -> None:
+def write_people(out: Path, numbers: Sequence[int], bodies: int = 20) -> None:
     """Write people of these numbers, and what `people.csv` says of them."""
     out.mkdir(parents=True, exist_ok=True)
     for number in numbers:
-        for session in range(1, sessions + 1):
-            place = out / f"P{number:04d}"
-            write_person(place if sessions == 1 else place / f"S{session}", number, session, bodies)
+        write_person(out / f"P{number:04d}", number, bodies)
     with (out / "people.csv").open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(("person", "group"))
