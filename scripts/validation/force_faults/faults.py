@@ -97,49 +97,43 @@ def level_vector(rng: np.random.Generator) -> Array:
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
 
 
+def _fault(kind: Kind, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()) -> Fault:
+    """Of plates, each by itself."""
+    return Fault(kind=kind, row=kind.value, words=words, plate=plate, size=size, change=on_plates(change, plate))
+
+
 def clock(rng: np.random.Generator, plate: int | None) -> Fault:
     s = either_sign(rng) * log_uniform(rng, 0.01, 0.15)
-    return Fault(
-        kind=Kind.CLOCK, row="clock", words=f"{1e3 * s:+.0f} ms", plate=None, size=(s,),
-        change=on_plates(lambda p: later(p, s), None),
-    )  # fmt: skip
+    return _fault(Kind.CLOCK, f"{1e3 * s:+.0f} ms", None, lambda p: later(p, s), (s,))
 
 
 def place(rng: np.random.Generator, plate: int | None) -> Fault:
     shift = log_uniform(rng, 0.01, 0.2) * level_vector(rng)
-    return Fault(
-        kind=Kind.PLACE, row="place", words=f"{1e3 * np.linalg.norm(shift):.0f} mm", plate=plate,
-        size=(shift[0], shift[2]), change=on_plates(lambda p: placed(p, np.eye(3), np.zeros(3), shift), plate),
-    )  # fmt: skip
+    words, size = f"{1e3 * np.linalg.norm(shift):.0f} mm", (shift[0], shift[2])
+    return _fault(Kind.PLACE, words, plate, lambda p: placed(p, np.eye(3), np.zeros(3), shift), size)
 
 
 def yaw(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees = either_sign(rng) * log_uniform(rng, 2.0, 180.0)
-    turn = turn_about([0, 1, 0], degrees)
-    return Fault(
-        kind=Kind.YAW, row="yaw", words=f"{degrees:+.0f} deg", plate=plate, size=(np.deg2rad(degrees),),
-        change=on_plates(lambda p: placed(p, turn, middle(p), np.zeros(3)), plate),
-    )  # fmt: skip
+    turn, size = turn_about([0, 1, 0], degrees), (np.deg2rad(degrees),)
+    return _fault(Kind.YAW, f"{degrees:+.0f} deg", plate, lambda p: placed(p, turn, middle(p), np.zeros(3)), size)
 
 
 def tilt(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees, axis = log_uniform(rng, 1.0, 15.0), level_vector(rng)
-    turn = turn_about(axis, degrees)
-    return Fault(
-        kind=Kind.TILT, row="tilt", words=f"{degrees:.1f} deg", plate=plate,
-        size=tuple(np.deg2rad(degrees) * axis[[0, 2]]),
-        change=on_plates(lambda p: placed(p, turn, np.zeros(3) if plate is None else middle(p), np.zeros(3)), plate),
-    )  # fmt: skip
+    turn, size = turn_about(axis, degrees), tuple(np.deg2rad(degrees) * axis[[0, 2]])
+
+    def change(p: ForcePlate) -> ForcePlate:
+        return placed(p, turn, np.zeros(3) if plate is None else middle(p), np.zeros(3))
+
+    return _fault(Kind.TILT, f"{degrees:.1f} deg", plate, change, size)
 
 
 def markers_tilted(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees, axis = log_uniform(rng, 1.0, 10.0), level_vector(rng)
-    turn = turn_about(axis, degrees)
-    return Fault(
-        kind=Kind.MARKERS_TILTED, row="markers tilted", words=f"{degrees:.1f} deg", plate=None,
-        size=tuple(np.deg2rad(degrees) * axis[[0, 2]]),
-        change=lambda recording: replace(recording, markers=recording.markers @ turn.T),
-    )  # fmt: skip
+    turn, size = turn_about(axis, degrees), tuple(np.deg2rad(degrees) * axis[[0, 2]])
+    plain = _fault(Kind.MARKERS_TILTED, f"{degrees:.1f} deg", None, lambda p: p, size)
+    return replace(plain, change=lambda recording: replace(recording, markers=recording.markers @ turn.T))
 
 
 def _gain(kind: Kind, axes: Array, low: float, high: float) -> Callable[[np.random.Generator, int | None], Fault]:
@@ -149,49 +143,34 @@ def _gain(kind: Kind, axes: Array, low: float, high: float) -> Callable[[np.rand
         moments = bool(rng.integers(2))
         by = 1.0 + (factor - 1.0) * axes
         free = factor if axes.all() and not moments else 1.0
-        kept = "moments" if moments else "centre"
-        return Fault(
-            kind=kind, row=kind.value, words=f"x {factor:.3g}, {kept} kept", plate=plate, size=(factor,),
-            change=on_plates(lambda p: with_force(p, by * p.force, moments=moments, free=free), plate),
-        )  # fmt: skip
+        words = f"x {factor:.3g}, {'moments' if moments else 'centre'} kept"
+        return _fault(kind, words, plate, lambda p: with_force(p, by * p.force, moments=moments, free=free), (factor,))
 
     return make
 
 
 def free_moment(rng: np.random.Generator, plate: int | None) -> Fault:
     factor = float(rng.choice([-1.0, log_uniform(rng, 2.0, 30.0)]))
-    return Fault(
-        kind=Kind.FREE_MOMENT, row="free moment", words=f"x {factor:.3g}", plate=plate, size=(factor,),
-        change=on_plates(lambda p: replace(p, moment=factor * p.moment), plate),
-    )  # fmt: skip
+    words = f"x {factor:.3g}"
+    return _fault(Kind.FREE_MOMENT, words, plate, lambda p: replace(p, moment=factor * p.moment), (factor,))
 
 
 def offset(rng: np.random.Generator, plate: int | None) -> Fault:
     newtons = either_sign(rng) * log_uniform(rng, 10.0, 150.0)
     push = np.array([0.0, newtons, 0.0])
-    return Fault(
-        kind=Kind.OFFSET, row="offset", words=f"{newtons:+.0f} N", plate=plate, size=(newtons,),
-        change=on_plates(lambda p: with_force(p, p.force + push, moments=True), plate),
-    )  # fmt: skip
+    words = f"{newtons:+.0f} N"
+    return _fault(Kind.OFFSET, words, plate, lambda p: with_force(p, p.force + push, moments=True), (newtons,))
 
 
-def _sign(kind: Kind, signs: Sequence[float]) -> Callable[[np.random.Generator, int | None], Fault]:
+def _turned_force(kind: Kind, change: Callable[[Array], Array]) -> Callable[[np.random.Generator, int | None], Fault]:
+    """Signs or axes of the force; the moments, or the centre of pressure, are kept."""
+
     def make(rng: np.random.Generator, plate: int | None) -> Fault:
         moments = bool(rng.integers(2))
-        return Fault(
-            kind=kind, row=kind.value, words=f"{'moments' if moments else 'centre'} kept", plate=plate,
-            change=on_plates(lambda p: with_force(p, p.force * np.asarray(signs), moments=moments), plate),
-        )  # fmt: skip
+        words = f"{'moments' if moments else 'centre'} kept"
+        return _fault(kind, words, plate, lambda p: with_force(p, change(p.force), moments=moments))
 
     return make
-
-
-def axes(rng: np.random.Generator, plate: int | None) -> Fault:
-    moments = bool(rng.integers(2))
-    return Fault(
-        kind=Kind.AXES, row="axes exchanged", words=f"{'moments' if moments else 'centre'} kept", plate=plate,
-        change=on_plates(lambda p: with_force(p, p.force[:, ::-1], moments=moments), plate),
-    )  # fmt: skip
 
 
 def force_unit(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -199,26 +178,22 @@ def force_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     way = str(rng.choice(["alone", "with free moment", "moments kept"]))
     share = 1.0 / FORCE_UNITS[unit]
     free = share if way == "with free moment" else 1.0
-    return Fault(
-        kind=Kind.FORCE_UNIT, row="unit of force", words=f"{unit}, {way}", plate=None, unit=unit,
-        change=on_plates(lambda p: with_force(p, share * p.force, moments=way == "moments kept", free=free), None),
-    )  # fmt: skip
+
+    def change(p: ForcePlate) -> ForcePlate:
+        return with_force(p, share * p.force, moments=way == "moments kept", free=free)
+
+    return replace(_fault(Kind.FORCE_UNIT, f"{unit}, {way}", None, change), unit=unit)
 
 
 def moment_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     whole = bool(rng.integers(2))
-    return Fault(
-        kind=Kind.MOMENT_UNIT, row="unit of moment", words="moments in N·mm" if whole else "free moment in N·mm",
-        plate=None, change=on_plates(lambda p: with_force(p, p.force, moments=whole, factor=1e3, free=1e3), None),
-    )  # fmt: skip
+    words = "moments in N·mm" if whole else "free moment in N·mm"
+    return _fault(Kind.MOMENT_UNIT, words, None, lambda p: with_force(p, p.force, moments=whole, factor=1e3, free=1e3))
 
 
 def centre_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     unit, factor = (("mm", 1e3), ("cm", 1e2))[int(rng.integers(2))]
-    return Fault(
-        kind=Kind.CENTRE_UNIT, row="unit of the centre of pressure", words=unit, plate=None, unit=unit,
-        change=on_plates(lambda p: replace(p, point=factor * p.point), None),
-    )  # fmt: skip
+    return replace(_fault(Kind.CENTRE_UNIT, unit, None, lambda p: replace(p, point=factor * p.point)), unit=unit)
 
 
 def exchanged(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -230,7 +205,7 @@ def exchanged(rng: np.random.Generator, plate: int | None) -> Fault:
         moved = (placed(one, np.eye(3), np.zeros(3), way), placed(other, np.eye(3), np.zeros(3), -way))
         return replace(recording, plates=(*moved, *rest))
 
-    return Fault(kind=Kind.EXCHANGED, row="plates exchanged", words="1 and 2", plate=None, change=change)
+    return replace(_fault(Kind.EXCHANGED, "1 and 2", None, lambda p: p), change=change)
 
 
 HORIZONTAL, VERTICAL, EVERY = np.array([1.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.ones(3)
@@ -245,10 +220,10 @@ FAULTS: tuple[Callable[[np.random.Generator, int | None], Fault], ...] = (
     _gain(Kind.HORIZONTAL_GAIN, HORIZONTAL, 0.15, 1.5),
     free_moment,
     offset,
-    _sign(Kind.SIGN_FORE_AFT, (-1, 1, 1)),
-    _sign(Kind.SIGN_SIDEWAYS, (1, 1, -1)),
-    _sign(Kind.SIGN_VERTICAL, (1, -1, 1)),
-    axes,
+    _turned_force(Kind.SIGN_FORE_AFT, lambda f: f * np.array([-1, 1, 1])),
+    _turned_force(Kind.SIGN_SIDEWAYS, lambda f: f * np.array([1, 1, -1])),
+    _turned_force(Kind.SIGN_VERTICAL, lambda f: f * np.array([1, -1, 1])),
+    _turned_force(Kind.AXES, lambda f: f[:, ::-1]),
     force_unit,
     moment_unit,
     centre_unit,
