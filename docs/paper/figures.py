@@ -48,7 +48,7 @@ class Row:
 
 
 def reduced(files: list[Path]) -> list[Row]:
-    """The rows of `check_truth --json` files."""
+    """The rows of files that `truth --json` wrote."""
     found: dict[tuple[str, str], list[dict[str, object]]] = {}
     for file in files:
         for fit in json.loads(file.read_text(encoding="utf-8")):

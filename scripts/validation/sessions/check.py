@@ -16,12 +16,13 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
-from scripts.validation.harness import commas, say
+from scripts.validation.harness import commas, say, side_by_side
 from scripts.validation.sessions import made_up, made_up_angles, real
 
-SHARED = ("--seed",)
+SHARED = ("--jobs", "--seed")
 
 
 def _real(chosen: argparse.Namespace) -> Iterable[str]:
@@ -33,9 +34,13 @@ def _seeds(chosen: argparse.Namespace) -> range:
     return range(chosen.seed, chosen.seed + chosen.people)
 
 
+def _outcomes(chosen: argparse.Namespace) -> list[made_up.Outcome]:
+    return list(side_by_side([partial(made_up.outcome, seed) for seed in _seeds(chosen)], chosen.jobs))
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], Iterable[str]]] = {
     "real": _real,
-    "made-up": lambda chosen: made_up.report([made_up.outcome(seed) for seed in _seeds(chosen)]),
+    "made-up": lambda chosen: made_up.report(_outcomes(chosen)),
     "angles": lambda chosen: made_up_angles.report(_seeds(chosen)),
 }
 
