@@ -21,6 +21,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, is_dataclass
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -126,6 +127,8 @@ def write_json(found: object, file: Path) -> None:
     """Results of any member; dataclasses as their fields."""
 
     def plain(value: Any) -> object:
+        if isinstance(value, Enum):
+            return value.value
         return asdict(value) if is_dataclass(value) and not isinstance(value, type) else str(value)
 
     file.write_text(json.dumps(found, default=plain, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -19,7 +19,7 @@ from scripts.validation import harness
 ROOT = Path(__file__).parents[2]
 
 
-class Ending(str, Enum):
+class Ending(Enum):
     GOOD = "good"
 
 

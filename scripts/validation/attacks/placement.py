@@ -13,11 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal import MarkerSet, Recording
 from gaitcal.arrays import Array
-from scripts.validation.attacks.markers import MM, WHOLE, Change, Part, columns, put
+from scripts.validation.attacks.markers import MM, NEIGHBOUR, WHOLE, Change, Part, columns, put
 from scripts.validation.truth.rigid import rigid_motion
-
-NEIGHBOUR = {"thigh": "pelvis", "shank": "foot", "foot": "shank", "pelvis": "thigh"}
-"""Segment whose markers help to tell the turn of one that has fewer than three."""
 
 
 def body_axes(recording: Recording, markers: MarkerSet, frame: int) -> Array:

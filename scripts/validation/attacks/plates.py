@@ -104,30 +104,23 @@ def free_moment(factor: float) -> PlateChange:
     return lambda p: replace(p, moment=factor * p.moment)
 
 
+def _at(p: ForcePlate, time: Array) -> ForcePlate:
+    """What the plate told at other times (ns,), as if at its own."""
+
+    def values(told: Array) -> Array:
+        return np.column_stack([np.interp(time, p.time, column) for column in told.T])
+
+    return replace(p, force=values(p.force), point=values(p.point), moment=values(p.moment))
+
+
 def late(seconds: float) -> PlateChange:
     """Forces that come later (or earlier) than the markers."""
-
-    def shifted(p: ForcePlate) -> ForcePlate:
-        def at(values: Array) -> Array:
-            return np.column_stack([np.interp(p.time - seconds, p.time, column) for column in values.T])
-
-        return replace(p, force=at(p.force), point=at(p.point), moment=at(p.moment))
-
-    return shifted
+    return lambda p: _at(p, p.time - seconds)
 
 
 def other_clock(factor: float) -> PlateChange:
     """Forces whose clock runs `factor` times as fast, from the beginning of the trial on."""
-
-    def stretched(p: ForcePlate) -> ForcePlate:
-        time = p.time[0] + (p.time - p.time[0]) * factor
-
-        def at(values: Array) -> Array:
-            return np.column_stack([np.interp(time, p.time, column) for column in values.T])
-
-        return replace(p, force=at(p.force), point=at(p.point), moment=at(p.moment))
-
-    return stretched
+    return lambda p: _at(p, p.time[0] + (p.time - p.time[0]) * factor)
 
 
 def moved(mm: tuple[float, float, float]) -> PlateChange:
@@ -136,35 +129,22 @@ def moved(mm: tuple[float, float, float]) -> PlateChange:
     return lambda p: replace(p, point=p.point + by, corners=None if p.corners is None else p.corners + by)
 
 
+def _turned(p: ForcePlate, turn: Array, about: Array) -> ForcePlate:
+    corners = None if p.corners is None else (p.corners - about) @ turn.T + about
+    point = (p.point - about) @ turn.T + about
+    return replace(p, force=p.force @ turn.T, moment=p.moment @ turn.T, point=point, corners=corners)
+
+
 def turned(degrees: float, axis: str = "y") -> PlateChange:
     """A plate turned about its middle: `y` yaw, `x` and `z` tilt."""
     turn = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
-
-    def spoil(p: ForcePlate) -> ForcePlate:
-        middle = _middle(p)
-        return replace(
-            p,
-            force=p.force @ turn.T,
-            moment=p.moment @ turn.T,
-            point=(p.point - middle) @ turn.T + middle,
-            corners=None if p.corners is None else (p.corners - middle) @ turn.T + middle,
-        )
-
-    return spoil
+    return lambda p: _turned(p, turn, _middle(p))
 
 
 def room_turned(degrees: float, axis: str = "x") -> StudyChange:
     """All plates turned together about the laboratory's origin."""
     turn = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
-    return plates(
-        lambda p: replace(
-            p,
-            force=p.force @ turn.T,
-            moment=p.moment @ turn.T,
-            point=p.point @ turn.T,
-            corners=None if p.corners is None else p.corners @ turn.T,
-        )
-    )
+    return plates(lambda p: _turned(p, turn, np.zeros(3)))
 
 
 def cables_exchanged(study: Study) -> Study:
@@ -272,17 +252,11 @@ def of_another_walk(base: str) -> StudyChange:
         walk, other = walk_of(study), walk_of(loaded(base))
         first = min(_contact(p) for p in walk.plates if _contact(p) is not None)  # type: ignore[type-var]
         theirs = min(_contact(p) for p in other.plates if _contact(p) is not None)  # type: ignore[type-var]
-        names = [p.name for p in walk.plates]
-        after = []
-        for name, p in zip(names, other.plates, strict=False):
-            time = walk.plates[0].time
-            source = time - first + theirs  # type: ignore[operator]
-
-            def at(values: Array, source: Array = source, p: ForcePlate = p) -> Array:
-                return np.column_stack([np.interp(source, p.time, column) for column in values.T])
-
-            after.append(ForcePlate(name=name, time=time, force=at(p.force), point=at(p.point), moment=at(p.moment)))
-        return with_recording(study, WALK, replace(walk, plates=tuple(after)))
+        time = walk.plates[0].time
+        source = time - first + theirs  # type: ignore[operator]
+        told = [replace(_at(p, source), time=time, corners=None) for p in other.plates]
+        after = tuple(replace(p, name=own.name) for own, p in zip(walk.plates, told, strict=False))
+        return with_recording(study, WALK, replace(walk, plates=after))
 
     return spoil
 

@@ -11,9 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gaitcal import MarkerSet, Recording
 from gaitcal.arrays import Array
-from scripts.validation.attacks.markers import MM, WHOLE, Change, Part, columns, frames, put
-
-SEED = 7
+from scripts.validation.attacks.markers import MM, SEED, WHOLE, Change, Part, columns, frames, put
 
 
 def of_marker(key: str, change: Callable[[Array, Array], Array], part: Part = WHOLE) -> Change:
