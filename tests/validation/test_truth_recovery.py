@@ -30,7 +30,12 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
     people = [synthetic.synthetic_person(seed, synthetic.Settings(settings)) for seed in SEEDS]
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"].dropna()
-    for z in (joint, np.concatenate([p.torques.ravel() for p in people])):
+    torques = np.concatenate([p.torques.ravel() for p in people])
+    powers, vectors = (
+        np.concatenate([(gaps / errors).ravel() for gaps, errors in pairs])
+        for pairs in ([p.powers for p in people], [p.vectors for p in people])
+    )
+    for z in (joint, torques, powers, vectors):
         # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
         assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
         assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
