@@ -136,8 +136,6 @@ def _channels_scaled(factor: float) -> Callable[[ezc3d.c3d], None]:
     return spoil
 
 
-# A table: an attack in two lines or three.
-# fmt: off
 def attacks() -> Row:
     """Every attack on a file."""
     make = rows(Kind.FILE)
@@ -148,57 +146,109 @@ def attacks() -> Row:
     trc, mot, study = "walk.trc", "walk_forces.mot", "study.toml"
     yield from row("unit m in a walk of mm", "subject01", text(trc, header("\tmm\t", "\tm\t")), UNITS)
     yield from row("unit mm in a static trial of m", "p01", text("static.trc", header("\tm\t", "\tmm\t")), UNITS)
-    yield from row("walk cut off in the middle", "subject01 uf3", raw(trc, lambda b: b[: len(b) // 2]),
-        "cut|short|cells|row|frame|force")
-    yield from row("forces cut off in the middle", "subject01", raw(mot, lambda b: b[: len(b) // 2]),
-        "cover|cells|row|force")
+    yield from row(
+        "walk cut off in the middle",
+        "subject01 uf3",
+        raw(trc, lambda b: b[: len(b) // 2]),
+        "cut|short|cells|row|frame|force",
+    )
+    yield from row(
+        "forces cut off in the middle", "subject01", raw(mot, lambda b: b[: len(b) // 2]), "cover|cells|row|force"
+    )
     yield from row("walk in UTF-16", "subject01", text(trc, str, "utf-16"), "UTF", quick="subject01")
     yield from row("study file in UTF-16", "subject01 synthetic", text(study, str, "utf-16"), "UTF")
     yield from row("walk of no bytes", "subject01 pig", _emptied, "empty|bytes|header")
     yield from row("walk missing", "subject01 child", _deleted, "file|not found|no such|exist")
-    yield from row("commas for decimal points", "subject01 p01", text(trc, lambda s: s.replace(".", ",")),
-        "number|comma|cell")
+    yield from row(
+        "commas for decimal points", "subject01 p01", text(trc, lambda s: s.replace(".", ",")), "number|comma|cell"
+    )
     yield from row("marker names one on", "subject01 uf3", text(trc, labels_moved), "label|exchang|marker")
     yield from row("a marker name twice", "subject01", text(trc, twice), "twice|doubled|Thigh.Rear", quick="subject01")
-    yield from row("twice the rate in the header", "subject01",
-        text(trc, lambda s: re.sub(r"^60(\.00)?\t", "120.00\t", s, flags=re.M)), RATE)
+    yield from row(
+        "twice the rate in the header",
+        "subject01",
+        text(trc, lambda s: re.sub(r"^60(\.00)?\t", "120.00\t", s, flags=re.M)),
+        RATE,
+    )
     yield from row("vertical force of wrong sign", "subject01 p01", column(r"v[y]$", lambda v: -v), SIGN)
     yield from row("forward force of wrong sign", "subject01 p01", column(r"v[x]$", lambda v: -v), SIGN)
     yield from row("forces in kgf", "subject01", column(r"_v[xyz]$", lambda v: v / 9.80665), f"{GAIN}|kgf")
     yield from row("centre of pressure in mm", "subject01 p01", column(r"_p[xyz]$", lambda v: 1000 * v), POINT)
-    yield from row("torque in N·mm", "subject01 p01", column(r"(torque|moment|_m).*[xyz]$", lambda v: 1000 * v),
-        "moment|torque|unit")
-    yield from row("force time in ms", "subject01", column(r"^time$", lambda v: 1000 * v),
-        rf"{CLOCK}|cover|\btime\b|{RATE}")
-    yield from row("force time from 0.2 s later", "subject01 p18", column(r"^time$", lambda v: v + 0.2),
-        rf"{CLOCK}|cover|\btime\b")
+    yield from row(
+        "torque in N·mm",
+        "subject01 p01",
+        column(r"(torque|moment|_m).*[xyz]$", lambda v: 1000 * v),
+        "moment|torque|unit",
+    )
+    yield from row(
+        "force time in ms", "subject01", column(r"^time$", lambda v: 1000 * v), rf"{CLOCK}|cover|\btime\b|{RATE}"
+    )
+    yield from row(
+        "force time from 0.2 s later", "subject01 p18", column(r"^time$", lambda v: v + 0.2), rf"{CLOCK}|cover|\btime\b"
+    )
     yield from row("zeros for forces", "subject01", column(r"_v[xyz]$", lambda v: 0.0), NOTHING)
-    yield from row("forward and sideways columns named for each other", "subject01",
+    yield from row(
+        "forward and sideways columns named for each other",
+        "subject01",
         text(mot, lambda s: re.sub(r"_v([xz])\b", lambda m: f"_v{'z' if m[1] == 'x' else 'x'}", s)),
-        "exchang|axes|turned|yaw|sign")
-    yield from row("C3D of half its bytes", "pig synthetic", raw_walk(lambda b: b[: len(b) // 2]),
-        "short|cut|bytes|frames|end")
-    yield from row("C3D with flipped bytes", "pig",
-        raw_walk(lambda b: b[:600] + bytes(255 - x for x in b[600:1400]) + b[1400:]), "c3d|parameter|header|read")
+        "exchang|axes|turned|yaw|sign",
+    )
+    yield from row(
+        "C3D of half its bytes", "pig synthetic", raw_walk(lambda b: b[: len(b) // 2]), "short|cut|bytes|frames|end"
+    )
+    yield from row(
+        "C3D with flipped bytes",
+        "pig",
+        raw_walk(lambda b: b[:600] + bytes(255 - x for x in b[600:1400]) + b[1400:]),
+        "c3d|parameter|header|read",
+    )
     yield from row("C3D with twice the rate", "pig", c3d("walk.c3d", _rate(2.0)), RATE)
     yield from row("C3D of mm called m", "pig child", c3d("walk.c3d", _point_units("m")), UNITS)
-    yield from row("plate corners exchanged", "pig child", c3d("walk.c3d", _corners(lambda c: c[:, :, ::-1])),
-        f"{PLACE}|exchang|{POINT}|corner")
-    yield from row("plate corners one on", "pig child", c3d("walk.c3d", _corners(lambda c: np.roll(c, 1, axis=1))),
-        f"{YAW}|{POINT}")
-    yield from row("plate corners two on", "pig synthetic", c3d("walk.c3d", _corners(lambda c: np.roll(c, 2, axis=1))),
-        f"{YAW}|{POINT}")
-    yield from row("plate corners in metres", "pig", c3d("walk.c3d", _corners(lambda c: 0.001 * c)),
-        f"corner|FORCE_PLATFORM|{UNITS}")
-    yield from row("plate corners 60 mm on", "pig synthetic",
-        c3d("walk.c3d", _corners(lambda c: c + np.array([60.0, 0, 0])[:, None, None])), PLACE)
+    yield from row(
+        "plate corners exchanged",
+        "pig child",
+        c3d("walk.c3d", _corners(lambda c: c[:, :, ::-1])),
+        f"{PLACE}|exchang|{POINT}|corner",
+    )
+    yield from row(
+        "plate corners one on",
+        "pig child",
+        c3d("walk.c3d", _corners(lambda c: np.roll(c, 1, axis=1))),
+        f"{YAW}|{POINT}",
+    )
+    yield from row(
+        "plate corners two on",
+        "pig synthetic",
+        c3d("walk.c3d", _corners(lambda c: np.roll(c, 2, axis=1))),
+        f"{YAW}|{POINT}",
+    )
+    yield from row(
+        "plate corners in metres",
+        "pig",
+        c3d("walk.c3d", _corners(lambda c: 0.001 * c)),
+        f"corner|FORCE_PLATFORM|{UNITS}",
+    )
+    yield from row(
+        "plate corners 60 mm on",
+        "pig synthetic",
+        c3d("walk.c3d", _corners(lambda c: c + np.array([60.0, 0, 0])[:, None, None])),
+        PLACE,
+    )
     yield from row("plate channels x 2", "pig child", c3d("walk.c3d", _channels_scaled(2.0)), GAIN)
     yield from row("plate channels / 9.81", "pig", c3d("walk.c3d", _channels_scaled(1 / 9.80665)), GAIN)
-    yield from row("a height in centimetres", "subject01",
-        text(study, lambda s: re.sub(r"height_m = [\d.]+", "height_m = 180.3", s)), "height")
+    yield from row(
+        "a height in centimetres",
+        "subject01",
+        text(study, lambda s: re.sub(r"height_m = [\d.]+", "height_m = 180.3", s)),
+        "height",
+    )
     yield from row("no mass", "subject01", text(study, lambda s: re.sub(r"mass_kg = [\d.]+\n", "", s)), "mass")
-    yield from row("a height in feet", "subject01",
-        text(study, lambda s: re.sub(r"height_m = [\d.]+", "height_m = 5.92", s)), "height")
+    yield from row(
+        "a height in feet",
+        "subject01",
+        text(study, lambda s: re.sub(r"height_m = [\d.]+", "height_m = 5.92", s)),
+        "height",
+    )
     yield from row(
         "mass and height for each other",
         "subject01",
@@ -210,9 +260,12 @@ def attacks() -> Row:
         ),
         "mass|height",
     )
-    yield from row("a static trial given twice", "subject01",
-        text(study, lambda s: s.replace("walk.trc", "static.trc")), "same|still|force")
-# fmt: on
+    yield from row(
+        "a static trial given twice",
+        "subject01",
+        text(study, lambda s: s.replace("walk.trc", "static.trc")),
+        "same|still|force",
+    )
 
 
 def _walk_file(folder: Path) -> Path:

@@ -52,35 +52,60 @@ def without_a_table(study: Study) -> Study:
     )
 
 
-# A table: an attack in two lines or three.
-# fmt: off
 def attacks() -> Row:
     """Every attack on the study's own words."""
     row = rows(Kind.STUDY)
     yield from row("static and walk exchanged", "subject01 synthetic pig", files_exchanged("static", WALK), WALKS)
     yield from row("the walk given as static", "pig child", same_file("static", WALK), f"same|{WALKS}")
-    yield from row("the static trial given as walk", "subject01 synthetic", same_file(WALK, "static"),
-        "same|still|stand", quick="subject01")
-    yield from row("the same file for hip and knee", "synthetic uf3", same_file("hip_r", "knee_r"), "same|hip_r|knee_r",
-        quick="synthetic")
+    yield from row(
+        "the static trial given as walk",
+        "subject01 synthetic",
+        same_file(WALK, "static"),
+        "same|still|stand",
+        quick="subject01",
+    )
+    yield from row(
+        "the same file for hip and knee",
+        "synthetic uf3",
+        same_file("hip_r", "knee_r"),
+        "same|hip_r|knee_r",
+        quick="synthetic",
+    )
     yield from row("marker set of another laboratory", "subject01 p01", marker_set("rcnl"), "marker|label|landmark")
     yield from row("marker set of another laboratory", "uf3 pig", marker_set("gait2354"), "marker|label|landmark")
-    yield from row("marker set without medial markers", "functional", marker_set("plug-in-gait"),
-        "marker|label|landmark")
-    yield from row("heel and toe renamed for each other", "subject01 pig uf3",
-        in_every(exchanged("heel_r", "toe_r"), exchanged("heel_l", "toe_l")), "heel|toe|foot|feet|facing",
-        f"{EXCHANGED}|backwards|behind|direction|heading")
-    yield from row("knee and ankle renamed for each other", "pig",
+    yield from row(
+        "marker set without medial markers", "functional", marker_set("plug-in-gait"), "marker|label|landmark"
+    )
+    yield from row(
+        "heel and toe renamed for each other",
+        "subject01 pig uf3",
+        in_every(exchanged("heel_r", "toe_r"), exchanged("heel_l", "toe_l")),
+        "heel|toe|foot|feet|facing",
+        f"{EXCHANGED}|backwards|behind|direction|heading",
+    )
+    yield from row(
+        "knee and ankle renamed for each other",
+        "pig",
         in_every(exchanged("knee_lat_r", "ankle_lat_r"), exchanged("knee_lat_l", "ankle_lat_l")),
-        "knee|ankle|thigh|shank", f"{EXCHANGED}|length|above|below|{MOVED}")
-    yield from row("left and right renamed for each other", "subject01 synthetic child", in_every(sides_exchanged()),
-        f"{EXCHANGED}|{MIRROR}|backwards|facing")
-    yield from row("left and right thigh renamed for each other", "synthetic p01", in_every(sides_exchanged("thigh")),
-        "thigh", f"{EXCHANGED}|{MIRROR}")
+        "knee|ankle|thigh|shank",
+        f"{EXCHANGED}|length|above|below|{MOVED}",
+    )
+    yield from row(
+        "left and right renamed for each other",
+        "subject01 synthetic child",
+        in_every(sides_exchanged()),
+        f"{EXCHANGED}|{MIRROR}|backwards|facing",
+    )
+    yield from row(
+        "left and right thigh renamed for each other",
+        "synthetic p01",
+        in_every(sides_exchanged("thigh")),
+        "thigh",
+        f"{EXCHANGED}|{MIRROR}",
+    )
     yield from row("z mirrored in all trials", "subject01 uf3 pig", in_every(axes((0, 1, 2), (1, 1, -1))), MIRROR)
     yield from row("all trials x 1.1", "subject01 uf3", in_every(scaled(1.1)), f"{PERSON}|{UNITS}|tall")
     yield from row("all trials x 0.9", "pig", in_every(scaled(0.9)), f"{PERSON}|{UNITS}|tall")
     yield from row("thigh cluster weighs nothing", "subject01 p01", weighing({"thigh_r": 0.0}), "thigh|weight")
     yield from row("pelvis weighs nothing", "synthetic", weighing({"pelvis": 0.0}), "pelvis|weight")
     yield from row("both plates declared the right foot's", "subject01 synthetic", without_a_table, "foot|plate")
-# fmt: on
