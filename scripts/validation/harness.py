@@ -47,6 +47,7 @@ MEMBERS = {
     "sessions": "sessions.check",
     "priors": "priors.check",
     "cohorts": "cohorts.check",
+    "coverage": "coverage",
     "events": "events",
     "readers": "readers",
 }

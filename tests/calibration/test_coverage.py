@@ -1,134 +1,29 @@
-"""Standard errors of joint parameters, and of all that follows from them, over many draws of the published noise.
-
-The published subject walks (34 joint parameters free) and moves its knee alone (9 free); every draw adds marker noise
-as published (one sinusoid a marker coordinate, amplitude up to 10 mm).
-"""
+"""Standard errors at small size: `python -m scripts.validation coverage` has them at 200 draws."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
 
-from gaitcal.arrays import Array
-from gaitcal.calibration.influence import influence_of
-from gaitcal.calibration.joint_calibration import calibrate_joints
-from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
-from gaitcal.calibration.torque_errors import torque_standard_errors
-from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.dynamics.joint_kinetics import kinetic_values
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
-from gaitcal.model.linkage import SEGMENTS, joint_segments
-from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording.recording import Recording
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion
+from scripts.validation import coverage as check
 
 DRAWS = 24
-RANGES = {1.0: (55.0, 82.0), 1.96: (87.0, 99.5)}
-"""Half width in standard errors -> what 24 draws leave of 60 to 76 % and 91 to 98 %: errors of one draw are correlated,
-so that the coverage scatters by some 4 % about the 63 to 74 % and 92 to 97 % that 200 draws give."""
-NOISE_M = 0.010
-ENDS = 20
-"""Frames at either end of the gait trial whose torques are not valid: ends of the splines."""
-EVERY = 8
-"""Torques are looked at in every eighth frame; neighbours say the same."""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Errors in units of their standard errors."""
-
-    parameters: Array
-    """(np,)."""
-    torques: Array | None
-    """(nf, 23) joint torques and knee reactions of the gait trial."""
-    powers: Array | None
-    """(nf, 28) joint powers of the gait trial."""
-    vectors: Array | None
-    """(nf, 63) components of its moment vectors."""
-    angles: Array | None
-    """(nf, 27) coordinates of the gait trial."""
-
-
-def gait_draw(seed: int, noise_m: float) -> Draw:
-    """One walk with 34 joint parameters free, and its torques."""
-    model, motion = published_model(), gait_motion()
-    truth = model.parameters
-    free = tuple(name for side in "rl" for name in gait_parameters(side))
-    problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
-    fit = calibrate_joints([problem], truth, free, [starting(problem, truth)])
-    influence = influence_of([problem], fit)
-    wrench = residual_free_wrench(truth, motion)
-    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
-    spread = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
-    errors = spread.every
-    found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
-    moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
-    fitted, true = _torques(fit.parameters, found, wrench), _torques(truth, moved, wrench)
-    power, moment = kinetic_values(fit.parameters, found[0], found[1], found[2], wrench)
-    true_power, true_moment = kinetic_values(truth, moved[0], moved[1], moved[2], wrench)
-    inner = slice(ENDS, -ENDS, EVERY)
-    joints = slice(6, None)
-    torques = (fitted - true)[inner, joints] / errors[inner, joints]
-    if spread.kinetics is None:
-        raise RuntimeError("no standard errors of powers")
-    powers = ((power - true_power) / spread.kinetics.power)[inner]
-    vectors = ((moment - true_moment) / spread.kinetics.moment)[inner].reshape(len(torques), -1)
-    angles = (problem.basis.evaluate(fit.nodes[0]) - motion.q) / coordinate_standard_errors(problem, moves)
-    return Draw(
-        _standardised(fit.free, fit.values, truth, influence.standard_errors), torques, powers, vectors, angles[inner]
-    )
-
-
-def knee_draw(seed: int, noise_m: float) -> Draw:
-    """One isolated trial of the right knee."""
-    truth = published_model().parameters
-    motion = isolated_motion("knee_r")
-    problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
-    fit = calibrate_joints([problem], truth, isolated_parameters("knee_r"), [starting(problem, truth)])
-    return Draw(
-        _standardised(fit.free, fit.values, truth, influence_of([problem], fit).standard_errors), None, None, None, None
-    )
-
-
-def noisy_problem(
-    q: Array, time: Array, seed: int, noise_m: float, segments: tuple[str, ...] = SEGMENTS
-) -> TrialProblem:
-    """Markers of a motion with noise, as a least-squares problem of 20 nodes."""
-    model = published_model()
-    markers = synthetic_markers(model.parameters, model.markers, q)
-    markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
-    recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
-    return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
-
-
-def starting(problem: TrialProblem, parameters: Parameters) -> Array:
-    """Nodes from rigid fits."""
-    return starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
-
-
-def _torques(parameters: Parameters, motion: list[Array], wrench: Array) -> Array:
-    return Dynamics(parameters).forces(*motion, wrench)
-
-
-def _standardised(free: tuple[str, ...], values: Array, truth: Parameters, errors: dict[str, float]) -> Array:
-    return np.array([(v - truth.joint[JP_INDEX[n]]) / errors[n] for n, v in zip(free, values, strict=True)])
+RANGES = {"68 %": (55.0, 82.0), "95 %": (87.0, 99.5)}
+"""What 24 draws leave of 60 to 76 % and 91 to 98 %: errors of one draw are correlated, so that the coverage scatters by
+some 4 % about the 63 to 74 % and 92 to 97 % that 200 draws give."""
 
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
-    seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(1).spawn(DRAWS)]
-    gait = [gait_draw(seed, NOISE_M) for seed in seeds]
-    found = {field.name: np.stack([getattr(draw, field.name) for draw in gait]) for field in fields(Draw)}
-    found["knee trial"] = np.stack([knee_draw(seed, NOISE_M).parameters for seed in seeds])
-    assert len(found) == 6
+    found = check.draws(DRAWS, 0.010, 1, 1)
+    assert [values.shape[0] for values in found.values()] == [DRAWS] * 6
     for name, values in found.items():
-        for width, (low, high) in RANGES.items():
-            assert low <= 100.0 * np.mean(np.abs(values) < width) <= high, (name, width)
+        for level, (width, _) in check.LEVELS.items():
+            low, high = RANGES[level]
+            assert low <= check.coverage(values, width) <= high, (name, level)
+
+
+def test_coverage_counts() -> None:
+    errors = np.random.default_rng(0).normal(size=100_000)
+    assert check.coverage(errors, 1.0) == pytest.approx(68.3, abs=0.5)
+    assert check.coverage(1.5 * errors, 1.96) == pytest.approx(80.9, abs=0.5)
