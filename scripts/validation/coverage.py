@@ -38,7 +38,7 @@ from scripts.validation.harness import side_by_side
 
 Array = NDArray[np.float64]
 
-SHARED = ("--jobs", "--seed", "--json")
+SHARED = ("--jobs", "--seed")
 LEVELS = {"68 %": (1.0, (60.0, 76.0)), "95 %": (1.96, (91.0, 98.0))}
 """Interval -> half width in standard errors, and what is wanted of its coverage, %."""
 ENDS = 20
@@ -154,23 +154,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--noise", type=float, default=10.0, help="largest amplitude of marker noise, mm")
 
 
-def run(chosen: argparse.Namespace) -> dict[str, dict[str, float]]:
-    """Quantity -> interval -> % covered."""
+def run(chosen: argparse.Namespace) -> bool:
+    """Print the table; whether everything is covered as wanted."""
     standardised = draws(chosen.draws, 1e-3 * chosen.noise, chosen.seed, chosen.jobs)
     print(f"{chosen.draws} draws, noise up to {chosen.noise:g} mm")
     print(f"{'quantity':34}" + "".join(f"{level:>8}" for level in LEVELS) + "   wanted")
-    found = {}
+    good = True
     for name, values in standardised.items():
         covered = {level: coverage(values, width) for level, (width, _) in LEVELS.items()}
-        found[name] = covered
-        print(f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + f"   {'yes' if _held(covered) else 'no'}")
-    return found
+        inside = all(low <= covered[level] <= high for level, (_, (low, high)) in LEVELS.items())
+        good &= inside
+        print(f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + ("   yes" if inside else "   no"))
+    return good
 
 
-def _held(covered: dict[str, float]) -> bool:
-    return all(low <= covered[level] <= high for level, (_, (low, high)) in LEVELS.items())
-
-
-def passed(found: dict[str, dict[str, float]]) -> bool:
-    """Whether all are covered as wanted."""
-    return all(map(_held, found.values()))
+passed = bool
