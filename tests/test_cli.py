@@ -115,13 +115,12 @@ def test_a_wrong_file_of_normal_bands_ends_with_1_before_anything_is_read(tmp_pa
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_the_reference_tells_every_command_and_setting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+def test_the_reference_tells_every_command_and_setting() -> None:
     pages = [(ROOT / f"docs/reference/{name}.md").read_text(encoding="utf-8") for name in ("commands", "study-file")]
     for name in (*ORDER, "compare"):
         assert f"## {name}\n\n{{{{ command: {name} }}}}\n" in pages[0], name
     assert "\n{{ table: calibration }}\n" in pages[1]
-    settings = importlib.import_module("documentation.tables").markdown("calibration")
+    settings = importlib.import_module("scripts.tools.documentation.tables").markdown("calibration")
     for name, field in CalibrationSettings.model_fields.items():
         row = next(line for line in settings.splitlines() if line.startswith(f"| `{name}` |"))
         assert field.description is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.scripts import script
+from scripts.tools import compare_results
 
 ROWS = "time,knee_angle_r\n0.0,10.0\n0.1,{}\n"
 
@@ -31,7 +31,7 @@ def test_the_same_is_the_same_whatever_time_it_took(folders: tuple[Path, Path], 
     (after / "summary.json").write_text(json.dumps({"seconds": 9.0, "status": "converged", "rms": 5.5}, indent=1))
     (after / "walk.csv").write_text(ROWS.format(20.0 * (1 + 1e-10)))
     (after / "report.html").write_text("<p>after</p>")
-    assert script("compare_results").main([str(before), str(after)]) == 0
+    assert compare_results.main([str(before), str(after)]) == 0
     assert "1 pages" in capsys.readouterr().out
 
 
@@ -48,7 +48,7 @@ def test_the_same_is_the_same_whatever_time_it_took(folders: tuple[Path, Path], 
 def test_other_numbers_gaps_and_words_are_told(folders: tuple[Path, Path], name: str, content: str) -> None:
     before, after = folders
     (after / name).write_text(content)
-    (line,) = script("compare_results").differences(before, after)
+    (line,) = compare_results.differences(before, after)
     assert line.startswith(f"{name}: ")
 
 
@@ -56,5 +56,5 @@ def test_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
     before, after = folders
     np.savez(after / "splines.npz", nodes=np.arange(4.0) + 1e-6, trials=np.array(["walk"]))
     (after / "walk.csv").unlink()
-    lines = list(script("compare_results").differences(before, after))
+    lines = list(compare_results.differences(before, after))
     assert [line.split(":")[0] for line in lines] == ["walk.csv", "splines.npz"]

@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-PAPER = Path(__file__).parents[1] / "paper"
+PAPER = Path(__file__).parents[1] / "docs" / "paper"
 SECTIONS = ("Summary", "Statement of need", "State of the field", "Software design", "Quality control", "References")
 
 

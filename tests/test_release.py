@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.scripts import script
+from scripts.tools import release
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -19,7 +19,7 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-release = script("release")
+PACKAGING = ROOT / "scripts/tools/packaging"
 
 CHANGELOG = """# Changelog
 
@@ -103,7 +103,7 @@ def test_a_release_starts_from_an_empty_folder(tmp_path: Path) -> None:
 def test_conda_asks_for_what_pip_asks_for() -> None:
     """Names as conda-forge has them, the same lower bounds but for what is told, the same version and command."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    recipe = (ROOT / "recipe/recipe.yaml").read_text(encoding="utf-8")
+    recipe = (PACKAGING / "recipe.yaml").read_text(encoding="utf-8")
     assert re.findall(r'^  version: "(.+)"$', recipe, re.M) == [project["version"]]
     assert f"- gaitcal = {project['scripts']['gaitcal']}" in recipe
     run = recipe.split("  run:\n")[1].split("\ntests:")[0]
@@ -116,13 +116,13 @@ def test_conda_asks_for_what_pip_asks_for() -> None:
     other = {"example-robot-data"}  # numbered otherwise on conda-forge, as in environment.yml
     assert asked.keys() == wanted.keys()
     assert {n: v for n, v in asked.items() if n not in other} == {n: v for n, v in wanted.items() if n not in other}
-    environment = (ROOT / "environment.yml").read_text(encoding="utf-8")
+    environment = (PACKAGING / "environment.yml").read_text(encoding="utf-8")
     assert {name for name in asked if not re.search(rf"^  - {name}\b", environment, re.M)} == set()
 
 
 def test_containers_carry_what_they_name() -> None:
     """Every file that the Dockerfile copies is there and let through; its user is not root; the editor's is JSON."""
-    docker = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    docker = (PACKAGING / "Dockerfile").read_text(encoding="utf-8")
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     copied = [word for line in re.findall(r"^COPY (?!--from)(.+) \S+$", docker, re.M) for word in line.split()]
     assert copied

@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import re
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType
 
 import pandas as pd
 import pytest
 
 import gaitcal as gc
 from tests.kept import copied_person, kept_object
-from tests.scripts import script
 
 ROOT = Path(__file__).parents[1]
-SCRIPTS = ROOT / "scripts"
+EXAMPLES = ROOT / "scripts" / "examples"
+
+
+def example(name: str) -> ModuleType:
+    """The program of that name: it begins with a digit, so that `import` cannot name it."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_benchmark_runs_a_section_and_writes_its_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    benchmark = importlib.import_module("benchmark")
+    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
     out = tmp_path / "figures.json"
     benchmark.main(["ip", "inverse-dynamics", "--runs", "1", "--json", str(out)])
     figures = json.loads(out.read_text(encoding="utf-8"))
@@ -38,19 +45,18 @@ def test_benchmark_runs_a_section_and_writes_its_figures(
 def test_benchmark_tells_what_the_choice_of_a_bandwidth_costs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    figures = importlib.import_module("benchmark").main(["bandwidth", "--runs", "1"])["bandwidth"]
+    figures = importlib.import_module("scripts.tools.benchmark.__main__").main(["bandwidth", "--runs", "1"])[
+        "bandwidth"
+    ]
     assert [bool(f["seconds"] > 0) for f in figures.values()] == [True] * 3
     assert re.search(r"choice of the bandwidth.* x .* Hz", capsys.readouterr().out)
 
 
 def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    benchmark = importlib.import_module("benchmark")
+    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
     with pytest.raises(SystemExit) as stopped:
         benchmark.main(["nonsense"])
     assert stopped.value.code == 2
-    assert "benchmark" in sys.modules
 
 
 @pytest.fixture
@@ -68,7 +74,7 @@ def once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("once")
 def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    script("01_calibrate").main([str(tmp_path)])
+    example("01_calibrate").main([str(tmp_path)])
     said = capsys.readouterr().out
     assert {"result.html", "page.json", "scene.npz", "model.osim"} <= {p.name for p in (tmp_path / "result").iterdir()}
     nominal, calibrated, floor = (float(word) for word in re.findall(r"^gait +(.*)$", said, re.M)[0].split())
@@ -81,7 +87,7 @@ def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Pa
     from tests.real_studies import write_study
 
     study = write_study("subject01", data_dir.resolve(), tmp_path)
-    script("01_calibrate").main([str(tmp_path / "out"), str(study)])
+    example("01_calibrate").main([str(tmp_path / "out"), str(study)])
     assert not (tmp_path / "out" / "subject").exists()
     assert "subject01" in (tmp_path / "out" / "result" / "result.html").read_text(encoding="utf-8")
 
@@ -91,7 +97,7 @@ def test_calibrate_script_takes_a_study_of_ones_own(data_dir: Path, tmp_path: Pa
 def test_uncertainty_script_sets_errors_beside_standard_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    script("02_uncertainty").main([str(tmp_path)])
+    example("02_uncertainty").main([str(tmp_path)])
     said = capsys.readouterr().out
     within, of = map(int, re.findall(r"within 2 standard errors of the truth: (\d+) of (\d+)", said)[0])
     assert of >= 54  # the legs', and those of trunk and arms that gait tells of
@@ -106,7 +112,7 @@ def test_uncertainty_script_sets_errors_beside_standard_errors(
 def test_marker_set_script_compares_two_sets(
     kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    own = script("04_own_marker_set")
+    own = example("04_own_marker_set")
     monkeypatch.setattr(gc, "synthesize", partial(copied_person, kept))
     with pytest.raises(SystemExit) as stopped:
         own.main([str(tmp_path), "one.toml"])
@@ -120,29 +126,12 @@ def test_marker_set_script_compares_two_sets(
     assert 0 < float(change[0]) < 1
 
 
-def test_monte_carlo_limits_decide_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    check = script("check_montecarlo")
-    settled = pd.DataFrame({"measure": ["rms"], "grf": ["lab"], "mean_settles": [1.0], "cv_settles": [1.0]})
-    sound = SimpleNamespace(statistics=settled, computed=80000)
-    late = SimpleNamespace(statistics=settled.assign(cv_settles=2.1), computed=80000)
-    small, large = SimpleNamespace(here=900.0, worker=1000.0), SimpleNamespace(here=900.0, worker=1100.0)
-    assert check.full_limits(1700.0, small, sound)
-    assert not check.full_limits(1900.0, small, sound)
-    assert not check.full_limits(1700.0, large, sound)
-    assert not check.full_limits(1700.0, small, late)
-    assert check.fast_enough(17.0, 10.0) and not check.fast_enough(16.9, 10.0)
-    for what in ("full", "scaling"):
-        for result in (True, False):
-            monkeypatch.setattr(check, what, lambda *_, result=result: result)
-            assert check.main([what]) == (0 if result else 1)
-
-
 @pytest.mark.slow
 def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     nbformat = pytest.importorskip("nbformat", reason="extra `docs`")
     nbclient = pytest.importorskip("nbclient", reason="extra `docs`")
     pytest.importorskip("ipykernel", reason="extra `docs`")
-    notebook = nbformat.read(SCRIPTS / "first_study.ipynb", as_version=4)
+    notebook = nbformat.read(EXAMPLES / "first_study.ipynb", as_version=4)
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert not any(cell.outputs or cell.execution_count for cell in code), "outputs are not committed"
@@ -156,9 +145,8 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
 def test_benchmark_tells_how_a_series_grows(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    benchmark = importlib.import_module("benchmark")
-    figure = importlib.import_module("benchmarks.figure")
+    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
+    figure = importlib.import_module("scripts.tools.benchmark.figure")
     clock = iter(float(t) for t in (0, 6, 0, 12, 0, 24))  # start and end of three single runs
     monkeypatch.setattr(benchmark, "perf_counter", lambda: next(clock))
     parts = [
@@ -176,9 +164,8 @@ def test_benchmark_tells_how_a_series_grows(
 
 
 def test_benchmark_counts_the_passes_that_its_lower_bound_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    references = importlib.import_module("benchmarks.references")
-    trials = importlib.import_module("benchmarks.trials")
+    references = importlib.import_module("scripts.tools.benchmark.references")
+    trials = importlib.import_module("scripts.tools.benchmark.trials")
     matrices, gradients = references.passes(trials.problem("gait"))
     assert matrices >= 2
     assert gradients >= 1

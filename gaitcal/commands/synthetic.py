@@ -16,7 +16,7 @@ from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
 
 SEED = 2009
 """Of the demonstration's noise and of its subject's true parameters: the first from 2007 on (the year of the method)
-whose true moments have their peaks within 2 standard deviations of people's (`scripts/walking_person.py`)."""
+whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
 
 
 def write_subject(out: Path, talk: Talk, *, seed: int, noise: bool, perturb: bool) -> None:

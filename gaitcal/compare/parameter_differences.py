@@ -23,7 +23,7 @@ Markers are independent in this; on skin that moves alike in two walks they are 
 walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are a little too narrow by what
 skin does that no marker shows: straight walks against turns of four children, with two markers on each thigh, have 75 %
 inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were taken to be still,
-`scripts/check_people.py`).
+`python -m scripts.validation people`).
 """
 
 from __future__ import annotations

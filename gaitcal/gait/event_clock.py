@@ -25,7 +25,7 @@ from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.records import dataclass
 
 AGREE: Final = 0.1
-"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`scripts/check_events.py`)."""
+"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events`)."""
 FIT: Final = 0.75
 """Share of the events that must agree."""
 RIVAL: Final = 0.4

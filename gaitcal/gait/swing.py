@@ -9,7 +9,8 @@ in turns and from one step to the next. The slower end is the one on the ground,
 is seen, too. Where the heel is furthest in front of the pelvis (Zeni, Richards & Higginson 2008) it still travels at
 the pelvis' own speed: 20 to 60 ms before the contact.
 
-Both thresholds lie where vertical forces pass 20 N, as the median of laboratories has it (`scripts/check_events.py`).
+Both thresholds lie where vertical forces pass 20 N, as the median of laboratories has it
+(`python -m scripts.validation events`).
 A foot that drags slides on before and after its contact: the strike then comes late, and the off early.
 """
 

@@ -3,7 +3,7 @@
 A fault is an error where it moves a torque of a leg by more than its error bar can hold (`HOLDS`, RMS); below that it
 is a warning.
 
-Measured by `scripts/check_force_faults.py --seed 7`, 378 faults in 18 walks of ten people and 3 of synthetic ones:
+Measured by `python -m scripts.validation force_faults --seed 7`, 378 faults in 18 walks of ten people, 3 synthetic:
 right cause first 303, in the set 10, another plate 3, wrong 7, nothing told 55; sizes found over true ones 1.00 (10 to
 90 %: 0.86 to 1.10), 125 of 144 within 20 %; nothing told of the clean walks. Found from, in 80 % of cases: clock 17 ms;
 place 64 mm; tilt 2, of one plate 3, of markers 4 deg; yaw 6 deg; gain of all 11, vertical 6, horizontal 20 %, of one

@@ -1,11 +1,11 @@
-"""Standard errors at small size: `scripts/check_coverage.py` has them at 200 draws."""
+"""Standard errors at small size: `python -m scripts.validation coverage` has them at 200 draws."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tests.scripts import script
+from scripts.validation import coverage as check
 
 DRAWS = 24
 RANGES = {"68 %": (55.0, 82.0), "95 %": (87.0, 99.5)}
@@ -15,7 +15,6 @@ some 4 %."""
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
-    check = script("check_coverage")
     found = check.draws(DRAWS, 0.010, 1, 1)
     assert [values.shape[0] for values in found.values()] == [DRAWS] * 6
     for name, values in found.items():
@@ -29,7 +28,6 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
 
 
 def test_coverage_counts() -> None:
-    check = script("check_coverage")
     errors = np.random.default_rng(0).normal(size=100_000)
     assert check.coverage(errors, 1.0) == pytest.approx(68.3, abs=0.5)
     assert check.coverage(1.5 * errors, 1.96) == pytest.approx(80.9, abs=0.5)

@@ -11,13 +11,10 @@ from typing import Any
 
 import pytest
 
+from tests.docs.blocks import Block, blocks_of, run
+from tests.kept import kept_folder
+
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from documentation.blocks import Block, blocks_of, run  # noqa: E402
-
-from tests.kept import kept_folder  # noqa: E402
-
 DOCS = ROOT / "docs"
 PROGRAM = """#!/bin/sh
 [ "$1" = example ] && exec "{python}" -m tests.docs.local_example "$@"

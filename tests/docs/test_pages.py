@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 import gaitcal
+from scripts.tools import make_pictures
+from scripts.tools.documentation import __main__ as check
 from tests.docs.pages import DOCS, ROOT, blocks_of
 from tests.page.browser import browser, chromium
-from tests.scripts import script
 from tests.synthetic_studies import write_synthetic_study
 
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -26,11 +27,10 @@ SEARCH = """new Promise(done => setTimeout(done, 3000)).then(() => {
 
 
 def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
-    assert script("check_docs").main([]) == 0, capsys.readouterr().err
+    assert check.main([]) == 0, capsys.readouterr().err
 
 
 def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    check = script("check_docs")
     monkeypatch.setattr(check.coverage, "places", dict)
     assert check.main([]) == 1
     assert "command check: no page has {{ command: check }}" in capsys.readouterr().err
@@ -38,7 +38,7 @@ def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: p
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
 def test_blocks_have_the_form_of_their_language(page: Path) -> None:
-    from documentation.blocks import NOT_RUN, lint
+    from tests.docs.blocks import NOT_RUN, lint
 
     for block in blocks_of(page):
         assert lint(block) == "", f"{page}:{block.line}"
@@ -62,7 +62,7 @@ def test_studies_in_pages_are_studies() -> None:
 
 def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     griffe = pytest.importorskip("griffe", reason="extra `docs`")
-    from documentation import python_names
+    from scripts.tools.documentation import python_names
 
     assert python_names.undocumented() == []
     load = griffe.load
@@ -79,7 +79,7 @@ def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPat
 
 def test_what_makes_a_dataclass_is_told() -> None:
     griffe = pytest.importorskip("griffe", reason="extra `docs`")
-    extensions = griffe.load_extensions(ROOT / "scripts" / "documentation" / "docstrings.py")
+    extensions = griffe.load_extensions(ROOT / "scripts" / "tools" / "documentation" / "docstrings.py")
     package = griffe.load("gaitcal", search_paths=[ROOT], try_relative_path=False, extensions=extensions)
     assert {"subject", "marker_set", "trials"} <= {p.name for p in package["study.study.Study"].parameters}
 
@@ -97,7 +97,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_links_of_the_site_lead_somewhere(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert script("check_docs").main(["--site", str(site)]) == 0, capsys.readouterr().err
+    assert check.main(["--site", str(site)]) == 0, capsys.readouterr().err
     page = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert all(f'id="gaitcal.{name}"' in page for name in gaitcal.__all__)
     assert "<strong>Raises</strong>" in page, "sections of docstrings are lists"
@@ -122,7 +122,7 @@ def test_search_works_without_a_server_or_a_network(site: Path, tmp_path: Path) 
 
 
 def test_a_broken_link_is_told(tmp_path: Path) -> None:
-    from documentation.links import check
+    from scripts.tools.documentation.links import check
 
     text = '<a href="b.html#there">x</a><a href="c.html">y</a><img src="https://example.org/x.png">'
     (tmp_path / "a.html").write_text(text, encoding="utf-8")
@@ -133,7 +133,7 @@ def test_a_broken_link_is_told(tmp_path: Path) -> None:
 
 
 def test_versions_lie_beside_each_other(tmp_path: Path) -> None:
-    from documentation.versions import write
+    from scripts.tools.documentation.versions import write
 
     for name in ("0.9.0", "0.10.0", "assets"):
         (tmp_path / name).mkdir()
@@ -154,7 +154,7 @@ def test_pictures_are_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         pytest.skip("no Chromium on the path")
     write_synthetic_study(tmp_path / "study")
     result = write_results(calibrate(gaitcal.Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")
-    script("make_pictures").main(
+    make_pictures.main(
         [
             "--result",
             str(result),

@@ -29,9 +29,8 @@ ASTRIDE = ("multi", "multi walk06")
 
 
 @pytest.fixture
-def study_of(data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Study]:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts"))
-    every = import_module("attacks.bases").EVERY
+def study_of(data_dir: Path) -> Callable[[str], Study]:
+    every = import_module("scripts.validation.attacks.bases").EVERY
     return lambda name: every[name].study
 
 

@@ -21,13 +21,9 @@ from gaitcal.recording import Recording, read_recording, still_window
 from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import nominal_of
+from scripts.validation.truth.people import walking_person
 from tests.checks.spoilt import sound_study, with_trial
 from tests.model.people import published_static
-from tests.scripts import script
-
-script("check_truth")  # puts the folder of scripts on the path
-
-from truth.people import walking_person  # noqa: E402
 
 ROUNDING = 1e-12
 """m, of coordinates of a metre."""

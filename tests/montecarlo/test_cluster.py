@@ -105,7 +105,7 @@ def test_faults_of_the_cluster_are_told(start: Start, monkeypatch: pytest.Monkey
 def test_example_script(tmp_path: Path, start: Start, capsys: pytest.CaptureFixture[str]) -> None:
     address = scheduler(start)
     worker(start, address)
-    script = runpy.run_path(str(ROOT / "scripts" / "03_monte_carlo_cluster.py"))
+    script = runpy.run_path(str(ROOT / "scripts" / "examples" / "03_monte_carlo_cluster.py"))
     script["main"]([str(tmp_path / "out"), address, "--draws", "5"])
     assert "joint parameters dominate (foot): not judged: 5 draws" in capsys.readouterr().out
     assert (tmp_path / "out" / "montecarlo.csv").exists()

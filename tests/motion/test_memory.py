@@ -11,8 +11,8 @@ from gaitcal.motion import track
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.track import DescentSettings, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
+from scripts.tools.benchmark import memory
 from tests.derivatives import perturbed_parameters, random_trial
-from tests.scripts import script
 
 SLOPE_GIB = 0.3
 """Growth from 5 000 to 20 000 frames; 0.18 GiB are needed. Ten times that is what 1.5 GiB leave for 100 000 frames."""
@@ -51,7 +51,6 @@ def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.M
 
 @pytest.mark.slow
 def test_memory_of_a_long_recording() -> None:
-    memory = script("check_memory")
     short, long = (memory.usage(frames, 100.0) for frames in (5_000, 20_000))
     assert long.rms_mm < 2.5
     assert long.peak_gib - short.peak_gib < SLOPE_GIB

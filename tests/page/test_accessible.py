@@ -1,7 +1,7 @@
 """Nothing keeps anybody from using the page: axe finds no serious fault in any preset, width or scheme of colours.
 
-axe-core is no part of this repository: `GAITCAL_AXE` is the path of its `axe.min.js` (`sh scripts/fetch_axe.sh` fetches
-it and prints that path). Without it, what needs it is skipped.
+axe-core is no part of this repository: `GAITCAL_AXE` is the path of its `axe.min.js` (`sh scripts/tools/fetch_axe.sh`
+fetches it and prints that path). Without it, what needs it is skipped.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def axe() -> str:
     path = os.environ.get("GAITCAL_AXE")
     if not path or not Path(path).is_file():
-        pytest.skip("no axe-core: GAITCAL_AXE is to be the path of its axe.min.js (sh scripts/fetch_axe.sh)")
+        pytest.skip("no axe-core: GAITCAL_AXE is to be the path of its axe.min.js (sh scripts/tools/fetch_axe.sh)")
     return Path(path).read_text(encoding="utf-8")
 
 

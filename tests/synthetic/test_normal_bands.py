@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.files.package_data import models_path
-from tests.scripts import script
+from scripts.tools import walking_person
 
 TABLE = models_path() / "normal_walking.csv"
 RESIDUAL = 1e-9
@@ -31,7 +31,7 @@ heel is let down, the calf pushes off; signs as in docs/explanation/conventions.
 
 @pytest.fixture(scope="module")
 def walking() -> ModuleType:
-    return script("walking_person")
+    return walking_person
 
 
 @pytest.fixture(scope="module")

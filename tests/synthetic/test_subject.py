@@ -138,9 +138,9 @@ def test_noise_free_files_give_the_truth_back(kept: Path, protocol: dict[str, st
 def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
     """Table I's noise; total mass as weighed; the same bits again.
 
-    Not of the published size throughout. Medians of eight people (`scripts/check_recovery.py`): hip 5.6 -> 2.3 mm,
-    knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 -> 3.2 mm, but its axes 6.2 -> 6.6 deg (published, one draw: 3.4
-    deg): a slow wave of up to 10 mm on three foot markers looks like rotation of the foot.
+    Not of the published size throughout. Medians of eight people (`python -m scripts.validation truth`, part recovery):
+    hip 5.6 -> 2.3 mm, knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 -> 3.2 mm, but its axes 6.2 -> 6.6 deg
+    (published, one draw: 3.4 deg): a slow wave of up to 10 mm on three foot markers looks like rotation of the foot.
     """
     file = kept_person(kept, seed=5, noise=True, perturb=True)
     study = Study.load(file)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,6 @@ from gaitcal.verdict.force_residual import ForceResidual
 from gaitcal.verdict.plate_forces import rotation
 from tests.verdict.walks import exact_walk
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
 LEFT = 0.05
 """Of the disagreement may be left: a filter and a fault do not quite commute, and splines end."""
 SIZE = 0.1
@@ -24,9 +21,7 @@ SAME = 1e-9
 
 
 def faults() -> Any:
-    if str(SCRIPTS) not in sys.path:
-        sys.path.insert(0, str(SCRIPTS))
-    from force_faults import faults as module
+    from scripts.validation.force_faults import faults as module
 
     return module
 

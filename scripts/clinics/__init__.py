@@ -1,1 +1,0 @@
-"""Bare folders of recordings as laboratories keep them: `check_clinics.py`."""

@@ -1,1 +1,0 @@
-"""Parts of `check_force_faults.py`: people, faults, cases and their tables."""

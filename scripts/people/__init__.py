@@ -1,1 +1,0 @@
-"""What `scripts/check_people.py` measures: the joints of real people, whose truth nobody knows."""

@@ -1,0 +1,1 @@
+"""Tools of those who make gaitcal: `python -m scripts.tools.NAME` from a checkout."""

@@ -1,0 +1,1 @@
+"""What gaitcal takes, section by section: `python -m scripts.tools.benchmark`."""

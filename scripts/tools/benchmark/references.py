@@ -1,0 +1,117 @@
+"""What a task is compared with: SciPy on the plain problem, and the bare Pinocchio calls that it cannot avoid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.sparse import csr_array
+
+from gaitcal.model.build import build_model
+from gaitcal.model.chain import ChainConstants
+from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.synthetic.motion import gait_motion
+from scripts.tools.benchmark.trials import start_of, subject
+
+
+class Counted(TrialProblem):
+    """A trial that counts what is asked of it."""
+
+    def equations(self, nodes: np.ndarray, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
+        self.counts["matrices"] += 1
+        return super().equations(nodes, constants, curved=curved)
+
+    def gradient(self, nodes: np.ndarray, constants: ChainConstants) -> tuple[float, np.ndarray]:
+        self.counts["gradients"] += 1
+        return super().gradient(nodes, constants)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Passes over all frames so far."""
+        return self.__dict__.setdefault("_counts", {"matrices": 0, "gradients": 0})
+
+
+def passes(p: TrialProblem) -> tuple[int, int]:
+    """Passes over all frames that tracking makes: with and without the matrix."""
+    counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
+    track_nodes(counted, p.constants(subject().parameters), start_of(p))
+    return counted.counts["matrices"], counted.counts["gradients"]
+
+
+def lower_bound(matrices: int, gradients: int) -> Callable[[], object]:
+    """One forward kinematics per frame and pass, one CRBA where the matrix is formed, and nothing else."""
+    model = build_model(subject().parameters)
+    data = model.createData()
+    q = gait_motion().q
+
+    def run() -> None:
+        for k in range(matrices + gradients):
+            for row in q:
+                pin.forwardKinematics(model, data, row)
+                if k < matrices:
+                    pin.crba(model, data, row, pin.Convention.WORLD)
+
+    return run
+
+
+def plain_least_squares(
+    p: TrialProblem, free: tuple[str, ...], *, analytic: bool, evaluations: int | None = None
+) -> Callable[[], OptimizeResult]:
+    """The textbook way: all residuals and all unknowns in one `least_squares`, with the sparse analytic Jacobian or
+    with finite differences of the same pattern; at most so many evaluations of the residuals.
+    """
+    model = subject()
+    opened = p.with_free(free)
+    nn, nq, size = p.basis.nodes, len(p.chain.coordinates), p.basis.nodes * len(p.chain.coordinates)
+    x0 = np.concatenate([start_of(p).ravel(), opened.values(model.parameters)])
+    columns = (p.basis.first[:, None, None] + np.arange(6)[:, None]) * nq + np.arange(nq)
+
+    def at(x: np.ndarray) -> tuple[np.ndarray, ChainConstants]:
+        return x[:size].reshape(nn, nq), opened.constants(model.parameters.with_joint(opened.chain.free, x[size:]))
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        nodes, here = at(x)
+        return (np.sqrt(p.data.weight)[:, None] * (opened.positions(nodes, here) - p.data.measured)).ravel()
+
+    def sparse(x: np.ndarray) -> csr_array:
+        nodes, here = at(x)
+        return _marker_jacobian(opened, nodes, here, columns)
+
+    settings = {"tr_solver": "lsmr", "ftol": 1e-8, "xtol": 1e-8, "max_nfev": evaluations}
+    if analytic:
+        return lambda: least_squares(residual, x0, jac=sparse, **settings)
+    pattern = sparse(x0) != 0
+    return lambda: least_squares(residual, x0, jac="2-point", jac_sparsity=pattern, **settings)
+
+
+def _marker_jacobian(p: TrialProblem, nodes: np.ndarray, constants: ChainConstants, columns: np.ndarray) -> csr_array:
+    q = p.basis.evaluate(nodes)
+    nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
+    spatial = jacobian(p.chain, constants, forward(p.chain, constants, q))
+    x = p.positions(nodes, constants)
+    rows, cols, values = [], [], []
+    frame = np.arange(nf)
+    for m, segment in enumerate(p.data.segment):
+        moved = p.chain.support[:, segment][:, None, None]
+        velocity = (spatial[:, :3] + np.cross(spatial[:, 3:], x[m][None], axis=1)) * moved
+        velocity = velocity * np.sqrt(p.data.weight[m])
+        for i in range(3):
+            row = (m * 3 + i) * nf + frame
+            block = p.basis.value[:, :, None] * velocity[:nq, i].T[:, None, :]
+            rows.append(np.broadcast_to(row[:, None, None], block.shape).ravel())
+            cols.append(columns.ravel())
+            values.append(block.ravel())
+            for k in range(len(p.chain.free)):
+                rows.append(row)
+                cols.append(np.full(nf, nodes.size + k))
+                values.append(velocity[nq + k, i])
+    shape = (3 * nm * nf, nodes.size + len(p.chain.free))
+    out = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
+    out.eliminate_zeros()
+    return out

@@ -1,0 +1,147 @@
+"""Everything that the program has, against the page that explains it, and the pages that mention it besides."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import gaitcal
+from gaitcal.cohort.columns import COLUMNS
+from gaitcal.model.marker_set import built_in_sets
+from gaitcal.results.described import FILES, SUMMARY
+from gaitcal.results.described_columns import TABLES
+from scripts.tools.documentation import commands, findings, python_names, tables
+
+DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
+PLACE: Final = re.compile(r"^\{\{ ([a-z-]+(?:: [\w-]+)?) \}\}$", re.M)
+TOLD: Final = ("tutorials", "how-to", "explanation")
+"""Folders of pages that people wrote."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """One thing that needs a page."""
+
+    kind: str
+    name: str
+    place: str
+    """Of the reference, as `command: check`."""
+    text: str
+    """What the reference says of it; empty where it says nothing."""
+    words: tuple[str, ...] = ()
+    """Patterns that a page with a mention has, all of them; none where it is a word like any other."""
+
+
+def _word(text: str) -> str:
+    return rf"(?<![\w-]){re.escape(text)}(?![\w-])"
+
+
+def items() -> Iterator[Item]:
+    """All of them."""
+    for command in commands.commands():
+        place = f"command: {command.name}"
+        called = rf"gaitcal {command.name}\b"
+        yield Item(kind="command", name=command.name, place=place, text=command.text, words=(called,))
+        for option in commands.options_of(command):
+            name = option.names[0]
+            words = (called, _word(name)) if name.startswith("-") else ()
+            yield Item(kind="option", name=f"{command.name} {name}", place=place, text=option.text, words=words)
+    for table in tables.TABLES:
+        for field in tables.fields(table):
+            name = f"{table}.{field.name}"
+            words = (rf"`{re.escape(field.name)}`|^{re.escape(field.name)} = ",)
+            yield Item(kind="field", name=name, place=f"table: {table}", text=field.text, words=words)
+    for name in built_in_sets():
+        yield Item(kind="marker set", name=name, place="marker-sets", text=name, words=(_word(name),))
+    for kind, files in FILES.items():
+        for file in files:
+            last = file.pattern.replace("*", "")
+            yield Item(
+                kind="file",
+                name=f"{kind}: {file.pattern}",
+                place=f"files: {kind}",
+                text=file.text,
+                words=(re.escape(last),) if len(last) > 5 else (),
+            )
+    for key, text in SUMMARY.items():
+        yield Item(kind="column", name=f"summary: {key}", place="columns: summary", text=text)
+    for table, columns in TABLES.items():
+        for column in columns:
+            told = column.text or column.unit or column.name
+            yield Item(kind="column", name=f"{table}: {column.name}", place=f"columns: {table}", text=told)
+    for person in COLUMNS:
+        yield Item(kind="column", name=f"people: {person.name}", place="columns: people", text=person.meaning)
+    for code in findings.explanations():
+        yield Item(kind="finding", name=code.code.value, place="findings", text=code.text)
+    for name in gaitcal.__all__:
+        group = next((group for group, names in python_names.GROUPS.items() if name in names), "none")
+        said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")
+        yield Item(kind="Python", name=name, place=f"python: {group}", text=said, words=(_word(f"gc.{name}"),))
+
+
+@cache
+def places() -> dict[str, str]:
+    """Place of the reference -> page that holds it."""
+    out = {}
+    for path in sorted(DOCS.rglob("*.md")):
+        for place in PLACE.findall(path.read_text(encoding="utf-8")):
+            out[place] = path.relative_to(DOCS).as_posix()
+    return out
+
+
+@cache
+def told_pages() -> dict[str, str]:
+    """Page that people wrote -> its text."""
+    paths = [path for folder in TOLD for path in sorted((DOCS / folder).glob("*.md"))]
+    return {path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+
+
+def mentions(item: Item) -> tuple[str, ...]:
+    """Pages besides the reference that speak of it."""
+    if not item.words:
+        return ()
+    return tuple(p for p, text in told_pages().items() if all(re.search(word, text, re.M) for word in item.words))
+
+
+def faults() -> list[str]:
+    """What no page explains."""
+    out = []
+    for item in items():
+        if item.place not in places():
+            out.append(f"{item.kind} {item.name}: no page has {{{{ {item.place} }}}}")
+        elif not item.text.strip():
+            out.append(f"{item.kind} {item.name}: nothing is said of it")
+        elif item.kind == "command" and not mentions(item):
+            out.append(f"command {item.name}: in no tutorial, how-to or explanation")
+    out += [f"Python gaitcal.{name}: has no docstring" for name in python_names.undocumented()]
+    return out + [f"Python {name}: in no group, or not public" for name in sorted(python_names.ungrouped())]
+
+
+def _anchor(item: Item) -> str:
+    page = places()[item.place].removeprefix("reference/")
+    name = item.name.split(" ")[0].split(".")[0].split(":")[0]
+    if item.kind in ("command", "option"):
+        return f"{page}#{name}"
+    if item.kind == "finding":
+        return f"findings/{item.name}.md"
+    return page
+
+
+def markdown() -> str:
+    """The table; columns of one table count as one line."""
+    lines = ["| | is explained in | and used in |", "|---|---|---|"]
+    seen = set()
+    for item in items():
+        name = item.name.split(":")[0] if item.kind == "column" else item.name
+        if (item.kind, name) in seen:
+            continue
+        seen.add((item.kind, name))
+        pages = [f"[{Path(page).stem}](../{page})" for page in mentions(item)[:4]]
+        label = f"columns of `{name}`" if item.kind == "column" else f"{item.kind} `{name}`"
+        target = _anchor(item)
+        lines.append(f"| {label} | [{Path(target.split('#')[0]).stem}]({target}) | {', '.join(pages)} |")
+    return "\n".join(lines)

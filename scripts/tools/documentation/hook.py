@@ -1,0 +1,68 @@
+"""What MkDocs calls while it builds: places in pages where a line `{{ name: word }}` stands for what the program tells.
+
+    {{ command: calibrate }}    usage and options            {{ table: subject }}       keys of a TOML table
+    {{ files: calibration }}    files of a kind of folder    {{ columns: people }}      columns of a table
+    {{ marker-sets }}           the built-in sets            {{ findings }}             codes and their titles
+    {{ examples }}              recordings to fetch
+    {{ everything }}            what is explained where      {{ python: study }}        public names of a group
+
+A page for every code of a finding is made as well (`reference/findings/GC-001.md`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from mkdocs.structure.files import File, Files, InclusionLevel
+
+from scripts.tools.documentation import commands, coverage, findings, python_names, results, tables
+
+ROOT = Path(__file__).resolve().parents[3]
+
+PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
+MAKERS: Final[dict[str, Callable[..., str]]] = {
+    "command": commands.markdown,
+    "table": tables.markdown,
+    "marker-sets": tables.marker_sets,
+    "examples": tables.public_examples,
+    "files": results.files_markdown,
+    "columns": results.columns_markdown,
+    "findings": findings.index,
+    "everything": coverage.markdown,
+    "python": python_names.markdown,
+}
+
+
+def filled(markdown: str) -> str:
+    """A page with its places filled."""
+
+    def made(place: re.Match[str]) -> str:
+        name, word = place.groups()
+        return MAKERS[name](word) if word else MAKERS[name]()
+
+    return PLACE.sub(made, markdown)
+
+
+def on_config(config: Any) -> Any:
+    """MkDocs has read its settings: every page says which version it is about."""
+    package = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (version,) = re.findall(r'^version = "(.+)"$', package, re.M)
+    config.site_name = f"gaitcal {version}"
+    return config
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """MkDocs has read a page."""
+    return filled(markdown)
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """MkDocs has listed the pages."""
+    for name, text in findings.pages().items():
+        page = File.generated(config, f"reference/findings/{name}.md", content=text)
+        page.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(page)
+    return files

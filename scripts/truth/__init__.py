@@ -1,1 +1,0 @@
-"""What `scripts/check_truth.py` measures: people whose joints are known, beside what calibration finds."""

@@ -1,0 +1,1 @@
+"""Clean studies are spoilt in many ways: does anything wrong go unnoticed?"""

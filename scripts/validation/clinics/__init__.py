@@ -1,0 +1,1 @@
+"""Bare folders of recordings as laboratories keep them: does the first command reach torques?"""

@@ -1,0 +1,1 @@
+"""Cohorts of made-up people: whatever is killed, the same tables; how large they may be."""

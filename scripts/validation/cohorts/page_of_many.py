@@ -1,0 +1,120 @@
+"""`cohort.html` of many people, copies of few with noise: how large it is, how soon ready, what writing it takes.
+
+What is kept of a person is copied, not calibrated: see `python -m scripts.validation cohorts page`.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.cohort.columns import COLUMNS
+from gaitcal.cohort.mean_curves import GAP
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
+from gaitcal.cohort.people import CohortPerson
+from gaitcal.cohort.tables import write_tables
+
+MOST_MB, MOST_READY_S = 6.0, 3.0
+NOISE, CURVE_NOISE = 0.05, 300.0
+"""Of numbers, a part of them; of curves, in their packed steps."""
+GROUPS = ("walkers", "before surgery", "after surgery")
+FAILED = 40
+"""One person in so many has no result."""
+REASONS = (
+    ("warning", "the fitted knee axis passes far from the epicondyles", "look at the static trial"),
+    ("warning", "markers do not fit the segments", "look which markers are meant"),
+    ("error", "the forces do not fit the motion", "look at plates and their assignment"),
+)
+_NUMBERS = [c.name for c in COLUMNS if c.kind is float]
+
+
+def person_of(number: int) -> CohortPerson:
+    """One of the many."""
+    name = f"P{number:04d}"
+    return CohortPerson(folder=Path(name), name=name, group=GROUPS[number % len(GROUPS)])
+
+
+def copied(source: Outcome, number: int) -> Outcome:
+    """A person like another one."""
+    rng, person = np.random.default_rng(number), person_of(number)
+    if number % FAILED == FAILED - 1:
+        cause = "holds 2 files, but no recording that can be read (.c3d, .trc or .csv)"
+        return Outcome(name=person.name, session="", place=person.place, fingerprint="", cause=cause, action="look")
+    row = dict(source.row)
+    for name in _NUMBERS:
+        value = row.get(name)
+        if isinstance(value, float):
+            row[name] = round(value * (1 + NOISE * rng.standard_normal()), 6)
+    wrong = REASONS[: rng.integers(1, 4)] if number % 3 == 0 else ()
+    verdict = "refused" if len(wrong) == len(REASONS) else "doubtful" if wrong else "trustworthy"
+    row |= {"person": person.name, "session": "", "folder": person.place, "page": f"{person.place}/result.html"}
+    row |= {"verdict": verdict, "verdict_r": verdict, "verdict_l": verdict}
+    row |= {"first_cause": wrong[-1][1] if wrong else "", "first_action": wrong[-1][2] if wrong else ""}
+    whole = np.frombuffer(base64.b64decode(source.curves), dtype="<i2").astype(float)
+    moved = whole + CURVE_NOISE * rng.standard_normal()
+    curves = np.where(whole == GAP, GAP, np.clip(moved, GAP + 1, -GAP - 1)).astype("<i2")
+    said = tuple(dict(zip(("severity", "cause", "action"), words, strict=True)) for words in wrong[::-1])
+    packed = base64.b64encode(curves.tobytes()).decode("ascii")
+    return replace(source, name=person.name, session="", place=person.place, row=row, reasons=said, curves=packed)
+
+
+def copy_people(source: Path, people: int, out: Path) -> None:
+    """Keep so many people in a cohort's folder, whose strides are those of the people of another cohort."""
+    found = [path for path in sorted((source / "state").rglob("*.json")) if json.loads(path.read_text())["curves"]]
+    known = [kept(source, CohortPerson(folder=path, name=path.stem)) for path in found]
+    for number in range(people):
+        k = number % len(found)
+        outcome = copied(known[k], number)
+        keep(out, outcome)
+        if not outcome.failed:
+            os.link(found[k].with_suffix(".parquet"), state_file(out, outcome.place, ".parquet"))
+
+
+def write_many(out: Path, people: int) -> None:
+    """Write tables and page of people who are kept, and print what it took."""
+    began = time.monotonic()
+    write_tables([person_of(number) for number in range(people)], out, Outcomes(out), CommonSettings())
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({"seconds": round(time.monotonic() - began, 2), "mebibytes": round(peak, 1)}))
+
+
+def ready(page: Path) -> float:
+    """Seconds from opening the page in a headless browser until it has been drawn; the slowest of three."""
+    from tests.page.browser import browser, chromium
+
+    binary = chromium()
+    if binary is None:
+        raise SystemExit("no Chromium on this machine (its path may stand in CHROMIUM)")
+    times = []
+    for _ in range(3):
+        with tempfile.TemporaryDirectory() as profile, browser(Path(profile), binary) as tab:
+            tab.open(page.as_uri(), 1280, 800)
+            while not (told := tab.run("window.gaitcal?.ready ?? null")):
+                time.sleep(0.05)
+            times.append(float(told) / 1000)
+            if tab.console:
+                raise SystemExit(f"the page says {tab.console[0]}")
+    return max(times)
+
+
+def look_at(page: Path) -> bool:
+    """Say size and time of a page; whether both are within their limits."""
+    size, seconds = page.stat().st_size / 1e6, ready(page)
+    met = size <= MOST_MB and seconds <= MOST_READY_S
+    print(f"{'met' if met else 'NOT MET'}: {page.name}: {size:.1f} MB, limit {MOST_MB:g}; "
+          f"ready after {seconds:.2f} s, limit {MOST_READY_S:g}", flush=True)  # fmt: skip
+    return met
+
+
+if __name__ == "__main__":
+    write_many(Path(sys.argv[1]), int(sys.argv[2]))

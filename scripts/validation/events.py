@@ -1,0 +1,199 @@
+"""How near the truth foot strikes and offs are that the motion alone tells: against force plates, and file's events.
+
+    events STUDY.toml...
+
+Every study is one laboratory. Its gait trials are tracked with the nominal model. The truth is where the vertical force
+under a foot passes 20 N, on a plate that holds the heel at the strike and the toes at the off; and what the file's own
+events say. Told for each study, in ms: mean and standard deviation of motion less truth, how many, and how many of the
+truth's events the motion missed. Beside our rule (`gaitcal/gait/swing.py`) stands the one that it replaced: heel
+furthest in front of the pelvis, toe furthest behind it (Zeni 2008). At the end, left out in turn: every laboratory with
+thresholds that suit the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from gaitcal import Study
+from gaitcal.arrays import Array
+from gaitcal.dynamics.ground_contact import FootPoints
+from gaitcal.dynamics.ground_reactions import foot_points
+from gaitcal.dynamics.plate_outline import outline_known, outside
+from gaitcal.gait.events import SIDES, motion_events, plate_events, times_of
+from gaitcal.gait.swing import OFF, STRIKE
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.person.prepare import measured_reactions, prepare_trial
+from gaitcal.recording.force_plate import LOADED_N
+from gaitcal.recording.metadata import FootEvent, FootMoment
+from gaitcal.recording.recording import Recording
+from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
+
+SHARED = ()
+SAME = 0.2
+"""s within which an event of the motion means one of the truth."""
+WITHIN_M = 0.03
+"""m by which heel or toes must lie inside the plate."""
+AFTER_STRIKE, BEFORE_OFF = 0.02, 0.1
+"""s: when heel and toes are looked at."""
+SHORTEST, LONGEST = 0.4, 1.5
+"""s of a whole contact; a shorter or longer one is a part of it, or two."""
+THRESHOLDS = np.linspace(0.5, 2.0, 16)
+"""Times our own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """One trial: its motion, and the truth."""
+
+    time: Array
+    """(nf,) s."""
+    feet: FootPoints
+    pelvis: Array
+    """(nf, 3) m."""
+    plates: Sequence[FootEvent]
+    file: Sequence[FootEvent]
+
+
+Rule = Callable[[Walk], list[FootEvent]]
+
+
+def ours(strike: float = STRIKE, off: float = OFF) -> Rule:
+    """The slower end of the foot comes to rest, and leaves."""
+    return lambda walk: motion_events(
+        walk.time, np.minimum(walk.feet.heel_speed, walk.feet.toe_speed), strike=strike, off=off
+    )
+
+
+def extremes(walk: Walk) -> list[FootEvent]:
+    """Zeni's: heel furthest before the pelvis along x, toe furthest behind it."""
+    out = []
+    for foot, side in enumerate(SIDES):
+        for moment, sign, points in ((FootMoment.STRIKE, 1, walk.feet.heel), (FootMoment.OFF, -1, walk.feet.toe)):
+            ahead = sign * (points[:, foot, 0] - walk.pelvis[:, 0])
+            low = float(ahead.min())
+            peaks, _ = find_peaks(
+                np.concatenate([[low], ahead, [low]]), prominence=max(0.1, 0.25 * float(np.ptp(ahead)))
+            )
+            out += [FootEvent(moment, side, float(walk.time[k - 1])) for k in peaks if 1 < k < len(ahead)]
+    return out
+
+
+RULES: dict[str, Rule] = {"extremes": extremes, "ours": ours()}
+
+
+def walks_of(study: Study) -> list[Walk]:
+    """Every gait trial with the nominal model."""
+    model = nominal_of(study)
+    out = []
+    for trial in study.moving:
+        if trial.role is Role.GAIT:
+            ready = prepare_trial(trial, model, study.settings)
+            motion = tracked_motion(ready.body, model.parameters)
+            feet, recording = foot_points(model, motion, model.parameters), ready.recording
+            plates: list[FootEvent] = []
+            if recording.plates:
+                loaded = measured_reactions(ready, model, model.parameters, motion, study.settings).loaded
+                plates = whole_contacts(plate_events(motion.time, loaded, recording.plates), feet, recording)
+            start = motion.coordinates.index("pelvis_tx")
+            pelvis = motion.q[:, start : start + 3]
+            out.append(Walk(time=motion.time, feet=feet, pelvis=pelvis, plates=plates, file=recording.events))
+    return out
+
+
+def whole_contacts(events: Sequence[FootEvent], feet: FootPoints, recording: Recording) -> list[FootEvent]:
+    """Those at which the end of the foot that meets or leaves the ground is well within a plate."""
+    kept = []
+    outlined = [p for p in recording.plates if outline_known(p, LOADED_N)]
+    for event in events:
+        foot, strike = SIDES.index(event.side), event.moment is FootMoment.STRIKE
+        other = times_of(events, event.side, FootMoment.OFF if strike else FootMoment.STRIKE)
+        lengths = [abs(t - event.time) for t in other if (t > event.time) == strike]
+        if lengths and not SHORTEST < min(lengths) < LONGEST:
+            continue
+        points = (feet.heel if strike else feet.toe)[:, foot]
+        at = event.time + (AFTER_STRIKE if strike else -BEFORE_OFF)
+        place = np.array([[np.interp(at, recording.time, points[:, k]) for k in range(3)]])
+        if not recording.plates or len(outlined) < len(recording.plates) or outside(outlined, place)[0] < -WITHIN_M:
+            kept.append(event)
+    return kept
+
+
+def differences(found: Sequence[FootEvent], truth: Sequence[FootEvent], moment: FootMoment, time: Array) -> list[float]:
+    """Seconds of found less true; NaN where the motion has none. Within `SAME` of the trial's ends none is asked."""
+    out = []
+    for event in truth:
+        if event.moment is moment and time[0] + SAME < event.time < time[-1] - SAME:
+            near = [t - event.time for t in times_of(found, event.side, moment) if abs(t - event.time) < SAME]
+            out.append(min(near, key=abs) if near else np.nan)
+    return out
+
+
+def all_differences(walks: Sequence[Walk], rule: Rule, moment: FootMoment, by: str = "plates") -> Array:
+    """(n,) s over all walks; `by` is `plates` or `file`."""
+    return np.array([d for w in walks for d in differences(rule(w), getattr(w, by), moment, w.time)])
+
+
+def told(found: Array) -> str:
+    """Mean, standard deviation, number, missed: `-3 ± 8 ms (12, 1 missed)`."""
+    seen = found[np.isfinite(found)]
+    missed = f", {len(found) - len(seen)} missed" if len(seen) < len(found) else ""
+    return f"{1e3 * seen.mean():4.0f} ±{1e3 * seen.std():3.0f} ({len(seen)}{missed})" if len(seen) else "-"
+
+
+def left_out(labs: dict[str, list[Walk]], moment: FootMoment) -> Iterator[str]:
+    """Every laboratory with the threshold that brings the median of the others' means to zero."""
+    own = STRIKE if moment is FootMoment.STRIKE else OFF
+    table = np.array(
+        [
+            [np.nanmean(found) if len(found) and np.isfinite(found).any() else np.nan for found in row]
+            for row in (
+                [all_differences(w, ours(*_thresholds(moment, own * k)), moment) for w in labs.values()]
+                for k in THRESHOLDS
+            )
+        ]
+    )
+    for k, name in enumerate(labs):
+        others = np.delete(table, k, axis=1)
+        best = int(np.nanargmin(np.abs(np.nanmedian(others, axis=1))))
+        yield f"{name:12}{moment.value:13} threshold {own * THRESHOLDS[best]:.2f}: {1e3 * table[best, k]:4.0f} ms"
+
+
+def _thresholds(moment: FootMoment, value: float) -> tuple[float, float]:
+    return (value, OFF) if moment is FootMoment.STRIKE else (STRIKE, value)
+
+
+def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
+    """The report."""
+    yield "events of the motion less those of force plates and of the file, ms: mean ± deviation (number)"
+    for moment in FootMoment:
+        for name, walks in labs.items():
+            cells = (
+                f"{rule:>9} {by:6}{told(all_differences(walks, of, moment, by)):24}"
+                for by in ("plates", "file")
+                for rule, of in RULES.items()
+            )
+            yield f"{name:12}{moment.value:13}" + "".join(cells).rstrip()
+    if len(labs) > 2:
+        yield "left out: each with the threshold that suits the others"
+        for moment in FootMoment:
+            yield from left_out(labs, moment)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The studies."""
+    parser.add_argument("study", type=Path, nargs="+", metavar="STUDY", help="a study file with gait trials")
+
+
+def run(chosen: argparse.Namespace) -> dict[str, list[Walk]]:
+    """Track every study's gait trials and print the report."""
+    studies = [Study.load(path) for path in chosen.study]
+    labs = {study.subject.name: walks_of(study) for study in studies}
+    print("\n".join(lines(labs)))
+    return labs

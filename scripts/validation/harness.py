@@ -1,0 +1,174 @@
+"""One harness of all members: each makes or spoils recordings, runs gaitcal, classifies what comes, and reports.
+
+    python -m scripts.validation MEMBER [options]       from a checkout; `MEMBER --help` tells what it measures
+
+A member is a module. Its docstring is its help, and it has
+
+    SHARED          which of the options of `OPTIONS` it takes
+    add_options     its own options
+    run             does all of it, prints its tables, returns its results
+    passed          whether these keep their limits; exit code 1 where not (optional)
+
+`--json` writes what `run` returns. Real recordings are those of the folder that the environment variable GAITCAL_DATA
+names (`recordings.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, is_dataclass
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+from joblib import Parallel, delayed
+
+from gaitcal import InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+MEMBERS = {
+    "attacks": "attacks.check",
+    "clinics": "clinics.check",
+    "people": "people.check",
+    "truth": "truth.check",
+    "vendors": "vendors.check",
+    "force_faults": "force_faults.check",
+    "sessions": "sessions.check",
+    "priors": "priors.check",
+    "cohorts": "cohorts.check",
+    "coverage": "coverage",
+    "events": "events",
+    "readers": "readers",
+}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--jobs": {"type": int, "default": 1, "metavar": "N", "help": "so many side by side, in processes (default 1)"},
+    "--only": {"default": "", "metavar": "REGEX", "help": "those whose name matches; a comma in names means 'or'"},
+    "--list": {"action": "store_true", "help": "print the names, run nothing"},
+    "--json": {"type": Path, "metavar": "FILE", "help": "write every figure to this file"},
+    "--seed": {"type": int, "default": 0, "help": "the first (default 0)"},
+    "--cache": {"type": Path, "default": Path("truth-cache"), "help": "folder of the trials that OpenSim makes"},
+    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "a setting of [calibration]"},
+}
+
+
+def commas(allowed: Iterable[str]) -> Callable[[str], list[str]]:
+    """A list with commas, of allowed words, for an option."""
+    known = tuple(allowed)
+
+    def parse(text: str) -> list[str]:
+        found = text.split(",")
+        if unknown := [word for word in found if word not in known]:
+            raise argparse.ArgumentTypeError(f"found '{', '.join(unknown)}'; allowed: {', '.join(known)}")
+        return found
+
+    return parse
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """The names that `--only` means; SystemExit where there is none."""
+    known = list(names)
+    found = [name for name in known if re.search(pattern.replace(",", "|"), name, re.IGNORECASE)]
+    if not found:
+        raise SystemExit(f"--only: found '{pattern}'; allowed: {', '.join(known)}")
+    return found
+
+
+def changed_settings(pairs: Sequence[str]) -> dict[str, object]:
+    """`--set key=value`, as a study file has it; a word needs no quotes.
+
+    Raises
+    ------
+    InputError
+        There is no `=`.
+    """
+    out: dict[str, object] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"found '{pair}'; allowed: key=value", field="--set")
+        try:
+            out[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            out[key.strip()] = value.strip()
+    return out
+
+
+def side_by_side(tasks: Sequence[Callable[[], T]], jobs: int) -> Iterator[T]:
+    """What the tasks return, in their order and as soon as they have it; counted where somebody looks on."""
+    results = Parallel(n_jobs=jobs, return_as="generator")(delayed(task)() for task in tasks)
+    for number, result in enumerate(results, start=1):
+        if sys.stderr.isatty():
+            print(f"\r{number} of {len(tasks)} ", end="", file=sys.stderr, flush=True)
+        yield result
+
+
+def say(*lines: str) -> None:
+    """Print at once."""
+    print("\n".join(lines), flush=True)
+
+
+def judged(name: str, figure: str, limit: str, met: bool) -> bool:
+    """Say whether a limit is met."""
+    say(f"{'met' if met else 'NOT MET'}: {name} {figure}, limit {limit}")
+    return met
+
+
+def write_json(found: object, file: Path) -> None:
+    """Results of any member; dataclasses as their fields."""
+
+    def plain(value: Any) -> object:
+        if isinstance(value, Enum):
+            return value.value
+        return asdict(value) if is_dataclass(value) and not isinstance(value, type) else str(value)
+
+    file.write_text(json.dumps(found, default=plain, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a member; `settings` are those of `--set`."""
+    program = f"python -m scripts.validation {name}"
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
+    for option in member.SHARED:
+        parser.add_argument(option, **OPTIONS[option])
+    member.add_options(parser)
+    chosen = parser.parse_args(arguments)
+    if "--set" in member.SHARED:
+        chosen.settings = changed_settings(chosen.set)
+    return chosen
+
+
+def results(name: str, *arguments: object) -> Any:
+    """What a member returns that is run with these words."""
+    member = import_module(f"scripts.validation.{MEMBERS[name]}")
+    return _run(member, parsed(member, name, [str(word) for word in arguments]))
+
+
+def _run(member: ModuleType, chosen: argparse.Namespace) -> Any:
+    found = member.run(chosen)
+    if getattr(chosen, "json", None):
+        write_json(found, chosen.json)
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a member; exit code 1 where it is not passed."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("python -m scripts.validation", description=__doc__, formatter_class=raw)
+    parser.add_argument("member", choices=MEMBERS)
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="see: MEMBER --help")
+    told = parser.parse_args(arguments)
+    member = import_module(f"scripts.validation.{MEMBERS[told.member]}")
+    found = _run(member, parsed(member, told.member, told.options))
+    return 0 if getattr(member, "passed", lambda _: True)(found) else 1

@@ -1,0 +1,1 @@
+"""The joints of real people, whose truth nobody knows."""

@@ -1,0 +1,123 @@
+"""Where calibration puts the joints of real people, against their nominal places; isolated trials against gait.
+
+Nobody knows where these joints are. But a population scatters about what anatomy and imaging say, and two recordings
+of one person tell one place. Lateral is outward on both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.model.linkage import SIDES
+from scripts.validation.people.real import LEG, Fit, fitted, wide_hips
+from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
+
+HIP = [LEG.index(f"hip.pelvis.{d}") for d in ("ant", "sup", "lat")]
+BOTH = HIP + [LEG.index(f"hip.thigh.{d}") for d in ("ant", "sup", "lat")]
+UNIT = np.array([1e3 if name.rsplit(".", 1)[1] in ("ant", "sup", "lat") else 180 / np.pi for name in LEG])
+"""(27,) mm per m, deg per rad."""
+WIDE_MM = 100.0
+"""Standard deviation of a hip's coordinate that leaves the hip to the recordings."""
+
+
+def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
+    """One line a person: how far the hips moved in the pelvis, and how far apart they are."""
+    yield (
+        f"{'hip in pelvis, mm':12}"
+        + "".join(f"{f'{s}: ant, sup, outward (SE)':>42}" for s in SIDES)
+        + (f"{'apart':>8}{'fitted':>8}{'SE':>6}{'ASIS':>7}{'ratio':>7}")
+    )
+    for fit in fits:
+        cells = ""
+        for side in SIDES:
+            move, error = 1e3 * fit.moved(side)[HIP], 1e3 * fit.leg_errors(side)[HIP]
+            cells += f"{'':6}" + "".join(f"{m:6.1f} ({e:3.1f})" for m, e in zip(move, error, strict=True))
+        nominal, apart, error = (1e3 * x for x in fit.hips_apart())
+        asis = 1e3 * fit.asis_m
+        yield f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
+
+
+def groups(fits: Sequence[Fit]) -> dict[str, list[Fit]]:
+    """All, children, adults."""
+    children = [f for f in fits if f.name in CHILDREN]
+    adults = [f for f in fits if f.name not in CHILDREN]
+    return {name: of for name, of in (("all", list(fits)), ("children", children), ("adults", adults)) if of}
+
+
+def moves(fits: Sequence[Fit]) -> Array:
+    """(legs, 27) mm, deg, of every leg with a fitted hip or more."""
+    every = np.array([UNIT * fit.moved(side) for fit in fits for side in SIDES])
+    return np.asarray(every[np.isfinite(every).any(axis=1)])
+
+
+def population_lines(fits: Sequence[Fit]) -> Iterator[str]:
+    """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS distance."""
+    errors = np.array([UNIT * fit.leg_errors(side) for fit in fits for side in SIDES])
+    yield f"{'movement, mm or deg':24}" + "".join(f"{g:>10}: mean   SD  RMS" for g in groups(fits)) + f"{'SE':>7}"
+    tables = [moves(of) for of in groups(fits).values()]
+    for k, name in enumerate(LEG):
+        cells = ""
+        for column in (t[:, k][np.isfinite(t[:, k])] for t in tables):
+            spread = column.std(ddof=1) if len(column) > 1 else np.nan
+            told = f"{column.mean():.1f}{spread:6.1f}{np.sqrt(np.mean(column**2)):6.1f}" if len(column) else ""
+            cells += f"{told:>25}"
+        yield f"{name:24}{cells}{np.nanmedian(errors[:, k]):7.1f}"
+    cells = ", ".join(f"{name} {x:.1f}" for name, x in hip_figures(fits).items() if "RMS" in name)
+    yield f"hips in pelvis, mm: {cells}"
+
+
+def hip_figures(fits: Sequence[Fit]) -> dict[str, float]:
+    """Mean movement of hips by axis and RMS distance, mm, of all, children and adults."""
+    out = {}
+    for name, of in groups(fits).items():
+        hips = moves(of)[:, HIP]
+        hips = hips[np.isfinite(hips).all(axis=1)]
+        for axis, mean in zip(("ant", "sup", "outward"), hips.mean(axis=0), strict=True):
+            out[f"{name}: mean {axis}"] = float(mean)
+        out[f"{name}: RMS 3-D"] = float(np.sqrt((hips**2).sum(axis=1).mean()))
+    return out
+
+
+def halves(name: str, settings: Mapping[str, object]) -> dict[str, tuple[Fit, Fit]]:
+    """Isolated trials alone and gait alone, as told and with hips that no prior holds; empty without both."""
+    study = changed(study_of_person(name), settings)
+    parts = [only(study, role) for role in ("joint", "gait")]
+    if not all(part.moving for part in parts):
+        return {}
+    cases = {"as told": parts, "no hip prior": [wide_hips(part, WIDE_MM) for part in parts]}
+    return {words: (fitted(name, of[0]), fitted(name, of[1])) for words, of in cases.items()}
+
+
+def gap_scores(one: Fit, other: Fit) -> tuple[Array, Array]:
+    """(4, 3) mm: second less first of right and left hip in pelvis and thigh; (4, 3) in standard errors."""
+    gaps, errors = [], []
+    for side in SIDES:
+        gaps.append(1e3 * (other.moved(side) - one.moved(side))[BOTH])
+        errors.append(1e3 * np.hypot(one.leg_errors(side), other.leg_errors(side))[BOTH])
+    gap = np.array(gaps).reshape(-1, 3)
+    return gap, gap / np.array(errors).reshape(-1, 3)
+
+
+def largest_score(one: Fit, other: Fit) -> float:
+    """Of all coordinates of the hips that trials of both kinds tell."""
+    return float(np.nanmax(np.abs(gap_scores(one, other)[1])))
+
+
+def farthest(one: Fit, other: Fit) -> float:
+    """Largest distance of the hips of two fits, mm."""
+    return float(np.nanmax(np.linalg.norm(gap_scores(one, other)[0], axis=1)))
+
+
+def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]:
+    """How far gait's hips lie from those of isolated trials."""
+    for words, (one, other) in found.items():
+        gaps, scores = gap_scores(one, other)
+        yield f"{name}, gait less isolated trials, {words}: mm (standard errors)"
+        places = [f"hip_{side} in {segment}" for side in SIDES for segment in ("pelvis", "thigh")]
+        for place, gap, score in zip(places, gaps, scores, strict=True):
+            told = "".join(f"{g:8.1f} ({z:+.1f})" for g, z in zip(gap, score, strict=True))
+            yield f"  {place:18}{np.linalg.norm(gap):7.1f}  {told}"
+        yield f"  largest z {largest_score(one, other):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"

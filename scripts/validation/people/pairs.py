@@ -1,0 +1,159 @@
+"""Two recordings of one person, calibrated each by itself: do their joints differ by as much as their error bars say?
+
+A straight walk against a turn, the first walks of a session against the last, the first strides of a long walk against
+the last, one walk against another. The two share the static trial, and the errors that come with it.
+And what becomes of the hips when each thigh, or each shank, lacks its third marker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from gaitcal import Study
+from gaitcal.arrays import Array
+from gaitcal.calibration.identifiability import LEG_JOINTS
+from gaitcal.compare.parameter_differences import difference_variance, told_parameters
+from gaitcal.compare.session import Common
+from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.linkage import SIDES
+from gaitcal.study.study_trial import Role, StudyTrial
+from scripts.validation.error_bars import coverage
+from scripts.validation.people.hips import HIP
+from scripts.validation.people.real import Fit, fitted
+from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
+
+LONG_S = 3.0
+"""A walk that lasts longer is cut in two, of a stride or more each."""
+SESSION = 4
+"""Walks from which a session is cut in two."""
+THIRD = 2
+"""Place of the marker that is left aside."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two studies of one person on one static trial."""
+
+    kind: str
+    person: str
+    first: Study
+    last: Study
+
+
+def pairs_of(person: str, study: Study) -> Iterator[Pair]:
+    """All that a person's walks allow."""
+    walks = study.walks
+    if person in CHILDREN:
+        yield Pair(kind="straight against turn", person=person, first=only(study, "straight"), last=only(study, "turn"))
+    else:
+        for one, other in combinations(walks, 2):
+            yield Pair(kind="walk against walk", person=person, first=only(study, one), last=only(study, other))
+    if len(walks) >= SESSION:
+        half = len(walks) // 2
+        first, last = only(study, *walks[:half]), only(study, *walks[half:])
+        yield Pair(kind="first walks against last", person=person, first=first, last=last)
+    for walk in walks:
+        alone = only(study, walk)
+        (time,) = (t.recording.time for t in alone.moving)
+        if time[-1] - time[0] >= LONG_S:
+            middle = 0.5 * (time[0] + time[-1])
+            first, last = (_between(alone, *span) for span in ((time[0], middle), (middle, time[-1])))
+            yield Pair(kind="first strides against last", person=person, first=first, last=last)
+
+
+def _between(study: Study, begin: float, end: float) -> Study:
+    """The same with moving trials cut, without force plates."""
+
+    def cut(trial: StudyTrial) -> StudyTrial:
+        if trial.role is Role.STATIC:
+            return trial
+        inside = (trial.recording.time >= begin) & (trial.recording.time <= end)
+        return replace(trial, recording=replace(trial.recording.frames(inside), plates=()))
+
+    return replace(study, trials=tuple(cut(trial) for trial in study.trials))
+
+
+def scores(one: Fit, other: Fit) -> Array:
+    """Differences of the legs' joint parameters that both fitted, in standard errors of the difference."""
+    both = set(told_parameters(other.influence))
+    names = [n for n in told_parameters(one.influence) if n in both and n.startswith(LEG_JOINTS)]
+    gap = (other.parameters.joint - one.parameters.joint)[[JP_INDEX[n] for n in names]]
+    variance = difference_variance((one.influence, other.influence), names, Common.STATIC)
+    return np.asarray((gap / np.sqrt(variance))[variance > 0.0])
+
+
+def every_score(people: Sequence[str], settings: Mapping[str, object]) -> dict[tuple[str, str], Array]:
+    """(kind, person) -> differences in standard errors."""
+    out: dict[tuple[str, str], list[Array]] = {}
+    for person in people:
+        fits: dict[tuple[object, ...], Fit] = {}
+
+        def fit(study: Study, person: str = person, fits: dict[tuple[object, ...], Fit] = fits) -> Fit:
+            key = tuple(id(t.recording) for t in study.moving)
+            if key not in fits:
+                fits[key] = fitted(person, study)
+            return fits[key]
+
+        for pair in pairs_of(person, changed(study_of_person(person), settings)):
+            out.setdefault((pair.kind, person), []).append(scores(fit(pair.first), fit(pair.last)))
+    return {key: np.concatenate(found) for key, found in out.items()}
+
+
+def lines(found: Mapping[tuple[str, str], Array]) -> Iterator[str]:
+    """Coverage by kind and person, and of each kind."""
+    for kind in dict.fromkeys(kind for kind, _ in found):
+        yield f"{kind}: joint parameters of the legs"
+        of = {person: z for (k, person), z in found.items() if k == kind}
+        yield from (f"  {person:12}{coverage(z)}" for person, z in of.items())
+        yield f"  {'all':12}{coverage(np.concatenate(list(of.values())))}"
+
+
+def figures(found: Mapping[tuple[str, str], Array]) -> dict[str, float]:
+    """% of the differences of each kind inside bars of 68 and 95 %."""
+    out = {}
+    for kind in dict.fromkeys(kind for kind, _ in found):
+        z = np.abs(np.concatenate([z for (k, _), z in found.items() if k == kind]))
+        out |= {f"{kind}, {p} %": 100.0 * float(np.mean(z < limit)) for p, limit in ((68, 1.0), (95, 1.96))}
+    return out
+
+
+def without_third(study: Study, part: str) -> Study | None:
+    """The study with the third marker of each thigh (or shank) left aside; None where there are but two."""
+    weighted = study.marker_set.with_weights(study.weights).weights
+    seen = set.intersection(*(set(t.recording.labels) for t in study.moving))
+    aside: list[str] = []
+    for side in SIDES:
+        worn = [m for m in study.marker_set.tracking[f"{part}_{side}"] if m in seen and weighted.get(m, 1.0) > 0.0]
+        aside += worn[THIRD : THIRD + 1]
+    return replace(study, weights={**study.weights, **dict.fromkeys(aside, 0.0)}) if aside else None
+
+
+def marker_lines(people: Sequence[str], settings: Mapping[str, object], out: dict[str, float]) -> Iterator[str]:
+    """How far hips move without the markers beyond the second; RMS distances go into `out`, mm."""
+    yield f"hips of fits without a segment's third marker, less those with it: {'mm: ant, sup, outward (z)':>40}"
+    moved: dict[str, list[float]] = {}
+    for person in people:
+        study = changed(study_of_person(person), settings)
+        study = only(study, "gait")  # an isolated trial takes no segment of two markers
+        fewer = {part: without_third(study, part) for part in ("thigh", "shank") if study.walks}
+        if not any(fewer.values()):
+            continue
+        whole = fitted(person, study)
+        for part, few in fewer.items():
+            if few is None:
+                continue
+            fit = fitted(person, few)
+            for side in SIDES:
+                gap = 1e3 * (fit.moved(side) - whole.moved(side))[HIP]
+                if np.isfinite(gap).all():
+                    z = gap / (1e3 * fit.leg_errors(side)[HIP])
+                    told = "".join(f"{g:8.1f} ({s:+.1f})" for g, s in zip(gap, z, strict=True))
+                    yield f"  {person:12}{part:7}hip_{side}{np.linalg.norm(gap):8.1f}  {told}"
+                    moved.setdefault(part, []).append(float(np.linalg.norm(gap)))
+    for part, distances in moved.items():
+        out[f"without third marker of {part}, RMS mm"] = float(np.sqrt(np.mean(np.square(distances))))
+        yield f"  RMS, {part}: {out[f'without third marker of {part}, RMS mm']:.1f} mm"

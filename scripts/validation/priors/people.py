@@ -1,0 +1,168 @@
+"""A made-up person of a population: recorded standing and walking, with or without isolated trials, and fitted.
+
+The published person's linkage is changed by what the population says, its joints about where a study takes them to be
+nominal, and then made as tall as the person is. As both segments of a joint have their frames from one static posture,
+what is told of them in those frames goes together. Markers move as in `gaitcal synthesize`: slow waves of up to
+10 mm, none in the static trial. Frames are thinned to 100 Hz in the walk, 33 Hz in isolated trials.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal import Study
+from gaitcal.arrays import Array
+from gaitcal.calibration.influence import Influence
+from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.linkage import ISOLATED_JOINTS
+from gaitcal.model.nominal import published_model
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.person.joint_parameters import joint_stage
+from gaitcal.population.person_evidence import PersonEvidence, parts_of
+from gaitcal.recording import Recording, write_c3d
+from gaitcal.runtime import silent
+from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.people_design import Person
+from gaitcal.study.study import nominal_of
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
+from gaitcal.study.study_trial import Role
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.truth import in_static_frames
+from scripts.validation.priors.populations import POSITION, Draw
+
+HEIGHTS = (1.50, 1.90)
+"""m."""
+ABOVE_FLOOR = 0.02
+"""m: the lowest marker."""
+EVERY = {"static": 1, "gait": 2}
+"""Frame of the published recordings that is kept; of isolated trials, `EVERY_ISOLATED`."""
+EVERY_ISOLATED = 6
+TRANSLATIONS = slice(3, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadePerson:
+    """Recordings and truth."""
+
+    study: Study
+    truth: Array
+    """(98,) m, rad, in the frames of the study's static trial."""
+    nominal: SubjectModel
+    isolated: bool
+    person: Person
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Joint parameters of a person."""
+
+    fitted: Array
+    """(98,) m, rad."""
+    influence: Influence
+
+    @property
+    def errors(self) -> Array:
+        """(98,) m, rad: standard errors."""
+        known = self.influence.standard_errors
+        return np.array([known[name] for name in JP_NAMES])
+
+
+def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
+    """Draw and record a person."""
+    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
+    person = Person(height=float(streams[0].uniform(*HEIGHTS)), sex="male" if streams[0].random() < 0.5 else "female")
+    return recorded(person, draw(streams[0], person), streams[1], isolated=isolated)
+
+
+def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isolated: bool) -> MadePerson:
+    """Record a person whose joints deviate so (98,) from those that the study takes to be nominal."""
+    published = published_model(static_only=True)
+    size = person.height / published.subject.height
+    at_size = np.where(POSITION, size, 1.0)
+    joint = published.parameters.joint - (nominal_error() if deviation.any() else 0.0) + deviation / at_size
+    parameters = replace(published.parameters, joint=joint)
+    pose = standing_pose(parameters)
+    motions = {"static": static_motion(standing=pose), "gait": two_strides(parameters)}
+    if isolated:
+        motions |= {name: isolated_motion(name, pose) for name in ISOLATED_JOINTS}
+    tall = replace(
+        published,
+        parameters=replace(parameters, joint=joint * at_size),
+        markers=replace(published.markers, local=size * published.markers.local),
+    )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for trial, motion in motions.items():
+            write_c3d(folder / f"{trial}.c3d", recording(trial, tall, motion, size, rng))
+        (folder / "study.toml").write_text(_study(person, tuple(motions)), encoding="utf-8")
+        study = Study.load(folder / "study.toml")
+    truth = in_static_frames(tall, HipCentre(study.settings.hip_rule)).joint
+    return MadePerson(study=study, truth=truth, nominal=nominal_of(study), isolated=isolated, person=person)
+
+
+@cache
+def nominal_error() -> Array:
+    """(98,) m, rad: what a study's nominal joints of the published person miss, which no population has."""
+    published = published_model().subject
+    plain = recorded(
+        Person(height=published.height, sex=published.sex),
+        np.zeros(len(JP_NAMES)),
+        np.random.default_rng(0),
+        isolated=False,
+    )
+    out: Array = plain.truth - plain.nominal.parameters.joint
+    return out
+
+
+def walk_alone(made: MadePerson) -> MadePerson:
+    """The same person without the isolated trials."""
+    trials = tuple(trial for trial in made.study.trials if trial.role is not Role.JOINT)
+    return replace(made, study=replace(made.study, trials=trials), isolated=False)
+
+
+def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
+    """Calibrate the joint parameters."""
+    stage = joint_stage(replace(made.study, joint_prior=prior), made.nominal, silent, leave_out=False)
+    if stage.joint is None:
+        raise RuntimeError("no joint parameters were fitted")
+    return Fit(fitted=stage.parameters.joint, influence=stage.joint.influence)
+
+
+def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
+    """What a person's recordings say."""
+    parts = parts_of(found.influence, found.fitted - made.nominal.parameters.joint, JP_NAMES, None)
+    if parts is None:
+        raise RuntimeError("errors of joint parameters without rank")
+    return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)
+
+
+def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator) -> Recording:
+    """Markers of a trial; noise unless it is static. `size`: of the person against the published one."""
+    q = motion.q.copy()
+    q[:, TRANSLATIONS] *= size
+    every = synthetic_markers(model.parameters, model.markers, q)
+    every[:, :, 1] += ABOVE_FLOOR - every[:, :, 1].min()
+    labels = model.markers.labels if trial == "static" else published_model().markers.labels
+    chosen = every[:, [model.markers.labels.index(label) for label in labels]]
+    time = motion.basis.time
+    if trial != "static":
+        chosen = chosen + marker_noise(time, len(labels), rng)
+    step = EVERY.get(trial, EVERY_ISOLATED)
+    return Recording(source="made up", time=time[::step], labels=labels, markers=chosen[::step])
+
+
+def _study(person: Person, trials: tuple[str, ...]) -> str:
+    entries = []
+    for name in trials:
+        file = Path(f"{name}.c3d")
+        role = name if name == "static" else "gait" if name == "gait" else "joint"
+        entries.append(Trial(name=name, role=role, file=file, joint=name if role == "joint" else None))  # type: ignore[arg-type]
+    subject = SubjectTable(name="made up", mass_kg=70.0, height_m=person.height, sex=person.sex)  # type: ignore[arg-type]
+    return StudyFile(subject=subject, markers=Markers(set="published"), trial=tuple(entries)).to_toml()

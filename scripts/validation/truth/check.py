@@ -1,0 +1,104 @@
+"""How near the truth, and do the error bars hold? One table over people, kinds of error and seeds.
+
+    truth [--parts gait,isolated,synthetic] [--only p01,p18] [--seeds 6] [--jobs 2] [--kinds none,linear,...]
+        [--set key=value ...]
+
+gait        people of `opensim_truth`, walk and static trial: joint centres, torques against OpenSim's own
+isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint centres and axes, beside
+            SCoRE and SARA
+synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
+recovery    the same, every joint and inertial parameter by itself (`truth/recovery.py`); `--know` says what is known
+
+Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
+follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
+standard errors, then how many intervals of 68 and 95 % held the truth (a fixed parameter has none, which holds nothing)
+of how many. At the end stand the limits that were set, and whether they are met. Settings are gaitcal's defaults but
+for `--set`, as `[calibration]` has them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from scripts.validation.harness import commas, matching, say, side_by_side
+from scripts.validation.recordings import SIMULATED, data
+from scripts.validation.truth import gait, isolated, recovery, report, synthetic, wanted
+from scripts.validation.truth.outcome import Outcome
+from scripts.validation.truth.people import made
+from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
+
+SHARED = ("--jobs", "--only", "--seed", "--set", "--cache", "--json")
+PARTS = ("gait", "isolated", "synthetic", "recovery")
+"""The last by itself, as its table is another; the first three unless told otherwise."""
+KINDS = {
+    "gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE, Kind.PEOPLE),
+    "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE, Kind.PEOPLE),
+}
+"""What is tried unless `--kinds` says otherwise."""
+WAVES_MM, GAIT_SKIN_MM, SKIN_MM = 10.0, 10.0, 15.0
+"""Sizes of the published waves, and of skin movement in the parts `gait` and `isolated`."""
+SYNTHETIC_PEOPLE = 9
+
+
+def seeds(chosen: argparse.Namespace) -> range:
+    """Of synthetic people."""
+    return range(chosen.seed, chosen.seed + chosen.synthetic_people)
+
+
+def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
+    """Every fit that is asked for, as a function that makes it."""
+    out: list[Callable[[], Outcome]] = []
+    for part in chosen.parts:
+        if part == "synthetic":
+            out += [partial(synthetic.run, seed, chosen.settings) for seed in seeds(chosen)]
+            continue
+        folder = data() / "opensim_truth"
+        for person in matching(chosen.only, SIMULATED):
+            if part == "isolated":
+                made(person, folder, chosen.cache)
+            for kind in chosen.kinds or KINDS[part]:
+                skin = SKIN_MM if part == "isolated" or kind in OF_PEOPLE else GAIT_SKIN_MM
+                size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
+                for seed in range(chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)):
+                    common = (person, kind, seed, size, chosen.settings, folder)
+                    if part == "gait":
+                        out.append(partial(gait.run, *common))
+                    else:
+                        out.append(partial(isolated.run, *common, chosen.cache, chosen.with_gait))
+    return out
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Parts, and how markers move."""
+    kinds = [kind.value for kind in Kind]
+    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS[:3]), help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--kinds", type=commas(kinds), default=[], help=f"of {', '.join(kinds)}")
+    parser.add_argument("--seeds", type=int, default=6, help="of each kind of movement and person (default 6)")
+    parser.add_argument("--synthetic-people", type=int, default=SYNTHETIC_PEOPLE, metavar="N")
+    known = [setting.value for setting in synthetic.Settings]
+    parser.add_argument("--know", choices=known, default=known[0], dest="settings_of_recovery", help="part recovery")
+    parser.add_argument("--size", type=float, metavar="MM", help="of the movement, instead of each part's own")
+    parser.add_argument("--with-gait", action="store_true", help="part isolated: the walk, without plates, as well")
+    parser.add_argument("--details", action="store_true", help="hips direction by direction, too")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="an earlier --json: its RMS as `then`")
+
+
+def run(chosen: argparse.Namespace) -> list[Outcome]:
+    """Make all fits and print the table."""
+    chosen.kinds = [Kind(kind) for kind in chosen.kinds]
+    if "recovery" in chosen.parts:
+        settings = synthetic.Settings(chosen.settings_of_recovery)
+        people = [partial(synthetic.synthetic_person, seed, settings, chosen.settings) for seed in seeds(chosen)]
+        say(*recovery.lines(list(side_by_side(people, chosen.jobs))))
+        chosen.parts = [part for part in chosen.parts if part != "recovery"]
+        if not chosen.parts:
+            return []
+    outcomes = list(side_by_side(tasks(chosen), chosen.jobs))
+    if chosen.set:
+        print(f"settings: {', '.join(chosen.set)}")
+    earlier = report.read(chosen.against) if chosen.against else None
+    print("\n".join([*report.lines(outcomes, earlier, details=chosen.details), *wanted.lines(outcomes)]))
+    return outcomes

@@ -1,0 +1,111 @@
+"""Part `gait`: a walk that OpenSim knows, calibrated from gait alone.
+
+Joint centres are compared in the laboratory, frame by frame, after the turn that the calibration gave the recording:
+the hip as a point; knee and ankle as points too, and across their axes, along which a hinge tells nothing. The hip is
+also compared in pelvis and thigh, as parameters with error bars. Torques are compared, in valid frames, with OpenSim's
+inverse dynamics of its own model on its own motion, whose masses are not ours and whose knee is no hinge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import gaitcal
+from gaitcal import COORDINATES, Calibration, Motion, Study
+from gaitcal.arrays import Array
+from gaitcal.model.parameters import Parameters
+from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.truth.gathered import Gathered, fitted_parameters
+from scripts.validation.truth.outcome import Figure, Outcome, timed_fit
+from scripts.validation.truth.people import WalkingPerson, at_times, walking_person, with_settings
+from scripts.validation.truth.rigid import across, rigid_motion
+from scripts.validation.truth.skin import Kind, disturbed
+from scripts.validation.truth.true_joints import hip_parameters, static_frames
+
+JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
+"""Joint -> the coordinate whose axis passes through its centre."""
+TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle")
+
+
+def run(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path) -> Outcome:
+    """Disturb, calibrate and compare one person."""
+    person = walking_person(name, data)
+    study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
+    fit = timed_fit(study)
+    return fit.outcome("gait", kind.value, name, seed, compare(fit.calibration, person, study))
+
+
+def compare(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:
+    """Figure -> RMS of both legs."""
+    (walk,) = study.moving
+    trial = calibration.trial(walk.name)
+    rotation, origin = whole_turn(walk.recording.markers, trial.recording.markers)
+    gathered = Gathered()
+    models = {
+        "error": (calibration.model.parameters, trial.body),
+        "before": (calibration.nominal.parameters, trial.nominal),
+    }
+    for when, (parameters, motion) in models.items():
+        for joint, (centre, axis) in joint_tracks(parameters, motion).items():
+            known = at_times(motion.time, walk.recording.time, person.centres[joint] @ rotation.T + origin)
+            gap, name = 1e3 * (centre - known), joint.split("_")[0]
+            gathered.put(f"{name} in laboratory, mm", **{when: rms(np.linalg.norm(gap, axis=1))})
+            if name != "hip":
+                gathered.put(f"{name} across axis, mm", **{when: rms(np.linalg.norm(across(gap, axis), axis=1))})
+    frames = static_frames(calibration.nominal, study.static.recording)
+    for side in "rl":
+        truth = hip_parameters(frames, side, person.static_hips[f"hip_{side}"])
+        gathered.hip(fitted_parameters(calibration, truth), side)
+    return gathered.figures() | torque_figures(calibration, person, walk.name)
+
+
+def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and origin (3,) by which all markers (nf, nm, 3) of a recording were turned."""
+    pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
+    rotation, origin = rigid_motion(before[pairs], after[pairs][None])
+    return rotation[0], origin[0]
+
+
+def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Array, Array]]:
+    """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
+    model = gaitcal.build_model(parameters)
+    data = model.createData()
+    order = [model.joints[model.getJointId(name)].idx_q for name in motion.coordinates]
+    values = np.zeros((len(motion.time), model.nq))
+    values[:, order] = motion.q
+    joints = {f"{joint}_{s}": model.getJointId(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
+    out = {name: (np.empty((len(values), 3)), np.empty((len(values), 3))) for name in joints}
+    for f, q in enumerate(values):
+        pin.forwardKinematics(model, data, q)
+        for name, index in joints.items():
+            out[name][0][f], out[name][1][f] = data.oMi[index].translation, data.oMi[index].rotation[:, 2]
+    return out
+
+
+def torque_figures(calibration: Calibration, person: WalkingPerson, walk: str) -> dict[str, Figure]:
+    """RMS error of each joint's torque over valid frames and both legs, and all of them together."""
+    loads = calibration.trial(walk).loads
+    if loads is None:
+        raise RuntimeError(f"the trial {walk} has no torques")
+    recorded = next(t.recording.time for t in calibration.study.trials if t.name == walk)
+    valid = loads.reactions.valid
+    gaps: dict[str, list[Array]] = {}
+    earlier: dict[str, list[Array]] = {}
+    held: dict[str, Bars] = {}
+    for torque in TORQUES:
+        for side in "rl":
+            name = f"{torque}_{side}"
+            column = COORDINATES.index(name)
+            true = np.interp(loads.final.time, recorded, person.torques[name])[valid]
+            gap = loads.final.tau[valid, column] - true
+            error = np.full(len(gap), np.nan) if loads.errors is None else loads.errors.tau[valid, column]
+            gaps.setdefault(torque, []).append(gap)
+            earlier.setdefault(torque, []).append(loads.nominal.tau[valid, column] - true)
+            held[torque] = held.get(torque, Bars()) + bars(gap, error)
+    figures = {f"torque {t}, N·m": Figure(error=rms(gaps[t]), before=rms(earlier[t]), bars=held[t]) for t in TORQUES}
+    every = Figure(error=rms(list(gaps.values())), before=rms(list(earlier.values())), bars=sum(held.values(), Bars()))
+    return {"torques of legs, N·m": every, **figures}

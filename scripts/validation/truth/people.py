@@ -1,0 +1,134 @@
+"""The people whose truth OpenSim knows: their studies and joints. Trials are made once, into a cache folder."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitcal import Recording, Study, read_recording
+from gaitcal.arrays import Array
+from gaitcal.recording import read_table
+from gaitcal.study.study_file import StudyFile, Trial, load_study_file
+from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
+from scripts.validation.truth.rigid import Line, rigid_motion
+
+CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
+"""Joint -> ending of the label of its centre."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolatedPerson:
+    """A person's isolated trials, and the joints in the laboratory of the static trial."""
+
+    study: Study
+    centres: Mapping[str, Array]
+    """`hip_r`, ... -> (3,) m."""
+    proximal: Mapping[str, Line]
+    """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static pose."""
+    distal: Mapping[str, Line]
+    """The same, as the segment below carries it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkingPerson:
+    """A person's recorded walk, and where the joints are in it."""
+
+    study: Study
+    centres: Mapping[str, Array]
+    """`hip_r`, `knee_r`, `ankle_r`, ... -> (nf, 3) m in every frame of the walk, laboratory."""
+    static_hips: Mapping[str, Array]
+    """`hip_r`, `hip_l` -> (3,) m in the static trial."""
+    torques: Mapping[str, Array]
+    """OpenSim's name of a coordinate -> (nf,) N·m at the frames of the walk."""
+
+
+def made(person: str, data: Path, cache: Path) -> Path:
+    """The folder with the trials of a person, made by OpenSim if they are not there yet; SystemExit without it."""
+    folder, source = cache / person, data / person
+    if not all((folder / name).exists() for name in (*(f"{trial}.trc" for trial in TRIALS), "truth.json")):
+        print(f"{person}: OpenSim moves the joints one after the other, which takes some minutes", flush=True)
+        try:
+            make_trials(next(source.glob("*.osim")), source / "coordinates.sto", folder)
+        except ImportError as missing:
+            raise SystemExit("isolated trials need OpenSim (extra `peers`), or a --cache that has them") from missing
+    return folder
+
+
+@lru_cache(maxsize=4)
+def isolated_person(person: str, data: Path, cache: Path, with_gait: bool = False) -> IsolatedPerson:
+    """Static and isolated trials, without noise; with the walk too where asked for."""
+    folder = made(person, data, cache)
+    truth: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    recorded = load_study_file(data / person / "study.toml")
+    walk = (Trial(name="gait", role="gait", file=folder / "gait.trc"),) if with_gait else ()
+    static = Trial(name="static", role="static", file=folder / "static.trc")
+    trials = tuple(Trial(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
+    study = _loaded(recorded.model_copy(update={"trials": (static, *trials, *walk)}))
+
+    def lines(end: str) -> dict[str, Line]:
+        axes = truth["axes"].items()
+        return {joint: Line(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
+
+    centres = {joint: np.array(point) for joint, point in truth["static"].items()}
+    return IsolatedPerson(study=study, centres=centres, proximal=lines("proximal"), distal=lines("distal"))
+
+
+def _loaded(file: StudyFile) -> Study:
+    """A study of these files, through a study file as any other."""
+    absolute = tuple(t.model_copy(update={"file": t.file.resolve()}) for t in file.trials)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "study.toml"
+        path.write_text(file.model_copy(update={"trials": absolute}).to_toml(), encoding="utf-8")
+        return Study.load(path)
+
+
+@lru_cache(maxsize=4)
+def walking_person(person: str, data: Path) -> WalkingPerson:
+    """The recorded walk, without noise."""
+    study = Study.load(data / person / "study.toml")
+    (walk,) = study.moving
+    known = read_recording(data / person / "walk_with_joint_centres.trc")
+    column = {label: i for i, label in enumerate(known.labels)}
+    joints = {f"{joint}_{side}": side.upper() + end for joint, end in CENTRES.items() for side in "rl"}
+    tracks = {joint: known.markers[:, column[label]] for joint, label in joints.items()}
+    time = walk.recording.time
+    centres = {name: at_times(time, known.time, track) for name, track in tracks.items()}
+    table = read_table(data / person / "id.sto")
+    moments = {n.removesuffix("_moment"): table.column(n) for n in table.names if n.endswith("_moment")}
+    return WalkingPerson(
+        study=study,
+        centres=centres,
+        static_hips={f"hip_{side}": _static_point(study, known, tracks[f"hip_{side}"]) for side in "rl"},
+        torques={name: np.interp(time, table.time, values) for name, values in moments.items()},
+    )
+
+
+def at_times(time: Array, known: Array, values: Array) -> Array:
+    """(nf, k) linear between the known times."""
+    return np.column_stack([np.interp(time, known, column) for column in values.T])
+
+
+def _static_point(study: Study, known: Recording, track: Array) -> Array:
+    """Where a point that the pelvis carries through the walk is in the static trial."""
+    static = study.static.recording
+    labels = study.marker_set.tracking["pelvis"]
+    rest = static.markers.mean(axis=0)[[static.labels.index(label) for label in labels]]
+    rotation, origin = rigid_motion(rest, known.markers[:, [known.labels.index(label) for label in labels]])
+    back: Array = np.einsum("fji,fj->fi", rotation, track - origin)
+    return np.asarray(back.mean(axis=0))
+
+
+EXACT_PLATES = {"place_mm": 0.0, "turn_deg": 0.0, "gain_percent": 0.0, "clock_ms": 0.0}
+"""Ground reactions of people that another program made, or we."""
+
+
+def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
+    """The study with gaitcal's default settings, but for these and for force plates, which are exact here."""
+    return replace(study, settings=type(study.settings).model_validate({"plate_error": EXACT_PLATES} | dict(changes)))

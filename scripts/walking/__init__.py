@@ -1,1 +1,0 @@
-"""The built-in person's walk beside that of people."""

@@ -1,0 +1,1 @@
+"""The validation: what its members count, and that they run."""

@@ -1,0 +1,56 @@
+"""`python -m scripts.validation priors`: its populations, and what it prints of figures that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.identifiability import LEG_JOINTS
+from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
+from gaitcal.study.people_design import Person, mirror
+
+ANYBODY = Person(height=1.7, sex="male")
+
+
+def test_offsets_are_the_same_on_both_sides_and_wide_people_have_none() -> None:
+    from scripts.validation.priors.populations import POPULATIONS, scaled
+
+    means = {}
+    for name, population in POPULATIONS.items():
+        draw, rng = population(np.random.default_rng(1)), np.random.default_rng(2)
+        means[name] = np.mean([draw(rng, ANYBODY) for _ in range(400)], axis=0) / scaled(1.0, 1.0)
+    np.testing.assert_allclose(
+        mirror(JP_NAMES) @ means["offset"], means["offset"], atol=0.7
+    )  # 2 mm / sqrt(400), 7-fold
+    assert np.abs(means["wide"]).max() < 1.5 and np.abs(means["offset"]).max() > 7.0
+
+
+def test_errors_and_gains() -> None:
+    """A fit that halves the error of every parameter, with bars of twice the error that remains."""
+    from scripts.validation.priors.people import Fit
+    from scripts.validation.priors.report import Outcome, gain, report
+
+    unit = prior_deviations(JP_NAMES)
+    influence = nominal_influence()
+    outcomes = [
+        Outcome(
+            truth=np.zeros(len(JP_NAMES)),
+            nominal=unit,
+            fits={
+                "default prior": Fit(fitted=0.5 * unit, influence=influence),
+                "cohort": Fit(fitted=0.25 * unit, influence=influence),
+            },
+            information=np.diag(np.repeat([0.0, 1.0, 10.0], 18)),
+        )
+    ]
+    assert gain(outcomes, "cohort", Kind.POSITION) == pytest.approx(0.5)
+    said = list(report(outcomes))
+    legs = [k for k, p in enumerate(JOINT_PARAMETERS) if p.kind is Kind.POSITION and p.name.startswith(LEG_JOINTS)]
+    rms = 1e3 * np.sqrt(np.mean(unit[legs] ** 2))
+    assert said[0] == (
+        f"legs, positions, mm: nominal {rms:.2f}, default prior {rms / 2:.2f}, cohort {rms / 4:.2f} (-50 %)"
+    )
+    assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
+    assert any(line.startswith("directions half seen (18 of 54)") for line in said)

@@ -1,0 +1,81 @@
+"""Member `vendors`: unit and sign are found, strides counted by leg, a real walk agrees with its vendor."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gaitcal.arrays import BoolArray
+from gaitcal.dynamics.ground_contact import GroundReactions
+from scripts.validation.harness import results
+
+MASS = 60.0
+TIME = np.arange(100) / 100.0
+WORSE = 1.3
+"""Times: frames that the leg's rule adds may be so much further from the vendor's than all of them (they are 0.8)."""
+
+
+@pytest.fixture
+def check() -> SimpleNamespace:
+    return SimpleNamespace(
+        **vars(import_module("scripts.validation.vendors.check"))
+        | vars(import_module("scripts.validation.vendors.curves"))
+    )
+
+
+@pytest.mark.parametrize("unit", ["N·mm/kg", "N·m/kg", "N·mm"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_unit_and_sign_are_found(check: SimpleNamespace, unit: str, sign: float) -> None:
+    ours = np.sin(6.0 * TIME)
+    theirs = sign * (1.2 * ours + 0.05) / check.UNITS[unit](MASS)
+    theirs[20:30] = np.nan
+    assert check.unit_of([ours], [theirs], MASS) == unit
+    assert check.sign_of(ours, theirs) == sign
+
+
+def test_strides_are_counted_by_either_rule(check: SimpleNamespace) -> None:
+    """The right stride is valid for its leg, not for the whole body; the left one has a hole, the third no plate."""
+
+    def frames(begin: float, end: float) -> BoolArray:
+        return np.asarray((begin <= TIME) & (end >= TIME))
+
+    legs, loaded = np.ones((100, 2), dtype=bool), np.stack([frames(0.1, 0.4), frames(0.5, 0.7)], axis=1)
+    legs[60, 1] = False
+    reactions = GroundReactions(
+        wrench=np.zeros((100, 2, 6)), valid=legs.all(axis=1), valid_legs=legs, loaded=loaded, resting=loaded, notes=()
+    )
+    walk = SimpleNamespace(
+        reactions=reactions,
+        strides=lambda: [("r", frames(0.1, 0.8)), ("l", frames(0.5, 0.9)), ("l", frames(0.75, 0.95))],
+        stances=lambda: [("r", frames(0.1, 0.4)), ("l", frames(0.5, 0.7)), ("l", frames(0.75, 0.8))],
+    )
+    found = check.counted([walk])
+    assert (found.strides, found.stepped, found.whole, found.leg) == (3, 2, 1, 2)
+    assert (found.stance, found.stance_leg) == (31 + 21, 31 + 20)
+
+
+def test_the_leg_of_a_real_walk_keeps_its_stride_and_agrees_with_the_vendor(
+    check: SimpleNamespace, data_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other foot stands beside all plates at both ends of this stance, and knows nothing of it."""
+    results("vendors", "--only", "kad")
+    said = capsys.readouterr().out
+    assert "moments in N·mm/kg, internal" in said
+    assert "throughout valid 0 by the whole body's rule, 1 by the leg's" in said
+    stance, whole, leg = map(int, re.findall(r"stances on a plate: (\d+); valid (\d+) .* rule, (\d+)", said)[0])
+    assert whole < 0.6 * stance and leg == stance
+    for row in re.findall(r"moment +-?1 +(\S+) +(\S+) +(\S+) +(\S+)", said):
+        of_leg, new, correlation = map(float, row[1:])
+        assert new < WORSE * of_leg and correlation > 0.9
+    powers = re.findall(r"(hip|knee|ankle) power +(\S+) +\S+ +(\S+) +\S+ +(\S+) +28, 77", said)
+    assert [joint for joint, *_ in powers] == ["hip", "knee", "ankle"]
+    for _, sign, of_leg, correlation in powers:
+        assert float(sign) == 1.0 and float(of_leg) < 0.2 and float(correlation) > 0.9, "W/kg"
+    for name in ("hip_rotation", "knee_rotation"):  # the vendor tells its moments in the distal segment
+        proximal, r, distal, r_distal = map(float, re.findall(name + 4 * r" +([\d.]+)", said)[0])
+        assert distal < 0.03 < 0.06 < proximal and r < 0.6 < 0.9 < r_distal
