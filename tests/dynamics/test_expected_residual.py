@@ -12,6 +12,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
 from gaitcal.dynamics.expected_residual import PELVIS, TAU, USUAL, ExpectedResidual, expected_residual
 from gaitcal.dynamics.torque_sources import TorqueErrors
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.person.result import LoadedTrial, TrialResult
 from tests.fake_result import fake_calibration
 
@@ -59,6 +60,12 @@ def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:
     assert found.force.rms == pytest.approx(1.0)
     assert found.force.expected == pytest.approx(np.sqrt((usual()[:3] ** 2).mean() + 400.0))
     assert found.within and found.share < 0.1
+
+
+def test_errors_of_translations_are_those_of_the_force_and_errors_of_turns_those_of_the_moment() -> None:
+    assert [COORDINATES[k] for k in PELVIS[:3]] == ["pelvis_tx", "pelvis_ty", "pelvis_tz"]
+    # the lateral axis of tilt comes last, as U has it forward, up and to the right
+    assert [COORDINATES[k] for k in PELVIS[3:]] == ["pelvis_list", "pelvis_rotation", "pelvis_tilt"]
 
 
 @pytest.mark.parametrize("bar", [0.0, 1.0, 4.0])
