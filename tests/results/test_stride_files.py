@@ -100,20 +100,9 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
     np.testing.assert_array_equal(one, other)
 
 
-def test_rows_of_an_earlier_version_get_their_person_and_damaged_ones_are_left(
-    whole: Calibration, tmp_path: Path
-) -> None:
+def test_of_a_damaged_table_no_row_is_kept(whole: Calibration, tmp_path: Path) -> None:
     write_stride_files(tmp_path, whole.model, whole.trials)
-    old = pd.read_csv(tmp_path / CYCLES, comment="#").drop(columns=["person", "session", "se_stride"])
-    old.to_csv(tmp_path / CYCLES, index=False)
     as_written = hashes(tmp_path)
-    later = tmp_path / "later"
-    later.mkdir()
-    found = earlier_strides(tmp_path, as_written, ["walk"])
-    write_stride_files(later, whole.model, [replace(whole.trial("walk"), name="later")], None, found)
-    table = pd.read_csv(later / CYCLES, comment="#")
-    assert set(table["person"]) == {"S07"} and table[table["trial"] == "walk"]["se_stride"].isna().all()
-    assert pd.read_csv(later / ENSEMBLE, comment="#")["trials"].max() == 2
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
     found = earlier_strides(tmp_path, as_written, ["walk"])
     assert found.cycles is None and found.spatiotemporal is not None and len(found.spatiotemporal)
