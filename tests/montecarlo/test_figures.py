@@ -28,14 +28,11 @@ def test_boxes_are_the_percentiles() -> None:
         "marker noise (NP)",
     ]
     row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
-    lines = [line.get_ydata() for line in axes[TORQUES.index("knee_adduction"), 3].lines]
+    cell = axes[TORQUES.index("knee_adduction"), 3]
+    lines = [line.get_ydata() for line in cell.lines]
     heights = {round(float(y), 9) for data in lines for y in np.ravel(data)}
     wanted = {round(float(row[name]), 9) for name in ("p10", "p25", "p50", "p75", "p90", "average")}
-    boxes = {
-        round(float(y), 9)
-        for patch in axes[TORQUES.index("knee_adduction"), 3].patches
-        for y in patch.get_path().vertices[:, 1]
-    }
+    boxes = {round(float(y), 9) for patch in cell.patches for y in patch.get_path().vertices[:, 1]}
     assert wanted <= heights | boxes
     assert axes[-1, 0].get_ylabel() == "marker\ndistance, mm"
     assert [t.get_text() for t in axes[-1, 0].get_xticklabels()] == ["25", "50", "100"]
