@@ -10,9 +10,9 @@ from gaitcal.dynamics.axis_errors import PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import IP_INDEX
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.kinematics import forward, jacobian
-from gaitcal.model.linkage import COORDINATES, SEGMENTS
+from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.marker_residual import marker_positions
 from gaitcal.motion.placed_markers import PlacedMarkers
@@ -39,11 +39,12 @@ def body() -> Parameters:
 
 def pivot(parameters: Parameters, segment: str) -> Array:
     """(3,) m the point about which axes turn: the next hinge that is told in its plane z = 0 alone, else the origin."""
-    side = segment[-1]
-    hinges = {"thigh": f"knee_{side}.thigh", "upper_arm": f"elbow_{side}.upperarm"}
-    prefix = hinges.get(segment[:-2])
-    values = parameters.joint
-    return np.array([values[JP_INDEX[f"{prefix}.{d}"]] for d in ("ant", "sup")] + [0.0]) if prefix else np.zeros(3)
+    own = [p for p in JOINT_PARAMETERS if p.segment == segment and p.kind is Kind.POSITION]
+    for joint in JOINTS:
+        places = [JP_INDEX[p.name] for p in own if p.joint == joint.name]
+        if joint.parent == segment and len(places) == 2:  # ant and sup
+            return np.append(parameters.joint[places], 0.0)
+    return np.zeros(3)
 
 
 def with_axes_turned(parameters: Parameters, segment: str, turn: Array) -> Parameters:

@@ -10,6 +10,7 @@ import pytest
 from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure, write_monte_carlo_figures
 from gaitcal.model.joint_parameters import leg_parameters
 from gaitcal.montecarlo.context import MonteCarloContext
+from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame, Varied
 from gaitcal.montecarlo.statistics import levels_of, statistics
 from gaitcal.montecarlo.variance import variance_contributions
@@ -19,7 +20,7 @@ from tests.montecarlo.test_statistics import made_up
 def test_boxes_are_the_percentiles() -> None:
     table = statistics(made_up(draws=60))
     figure = boxplot_figure(table, ReactionFrame.FOOT)
-    axes = np.array(figure.axes).reshape(8, 4)
+    axes = np.array(figure.axes).reshape(len(TORQUES) + 1, 4)
     assert [a.get_title() for a in axes[0]] == [
         "joint parameters (JP)",
         "inertial parameters (IP)",
@@ -27,19 +28,20 @@ def test_boxes_are_the_percentiles() -> None:
         "marker noise (NP)",
     ]
     row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
-    lines = [line.get_ydata() for line in axes[4, 3].lines]
+    cell = axes[TORQUES.index("knee_adduction"), 3]
+    lines = [line.get_ydata() for line in cell.lines]
     heights = {round(float(y), 9) for data in lines for y in np.ravel(data)}
     wanted = {round(float(row[name]), 9) for name in ("p10", "p25", "p50", "p75", "p90", "average")}
-    boxes = {round(float(y), 9) for patch in axes[4, 3].patches for y in patch.get_path().vertices[:, 1]}
+    boxes = {round(float(y), 9) for patch in cell.patches for y in patch.get_path().vertices[:, 1]}
     assert wanted <= heights | boxes
-    assert axes[7, 0].get_ylabel() == "marker\ndistance, mm"
-    assert [t.get_text() for t in axes[7, 0].get_xticklabels()] == ["25", "50", "100"]
+    assert axes[-1, 0].get_ylabel() == "marker\ndistance, mm"
+    assert [t.get_text() for t in axes[-1, 0].get_xticklabels()] == ["25", "50", "100"]
     assert axes[0, 0].get_ylim()[0] == 0.0
 
 
 def test_a_study_of_one_set_has_one_column() -> None:
     table = statistics(made_up(draws=30, sets=("ip",)))
-    assert len(boxplot_figure(table, ReactionFrame.LAB, "mean", "r").axes) == 8
+    assert len(boxplot_figure(table, ReactionFrame.LAB, "mean", "r").axes) == len(TORQUES) + 1
 
 
 def test_contributions_are_written_into_the_cells(context: MonteCarloContext) -> None:

@@ -60,7 +60,7 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
     torques = []
     for sign in (1.0, -1.0):
         parameters = case.parameters.with_joint(
-            context.names, context.joint_values + sign * step * (np.arange(54) == k)
+            context.names, context.joint_values + sign * step * (np.arange(len(context.names)) == k)
         )
         constants = context.problem.constants(parameters)
         found = refit(context.problem, constants, case.nodes, context.settings.refit)
