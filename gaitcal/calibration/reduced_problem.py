@@ -7,7 +7,8 @@ to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
-the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows.
+the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows
+(where priors make S regular, with its Cholesky factor in place of V s^1/2).
 A singular S is no obstacle: its null directions are parameters that these trials cannot see, and p does not move
 along them. Priors add their cost, gradient and matrix to C, g and S first.
 
@@ -23,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.open_motion import KEPT_WITHIN, Matrices, OpenMotion, TrialState
@@ -203,20 +205,28 @@ class ReducedProblem:
     def residual(self, p: Array) -> Array:
         """(np + 1,) compressed residuals f, m."""
         state, pull = self.at(p), self.prior @ (p - self.centre)
-        values, vectors = self._spectrum(state)
-        along = vectors.T @ (state.gradient + self.prior.T @ pull)
-        projected = np.where(values > 0, along / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        _, divided = self._root(state)
+        projected = divided @ (state.gradient + self.prior.T @ pull)
         rest = state.cost + float(pull @ pull) - float(projected @ projected)
         return np.append(projected, np.sqrt(max(rest, 0.0)))
 
     def jacobian(self, p: Array) -> Array:
         """(np + 1, np) compressed Jacobian of `residual`."""
-        values, vectors = self._spectrum(self.at(p))
-        return np.vstack([np.sqrt(values)[:, None] * vectors.T, np.zeros((1, len(p)))])
+        return np.vstack([self._root(self.at(p))[0], np.zeros((1, len(p)))])
 
-    def _spectrum(self, state: ReducedState) -> tuple[Array, Array]:
-        """Eigenvalues of S with the prior (those that count as zero set to zero) and eigenvectors."""
+    def _root(self, state: ReducedState) -> tuple[Array, Array]:
+        """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a prior holds every
+        direction, in a tenth of the time of the eigenvectors that tell which directions count as zero elsewhere.
+        """
         if self._known is None or self._known[0] is not state:
-            values, vectors = np.linalg.eigh(state.hessian + self.prior.T @ self.prior)
-            self._known = state, np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0), vectors
+            matrix = state.hessian + self.prior.T @ self.prior
+            if len(self.prior) == len(matrix):
+                root = np.linalg.cholesky(matrix)
+                inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
+                self._known = state, np.ascontiguousarray(root.T), np.asarray(inverse, float)
+            else:
+                values, vectors = np.linalg.eigh(matrix)
+                size = np.sqrt(np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0))
+                inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+                self._known = state, size[:, None] * vectors.T, inverse[:, None] * vectors.T
         return self._known[1:]
