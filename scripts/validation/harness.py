@@ -136,7 +136,7 @@ def write_json(found: object, file: Path) -> None:
 
 
 def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a member; `settings` are those of `--set`."""
+    """The options of a member; `settings` are those of `--set`, `keep` writes what there is to the file of `--json`."""
     program = f"python -m scripts.validation {name}"
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
@@ -146,6 +146,8 @@ def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.
     chosen = parser.parse_args(arguments)
     if "--set" in member.SHARED:
         chosen.settings = changed_settings(chosen.set)
+    file = getattr(chosen, "json", None)
+    chosen.keep = (lambda found: write_json(found, file)) if file else (lambda found: None)
     return chosen
 
 
@@ -157,8 +159,7 @@ def results(name: str, *arguments: object) -> Any:
 
 def _run(member: ModuleType, chosen: argparse.Namespace) -> Any:
     found = member.run(chosen)
-    if getattr(chosen, "json", None):
-        write_json(found, chosen.json)
+    chosen.keep(found)
     return found
 
 

@@ -125,4 +125,5 @@ def run(chosen: argparse.Namespace) -> dict[str, Figures]:
         say("", f"== {part}")
         out[part] = PARTS[part](chosen)
         say(f"({part}: {time.perf_counter() - start:.0f} s)")
+        chosen.keep(out)
     return out
