@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import LEG_JOINTS, Turns, beyond_bounds, in_words, small_turns, turns_of
+from gaitcal.calibration.identifiability import Turns, beyond_bounds, in_words, small_turns, turns_of
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints, free_of
@@ -33,7 +33,7 @@ from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.cores import beside, each
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
-from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
+from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion

@@ -230,6 +230,8 @@ LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
 """Pelvis and legs."""
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
+LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)
+"""Joints of a leg from hip to foot, without the side."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 

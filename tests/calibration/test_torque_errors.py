@@ -78,7 +78,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
         sources=(Source.MOTION,) * own + (Source.JOINT_MARKERS, Source.SKIN),
     )
-    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
+    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 4))
     influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(own + others)))
     errors: list[tuple[Array, Array, Array]] = []
     still, rigid = np.zeros(nodes.shape), np.zeros(len(IP_NAMES))
