@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
+from gaitcal.model.coordinates import split_side
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.placed_markers import PlacedMarkers
@@ -16,6 +17,8 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
 Array = NDArray[np.float64]
+PUBLISHED_JOINTS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")
+"""Of the linkage of Reinbolt et al. 2007, without sides."""
 
 
 def central_differences(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
@@ -39,10 +42,16 @@ def assert_derivative(
 
 
 def perturbed_parameters(rng: np.random.Generator, position: float = 0.01, angle: float = 0.17) -> Parameters:
-    """The published subject with all 98 joint parameters moved at random (m, rad)."""
+    """The published subject with all joint parameters moved at random (m, rad).
+
+    Parameters of joints that somebody added draw from a generator of their own: a seed means the same person still.
+    """
     base = published_subject()
     reach = np.array([position if p.kind is Kind.POSITION else angle for p in JOINT_PARAMETERS])
-    return base.with_joint(tuple(p.name for p in JOINT_PARAMETERS), base.joint + rng.uniform(-1, 1, len(reach)) * reach)
+    published = np.array([split_side(p.joint)[0] in PUBLISHED_JOINTS for p in JOINT_PARAMETERS])
+    moved = np.random.default_rng(0).uniform(-1, 1, len(reach))
+    moved[published] = rng.uniform(-1, 1, published.sum())
+    return base.with_joint(JP_NAMES, base.joint + moved * reach)
 
 
 def random_trial(

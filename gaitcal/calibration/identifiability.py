@@ -19,6 +19,7 @@ from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGEST_POSITION = 0.020
@@ -173,7 +174,6 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
     return tuple(out)
 
 
-LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 MANY = 4
 """Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
 

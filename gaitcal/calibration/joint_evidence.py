@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, free_of
@@ -39,7 +38,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
 )
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.model.joint_parameters import JP_NAMES
-from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
+from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import tracked_motion

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import pandas as pd
 
-from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.compare.difference_error import MDC
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.records import dataclass
 
 

@@ -21,7 +21,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.codes import Code
@@ -29,6 +28,7 @@ from gaitcal.compare.parameter_differences import own_causes, told_parameters
 from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 

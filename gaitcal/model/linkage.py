@@ -51,58 +51,27 @@ class Segment:
     """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
 
 
+# fmt: off
 _SEGMENTS = (
-    Segment(
-        name="pelvis", paired=False, parts=("LowerTrunk",), palpated=(2.0, 2.0, 4.5), free_centre=("com.ant", "com.sup")
-    ),
-    Segment(
-        name="thigh",
-        needed=True,
-        parts=("Thigh",),
-        palpated=(2.0, 4.5, 2.0),  # 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
-        free_centre=("com.sup",),
-    ),
-    Segment(
-        name="shank",
-        needed=True,
-        parts=("Shank2",),
-        palpated=(1.0, 5.5, 1.0),  # middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
-        free_centre=("com.sup",),
-    ),
+    Segment(name="pelvis", paired=False, parts=("LowerTrunk",), palpated=(2.0, 2.0, 4.5),
+        free_centre=("com.ant", "com.sup")),
+    # thigh: 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
+    Segment(name="thigh", needed=True, parts=("Thigh",), palpated=(2.0, 4.5, 2.0), free_centre=("com.sup",)),
+    # shank: middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
+    Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0), free_centre=("com.sup",)),
     Segment(name="talus", markers=False),
-    Segment(
-        name="foot",
-        needed=True,
-        parts=("Foot",),
-        palpated=(1.0, 2.5, 2.5),  # z across the shank; heel and toe 190 mm apart
-        free_centre=("com.ant",),
-    ),
-    Segment(
-        name="head_trunk",
-        short="trunk",
-        words="head and trunk",
-        paired=False,
-        parts=("MiddleTrunk", "UpperTrunk", "Head2"),
-        palpated=(2.0, 1.5, 2.0),  # the lumbar joint and the acromia, 450 mm above and 350 mm apart
-        free_centre=("com.sup",),
-    ),
-    Segment(
-        name="upper_arm",
-        short="upperarm",
-        words="upper arm",
-        parts=("UpperArm",),
-        palpated=(2.0, 6.0, 2.0),  # 280 mm; elbows 80 mm wide
-        free_centre=("com.sup",),
-    ),
-    Segment(
-        name="forearm_hand",
-        short="forearm",
-        words="forearm and hand",
-        parts=("Forearm", "Hand"),
-        palpated=(2.0, 6.0, 2.0),
-        free_centre=("com.sup",),
-    ),
+    # foot: z across the shank; heel and toe 190 mm apart
+    Segment(name="foot", needed=True, parts=("Foot",), palpated=(1.0, 2.5, 2.5), free_centre=("com.ant",)),
+    # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
+    Segment(name="head_trunk", short="trunk", words="head and trunk", paired=False,
+        parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
+    # upper_arm: 280 mm; elbows 80 mm wide
+    Segment(name="upper_arm", short="upperarm", words="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
+        free_centre=("com.sup",)),
+    Segment(name="forearm_hand", short="forearm", words="forearm and hand", parts=("Forearm", "Hand"),
+        palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
+# fmt: on
 SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}
 """Name without its side -> what it is."""
 _OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
@@ -230,6 +199,8 @@ LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
 """Pelvis and legs."""
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
+LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)
+"""Joints of a leg from hip to foot, without the side."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import pandas as pd
 
+from gaitcal.model.joint_parameters import leg_parameters
 from gaitcal.montecarlo.leg_torques import TORQUES
 from gaitcal.montecarlo.settings import ReactionFrame
-
-LEG_JOINTS: Final = ("hip", "knee", "talocrural", "subtalar")
 
 
 def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -28,8 +25,7 @@ def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
-    joints = {f"{joint}_{side}" for joint in LEG_JOINTS}
-    of_leg = [name for name in wide.index if name.split(".")[0] in joints]
+    of_leg = [name for name in wide.index if name in leg_parameters(side)]
     rest = {
         "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
         f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],

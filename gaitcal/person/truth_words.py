@@ -11,13 +11,13 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import moment_names
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.person.result import Calibration
 from gaitcal.person.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
 from gaitcal.records import dataclass
 
 LEGS, ARMS, TURNING = "legs", "back and arms", "arms, in segments of two markers"
 """Which joint parameters are told together."""
-LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 UNDETERMINED = "unidentifiable"
 
 

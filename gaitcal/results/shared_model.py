@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
 from gaitcal.codes import Code
 from gaitcal.compare.session import Common, Session, common_to
@@ -24,6 +23,7 @@ from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.gait.stride_table import typed
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.person.joint_parameters import joint_stage

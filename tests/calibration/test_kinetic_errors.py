@@ -58,7 +58,7 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
         own=(Source.MOTION,) * own,
         others=(Source.JOINT_MARKERS, Source.SKIN),
     )
-    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 2))
+    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 2))
     start = parameters.joint[[JP_INDEX[name] for name in free]]
     plates = PlateErrors(place=0.003, gain=0.01, clock=0.002)
     rates = np.gradient(wrench, problem.basis.time, axis=0)

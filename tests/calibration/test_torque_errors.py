@@ -79,7 +79,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
         own=(Source.MOTION,) * own,
         others=(Source.JOINT_MARKERS, Source.SKIN),
     )
-    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(84, 4))
+    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 4))
     influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     errors: list[tuple[Array, Array, Array]] = []
     still, rigid = np.zeros(nodes.shape), np.zeros(len(IP_NAMES))

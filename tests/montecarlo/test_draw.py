@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import COLUMNS, disturb, draw, marker_column, torque_column
@@ -63,7 +64,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
 
 def _on_leg(context: MonteCarloContext, marker: int) -> bool:
     segment = context.problem.chain.segments[context.data.segment[marker]]
-    return segment.startswith(("thigh", "shank", "talus", "foot"))
+    return segment in LOWER_BODY[1:]
 
 
 def test_inertial_draws_need_no_refit_and_move_no_marker(context: MonteCarloContext) -> None:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gaitcal.model.linkage import LEGS
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.context import MonteCarloContext
 from gaitcal.montecarlo.draw import COLUMNS, disturb, disturbed_model, draw
@@ -37,8 +38,7 @@ def test_no_iteration_leaves_the_undisturbed_motion(
     parameters = case.parameters.with_joint(context.names, context.joint_values + change.joint)
     q = context.basis.evaluate(case.nodes)
     apart = synthetic_markers(parameters, case.markers, q) - synthetic_markers(case.parameters, case.markers, q)
-    segments = ("thigh_l", "shank_l", "talus_l", "foot_l")
-    leg = [segment in segments for segment in case.markers.segments]
+    leg = [segment in LEGS["l"] for segment in case.markers.segments]
     rms = 1e3 * np.sqrt((apart[:, leg] ** 2).sum(axis=2).mean())
     assert rows["jp", iteration.value, 0][MARKERS] == pytest.approx(rms, rel=1e-9)
     noise = disturb(context, Varied.NOISE, 50, 0).noise

@@ -10,7 +10,7 @@ import numpy as np
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.files.package_data import models_path
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, SEGMENT_TABLE
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -42,22 +42,21 @@ def subject_model(name: str = "Built-in subject") -> SubjectModel:
 
 def marker_placement() -> MarkerPlacement:
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
-    sided = {
-        "thigh": "thigh", "shank": "shank", "foot": "foot", "upperarm": "upper_arm", "forearmhand": "forearm_hand",
-    }  # fmt: skip
+    segment_of = {row.name.replace("_", ""): row for row in SEGMENT_TABLE.values()}
     labels, segments, local = [], [], []
     for place, markers in data["markers_local_mm_right_side"].items():
         for label, at in markers.items():
             if label in data["static_only_markers"]:
                 continue
-            if place not in sided:
+            segment = segment_of[place]
+            if not segment.paired:
                 labels.append(label)
-                segments.append("head_trunk" if place == "headtrunk" else place)
+                segments.append(segment.name)
                 local.append(at)
                 continue
             for side, mirror in (("r", 1), ("l", -1)):
                 labels.append(f"{side.upper()}.{label}")
-                segments.append(f"{sided[place]}_{side}")
+                segments.append(f"{segment.name}_{side}")
                 local.append([at[0], at[1], mirror * at[2]])
     return MarkerPlacement(tuple(labels), tuple(segments), 1e-3 * np.array(local), np.ones(len(labels)))
 

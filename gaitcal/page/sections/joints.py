@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.page.sections.blocks import (
     Block,
     Cell,
@@ -42,7 +43,6 @@ LEANING = (
     "What the trials leave open, these joints take from {people} people of a cohort ({file}), whose mean may lie "
     "beside the nominal values; which parts of the body it teaches of: preset Provenance."
 )
-LEG_JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SIDES = {"r": "Right", "l": "Left", "": "Parameter"}
 SEEN = ("fitted", "at bound")
 
