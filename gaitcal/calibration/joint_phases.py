@@ -23,7 +23,6 @@ from functools import partial
 import numpy as np
 
 from gaitcal.calibration.identifiability import (
-    LEG_JOINTS,
     Turns,
     beyond_bounds,
     in_words,
@@ -39,7 +38,7 @@ from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JP_INDEX, isolated_parameters
-from gaitcal.model.linkage import ISOLATED_JOINTS
+from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
