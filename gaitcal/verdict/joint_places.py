@@ -30,7 +30,7 @@ from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.words import joint_words
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
@@ -44,7 +44,6 @@ CT_RATIO = "0.65 to 0.82"
 """Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
 LEAST_SHARE = 0.3
 """Of the largest offset in units of its scatter: what is smaller is not told."""
-JOINTS = ("hip", "knee", "talocrural", "subtalar")
 NOMINAL = "nominal/"
 """Beginning of the names of an influence's sources that are no markers but the prior's own error."""
 _LANDMARKS = {
@@ -77,7 +76,7 @@ def joint_place_findings(
     """
     places = _Places(model, fitted, influence, prior)
     for side in SIDES:
-        for joint in (f"{name}_{side}" for name in JOINTS):
+        for joint in (f"{name}_{side}" for name in LEG_JOINTS):
             views = [place for place in places.of(joint) if place.probability < RARE]
             if views:
                 yield _finding(joint, views, model, joint in isolated)

@@ -115,7 +115,7 @@ def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
     found = conclusions(table)
     assert len(found) == 8
     assert {c.verdict for c in found} == {"holds"}
-    assert "10." in next(c.numbers for c in found if c.claim == "joint parameters dominate")
+    assert "10.0" in next(c.numbers for c in found if c.claim == "joint parameters dominate")
     assert "limit 0.25" in next(c.numbers for c in found if c.claim == "marker noise matters little")
     worse = table.copy()
     worse.loc[worse["set"] == "ip", ["average"]] *= 20
