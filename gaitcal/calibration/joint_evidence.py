@@ -8,7 +8,7 @@ single spine joint make errors of another size, are fitted by themselves in gait
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,6 +149,18 @@ def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
     q = tracked_motion(part, nominal).q
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
+
+
+def tissue_of_walk(walk: TrialProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
+    """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
+    (`kind/regressor/...`, of an `Influence`), with the angles of this one.
+    """
+    angles = _angles(nominal, walk)
+    (every,) = task_regressors([angles], squares=True)
+    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
+    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
+    (secondary,) = secondary_columns(GAIT, [knees])
+    return tissue_of(walk, GAIT, regressors, known, secondary if secondary.names else None)
 
 
 def _with_tissue(

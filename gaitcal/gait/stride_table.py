@@ -19,23 +19,26 @@ CYCLE_COLUMNS: Final = (
 )
 TOLD: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
+_NAMES: Final = ("person", "session")
 _LACKING: Final = ("se", "se_stride", "turn")
-"""Numbers that a stride may lack."""
+"""Numbers that a table or a stride may lack."""
 _WHOLE: Final = ("stride", "percent", "valid")
+_NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
+"""Columns without which there is no stride."""
 
 
 def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
-    Numbers stand where numbers belong; a person or session that is not named is empty text. Columns: `CYCLE_COLUMNS`,
-    then what else there is.
+    Numbers stand where numbers belong; a person or session that is not named is empty text, an error or a turn that the
+    table lacks is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
 
     Raises
     ------
     InputError
         A column is missing, or holds something else than numbers. `source`: what the message says it is of.
     """
-    missing = [name for name in CYCLE_COLUMNS if name not in table]
+    missing = [name for name in _NEEDED if name not in table]
     if missing:
         found = ", ".join(map(str, table.columns[: len(CYCLE_COLUMNS)]))
         raise InputError(
@@ -44,7 +47,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             source=source,
             code=Code.STRIDE_TABLE,
         )
-    numbers = {name: _number(table, name, source) for name in ("value", *_LACKING)}
+    numbers = {name: _number(table, name, source) for name in ("value", *_LACKING) if name in table}
     for name in _WHOLE:
         values = _number(table, name, source)
         if not np.isfinite(values).all():
@@ -57,8 +60,9 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
                 code=Code.STRIDE_TABLE,
             )
         numbers[name] = values.astype(int)
-    names = {name: table[name].where(table[name].notna(), "") for name in ("person", "session")}
-    whole = table.assign(**names, **numbers)
+    names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
+    unknown = {name: np.nan for name in _LACKING if name not in table}
+    whole = table.assign(**names, **numbers, **unknown)
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 
 

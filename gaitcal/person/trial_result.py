@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.calibration.influence import TrialScores
+from gaitcal.calibration.joint_evidence import tissue_of_walk
 from gaitcal.calibration.marker_moves import (
     MarkerMoves,
     coordinate_standard_errors,
@@ -204,6 +205,9 @@ def analyse(
     uncertainty : of the calibration, for standard errors.
     """
     prepared = prepare_trial(trial, model, settings)
+    if uncertainty.joint is not None:
+        tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
+        prepared = replace(prepared, tissue=tissue)
     nominal = tracked_motion(prepared.body, model.nominal)
     motion = tracked_motion(prepared.body, model.parameters)
     reactions, diagnosis = None, ForceDiagnosis()

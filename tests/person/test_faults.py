@@ -173,7 +173,9 @@ def assert_refused(ending: Ending, named: tuple[str, ...]) -> None:
 def former_result(folder: Path) -> dict[str, bytes]:
     """A folder that looks like an earlier result, and its content."""
     folder.mkdir()
-    (folder / "manifest.json").write_text('{"gaitcal": "0", "kind": "calibration"}', encoding="utf-8")
+    (folder / "manifest.json").write_text(
+        '{"gaitcal": "0", "kind": "calibration", "files": ["summary.json"]}', encoding="utf-8"
+    )
     (folder / "summary.json").write_text("{}", encoding="utf-8")
     return content_of(folder)
 

@@ -111,7 +111,7 @@ def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
     (folder / "semicolons.csv").write_text(text.replace(",", ";"), encoding="utf-8")
     (folder / "letters.csv").write_text(text.replace("hip_flexion,", "hip_flexion,x", 1), encoding="utf-8")
     for file, said in (
-        ("semicolons.csv", "found the columns person;session;trial.*, without person, .*with commas between them"),
+        ("semicolons.csv", "found the columns person;session;trial.*, without trial, .*with commas between them"),
         (SPATIOTEMPORAL, "is no table of strides: .*without percent"),
         ("letters.csv", "value: found 'x.*' in row [0-9]+; allowed: a number"),
     ):
