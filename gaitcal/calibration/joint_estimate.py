@@ -5,7 +5,7 @@
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
 with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft tissue of every kind of task with what
 people show (`soft_tissue_artefact.py`). The motions are eliminated (`reduced_problem.py`), (p, z) found by SciPy.
-The published protocol (Reinbolt et al. 2007, eq. 1) is this without z, without a prior (or a weak one), and with one
+The published protocol (Reinbolt et al. 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one
 f nu^2 for all trials of a phase, the mean of their own.
 
 nu_t is the noise of the trial's independent samples (`joint_noise.py`), from a fit of its own kind of task alone: what
@@ -24,6 +24,10 @@ With H the Hessian at the end, motions eliminated, and S_t the part of trial t, 
 
 F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `Influence` by source, markers of each
 trial, nominal values, soft tissue (`influence.py`). Their squares sum to H^-1.
+
+What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as they are, and z where
+it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
+Residuals do not tell these: skin in step with a joint looks just like a joint that lies elsewhere.
 """
 
 from __future__ import annotations
@@ -101,6 +105,8 @@ class JointEstimate:
     """(np + nz, np + nz) sum S_t, what the markers say by themselves."""
     covariance: Array
     """(np + nz, np + nz) of (p, z) by noise and priors; nothing along directions that neither of them tells."""
+    by_tissue: Array
+    """(np + nz, nc) what soft tissue that was not fitted makes of (p, z) besides, in columns of variance one."""
     at_bound: tuple[str, ...]
     """Joint parameters that ended on their bounds."""
     iterations: int
@@ -112,6 +118,12 @@ class JointEstimate:
     def tissue(self) -> Array:
         """(nz,) m, rad."""
         return self.values[len(self.free) :]
+
+    @property
+    def whole_covariance(self) -> Array:
+        """(np + nz, np + nz) by noise, priors and soft tissue that was not fitted."""
+        out: Array = self.covariance + self.by_tissue @ self.by_tissue.T
+        return out
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -137,6 +149,7 @@ def estimate_joints(
     free: tuple[str, ...],
     *,
     tissue: TissuePrior = NO_TISSUE,
+    fits_tissue: bool = True,
     prior: JointPrior | None = ANATOMY,
     settings: JointSettings = BY_EVIDENCE,
     equal_weights: bool = False,
@@ -149,6 +162,7 @@ def estimate_joints(
     ----------
     nominal : what the prior is about, and bounds.
     tissue : prior of the columns that the problems have.
+    fits_tissue : whether these are fitted; else markers stay in their places, and the columns are a source of error.
     prior : of the joint parameters, about `nominal`; None: nothing is expected of them.
     equal_weights : whether all trials have one noise, the mean of their own.
     present : where the search starts, and values of all that is not free; `nominal` unless given.
@@ -156,11 +170,15 @@ def estimate_joints(
         free unless given, the rest being exact.
     """
     began = time.perf_counter()
-    problems, present = [problem for task in tasks for problem in task.problems], present or nominal
+    with_columns, present = [problem for task in tasks for problem in task.problems], present or nominal
+    if not fits_tissue:
+        tasks = [replace(t, problems=tuple(replace(p, tissue=None) for p in t.problems)) for t in tasks]
+    problems = [problem for task in tasks for problem in task.problems]
+    fitted, unfitted = (tissue, NO_TISSUE) if fits_tissue else (NO_TISSUE, tissue)
     noise = [nu for task in tasks for nu in noise_of(task, present, free)]
     starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
-    search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=tissue, expected=expected)
+    search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=fitted, expected=expected)
     weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
     if any(len(task.problems) > 1 for task in tasks):
@@ -175,10 +193,15 @@ def estimate_joints(
     information = np.asarray(sum(parts), float)
     inverse = _inverse(information + precision, singular=prior is None)
     sizes = [own / of_weight for own, of_weight in zip(noise, weighed, strict=True)]
-    scores = _scores([p.name for p in problems], (*free, *tissue.keys), parts, sizes)
+    unknowns = (*free, *fitted.keys)
+    scores = _scores([p.name for p in problems], unknowns, parts, sizes)
+    known = _with_tissue(known or nominal_influence(free, prior), tissue)
+    considered = tuple(name for name in known.free if name not in unknowns)
+    coupling = _coupling(with_columns, fit, unknowns, considered, weighed)
+    of_tissue = [considered.index(key) for key in unfitted.keys]
     estimate = JointEstimate(
         free=free,
-        keys=tissue.keys,
+        keys=fitted.keys,
         values=fit.values,
         parameters=fit.parameters,
         nodes=fit.nodes,
@@ -187,27 +210,28 @@ def estimate_joints(
         served=float(np.trace(inverse @ information)),
         information=information,
         covariance=inverse @ (scores.covariance + precision) @ inverse,
+        by_tissue=-inverse @ coupling[:, of_tissue] @ _root(unfitted),
         at_bound=fit.at_bound,
         iterations=search.problem.evaluations,
         seconds=time.perf_counter() - began,
         converged=fit.converged,
         message=fit.message,
     )
-    held: tuple[str, ...] = ()
-    if known is None:
-        known = nominal_influence(free, prior)
-    else:
-        held = tuple(name for name in known.free if name not in free)
-    coupling = _coupling(problems, estimate, held, weighed)
-    if tissue.keys:
-        count = len(free)
-        of_tissue = np.linalg.inv(np.linalg.cholesky(precision[count:, count:])).T
-        known = Influence(
-            (*known.free, *tissue.keys),
-            block_diag(known.parameters, of_tissue),
-            (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
-        )
-    return estimate, errors_by_source((*free, *tissue.keys), scores, inverse, precision, coupling, known)
+    return estimate, errors_by_source(unknowns, scores, inverse, precision, coupling, known)
+
+
+def _with_tissue(known: Influence, tissue: TissuePrior) -> Influence:
+    """What is known before the fit, soft tissue too."""
+    return Influence(
+        (*known.free, *tissue.keys),
+        block_diag(known.parameters, _root(tissue)),
+        (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
+    )
+
+
+def _root(tissue: TissuePrior) -> Array:
+    """(nz, nz) F_z, a column a source."""
+    return np.asarray(np.linalg.cholesky(tissue.covariance), float)
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
@@ -326,15 +350,25 @@ def _scores(trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array]
 
 
 def _coupling(
-    problems: Sequence[TrialProblem], estimate: JointEstimate, held: tuple[str, ...], noise: Sequence[float]
+    problems: Sequence[TrialProblem],
+    fit: JointFit,
+    unknowns: tuple[str, ...],
+    considered: tuple[str, ...],
+    noise: Sequence[float],
 ) -> Array:
-    """(np + nz, nk) what errors of joint parameters that were kept fixed do to the scores of the others."""
-    names = (*estimate.free, *held)
+    """(np + nz, nk) S_pk: what errors of all that was not fitted do to the scores of what was, `unknowns`.
+
+    Only what moves some trial counts there; its soft tissue and secondary motions are where the fit has them.
+    """
+    names, found = (*unknowns, *considered), dict(zip(unknowns, fit.values.tolist(), strict=True))
     out = np.zeros((len(names), len(names)))
-    if held:
-        for problem, nodes, nu in zip(problems, estimate.nodes, noise, strict=True):
-            opened = problem.with_free(names)
-            places, count = [names.index(name) for name in opened.chain.free], len(opened.chain.free)
-            of_trial = eliminate(opened.equations(nodes, opened.constants(estimate.parameters)))
-            out[np.ix_(places, places)] += of_trial.hessian[:count, :count] / nu**2
-    return np.vstack([out[: len(estimate.free), len(estimate.free) :], np.zeros((len(estimate.keys), len(held)))])
+    if considered:
+        joints = tuple(name for name in names if name in JP_INDEX)
+        for problem, nodes, nu in zip(problems, fit.nodes, noise, strict=True):
+            opened = problem.with_free(joints)
+            z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
+            moved = opened.displaced(np.array(z)) if z else opened
+            of_trial = eliminate(moved.equations(nodes, moved.constants(fit.parameters)))
+            places = moved.places_in(names)
+            out[np.ix_(places, places)] += of_trial.hessian / nu**2
+    return out[: len(unknowns), len(unknowns) :]

@@ -8,17 +8,15 @@ single spine joint make errors of another size, are fitted by themselves in gait
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, free_of
 from gaitcal.calibration.joint_phases import (
-    GAIT,
     FittedPhase,
     JointCalibration,
     JointPhase,
@@ -28,21 +26,13 @@ from gaitcal.calibration.joint_phases import (
     fit_phase,
 )
 from gaitcal.calibration.joint_prior import ANATOMY
-from gaitcal.calibration.soft_tissue_artefact import (
-    SQUARES,
-    SoftTissueScale,
-    soft_tissue_scale,
-    task_regressors,
-    tissue_of,
-    tissue_prior,
-)
+from gaitcal.calibration.soft_tissue_artefact import SoftTissueScale
+from gaitcal.calibration.task_tissue import GAIT, LEAST_SQUARES, task_tissue
 from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.secondary_motion import SecondaryColumns, secondary_columns
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
@@ -50,8 +40,6 @@ from gaitcal.study.joint_prior import JointPrior
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
-LEAST_SQUARES = 0.01
-"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
 
 
 @dataclass(frozen=True)
@@ -89,84 +77,17 @@ def _legs(trials: Sequence[JointTrial], nominal: Parameters, sides: Sequence[str
     free = free_of(list(still.values()), [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     if not free:
         return None
-    regressors, scales, secondary = _artefact(used, still, nominal)
-    tasks = tuple(
-        TaskTrials(
-            kind,
-            tuple(
-                _with_tissue(still[t.name], kind, regressors[t.name], secondary.get(t.name))
-                for t in used
-                if t.kind == kind
-            ),
-        )
-        for kind in kinds
-    )
-    before = tissue_prior([problem for task in tasks for problem in task.problems], scales)
+    soft = task_tissue({t.name: t.kind for t in used}, still, nominal)
+    tasks = tuple(TaskTrials(kind, tuple(still[t.name] for t in used if t.kind == kind)) for kind in kinds)
     plan = JointPhase(
-        name="joint parameters of the legs",
-        tasks=tasks,
-        free=free,
-        recordings=tuple(t.name for t in used),
-        tissue=before,
-    )
+        name="joint parameters of the legs", tasks=tasks, free=free, recordings=tuple(t.name for t in used)
+    ).with_tissue(soft)
     phase = fit_phase(plan, nominal, how)
-    tissue = {
-        t.name: tissue_of(t.body, t.kind, regressors[t.name], before.keys, secondary=secondary.get(t.name))
-        for t in used
-    }
     return _Legs(
         phase=replace(phase, errors=_with_found_tissue(phase.errors, phase.estimate)),
-        tissue={name: columns for name, columns in tissue.items() if columns is not None},
-        notes=_in_words(scales, phase.estimate),
+        tissue=soft.of_bodies({t.name: t.body for t in used}, plan.tissue.keys),
+        notes=_in_words(soft.scales, phase.estimate),
     )
-
-
-def _artefact(
-    trials: Sequence[JointTrial], parts: Mapping[str, TrialProblem], nominal: Parameters
-) -> tuple[dict[str, dict[str, Array]], dict[str, SoftTissueScale], dict[str, SecondaryColumns]]:
-    """Trial -> coordinate -> (nf,) psi of the joints that its task moves; kind of task -> how soft the person is there:
-    in gait, and in all isolated trials alike; and trial of gait -> what knees do besides flexing.
-    """
-    angles = dict(zip(parts, [_angles(nominal, part) for part in parts.values()], strict=True))
-    regressors, scales = dict[str, dict[str, Array]](), dict[str, SoftTissueScale]()
-    kinds = dict.fromkeys(t.kind for t in trials)
-    for kind in kinds:
-        names = [t.name for t in trials if t.kind == kind]
-        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
-    gait = [t.name for t in trials if t.kind == GAIT]
-    secondary = dict(zip(gait, secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
-    for alike in ([k for k in kinds if k == GAIT], [k for k in kinds if k != GAIT]):
-        members = [t for t in trials if t.kind in alike]
-        scale = soft_tissue_scale([_with_tissue(parts[t.name], t.kind, regressors[t.name]) for t in members])
-        scales |= dict.fromkeys(alike, scale)
-        if scale.squares < LEAST_SQUARES:
-            for t in members:
-                regressors[t.name] = {n: psi for n, psi in regressors[t.name].items() if not n.endswith(SQUARES)}
-    return regressors, scales, secondary
-
-
-def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
-    """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
-    q = tracked_motion(part, nominal).q
-    return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
-
-
-def tissue_of_walk(walk: TrialProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
-    """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `Influence`), with the angles of this one.
-    """
-    angles = _angles(nominal, walk)
-    (every,) = task_regressors([angles], squares=True)
-    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
-    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
-    (secondary,) = secondary_columns(GAIT, [knees])
-    return tissue_of(walk, GAIT, regressors, known, secondary if secondary.names else None)
-
-
-def _with_tissue(
-    problem: TrialProblem, kind: str, regressors: Mapping[str, Array], secondary: SecondaryColumns | None = None
-) -> TrialProblem:
-    return replace(problem, tissue=tissue_of(problem, kind, regressors, secondary=secondary))
 
 
 def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:

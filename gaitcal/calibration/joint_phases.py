@@ -4,11 +4,12 @@ A phase fits some joint parameters to some trials by the one estimator (`joint_e
 is its prior, and what it finds is where the next one starts. Two protocols are lists of phases:
 
 default    legs with soft tissue and priors of anatomy, trunk and arms by themselves (`joint_evidence.py`).
-published  Reinbolt et al. 2007: no soft tissue, equal weights, bounds, and no prior, or a weak one of which every phase
-           makes a posterior, the prior of the next. Sequential, an isolated trial is fitted by its joint alone: the
-           proximal segment is free in the laboratory, so that an uncalibrated neighbour joint has no say; gait trials
-           are fitted by the whole linkage. Simultaneous, every trial is fitted by pelvis and legs, whose joints are all
-           free: each trial then also says what it knows of its neighbours, and no nominal joint is left to pull.
+published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one of which every phase makes a
+           posterior, the prior of the next. Soft tissue is not fitted; it is a source of error (`joint_estimate.py`),
+           and widens that posterior. Sequential, an isolated trial is fitted by its joint alone: the proximal segment
+           is free in the laboratory, so that an uncalibrated neighbour joint has no say; gait trials are fitted by the
+           whole linkage. Simultaneous, every trial is fitted by pelvis and legs, whose joints are all free: each trial
+           then also says what it knows of its neighbours, and no nominal joint is left to pull.
 
 Without a prior, a phase freezes what its trials cannot see, and fits the rest again (`identifiability.py`); with one,
 what the trials do not tell stays where the prior holds it, with the prior's spread as its error.
@@ -36,6 +37,7 @@ from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, TaskTrials, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.calibration.task_tissue import GAIT, TaskTissue
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import JP_INDEX, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
@@ -44,8 +46,6 @@ from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
-GAIT = "gait"
-"""Kind of task of a trial that is no isolated one; that of isolated trials has their joint's name."""
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
 
@@ -135,6 +135,15 @@ class JointPhase:
     recordings: tuple[str, ...]
     """Name of each trial, whatever its problem is called."""
     tissue: TissuePrior = NO_TISSUE
+    """Of the columns that its problems have."""
+
+    def with_tissue(self, soft: TaskTissue) -> JointPhase:
+        """The same with what may move the markers against their bones."""
+        own, tasks = iter(self.recordings), list[TaskTrials]()
+        for task in self.tasks:
+            tasks.append(replace(task, problems=tuple(soft.on(next(own), problem) for problem in task.problems)))
+        plan = replace(self, tasks=tuple(tasks))
+        return replace(plan, tissue=soft.prior(plan.problems))
 
     @property
     def problems(self) -> list[TrialProblem]:
@@ -157,6 +166,8 @@ class PhaseSettings:
     """About nominal values; None: nothing is expected, and what trials cannot see is frozen."""
     equal_weights: bool = False
     """Whether all trials of a phase count as equally noisy."""
+    fits_tissue: bool = True
+    """Whether soft tissue is fitted; else it is a source of error alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +198,7 @@ def fit_phase(
         plan.tasks,
         nominal,
         tissue=plan.tissue,
+        fits_tissue=how.fits_tissue,
         prior=how.prior,
         settings=how.search,
         equal_weights=how.equal_weights,
@@ -289,7 +301,7 @@ def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: 
 def _posterior(estimate: JointEstimate, nominal: Parameters) -> JointPrior:
     index, count = _index(estimate.free), len(estimate.free)
     mean = estimate.parameters.joint[index] - nominal.joint[index]
-    return JointPrior(names=estimate.free, mean=mean, covariance=estimate.covariance[:count, :count])
+    return JointPrior(names=estimate.free, mean=mean, covariance=estimate.whole_covariance[:count, :count])
 
 
 def calibration_of(

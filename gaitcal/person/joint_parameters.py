@@ -16,6 +16,7 @@ from gaitcal.calibration.joint_phases import (
     simultaneous_phases,
 )
 from gaitcal.calibration.joint_prior import WEAK, prior_of_study
+from gaitcal.calibration.task_tissue import task_tissue
 from gaitcal.findings import Finding
 from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
@@ -92,9 +93,14 @@ def joint_parameters(
         phases = (simultaneous_phases if together else sequential_phases)(
             taking_part, {side: parameters_of_gait(side, settings) for side in sides}
         )
+        used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
+        soft = task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal.parameters)
+        phases = [phase.with_tissue(soft) for phase in phases]
         weak = WEAK if settings.prior == "weak" else None
-        how = PhaseSettings(search=bounds, prior=weak, equal_weights=True)
+        how = PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
         joint = calibrate_in_phases(phases, nominal.parameters, how)
+        keys = [key for phase in phases for key in phase.tissue.keys]
+        joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
     return joint, joint.parameters
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.calibration.influence import TrialScores
-from gaitcal.calibration.joint_evidence import tissue_of_walk
 from gaitcal.calibration.marker_moves import (
     MarkerMoves,
     coordinate_standard_errors,
@@ -20,6 +19,7 @@ from gaitcal.calibration.marker_moves import (
     marker_moves,
     whole_body_scores,
 )
+from gaitcal.calibration.task_tissue import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.expected_residual import expected_residual

@@ -11,9 +11,10 @@ import pytest
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
-from gaitcal.calibration.joint_phases import GAIT, JointCalibration, JointTrial
+from gaitcal.calibration.joint_phases import JointCalibration, JointTrial
 from gaitcal.calibration.marker_moves import source_of
 from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
+from gaitcal.calibration.task_tissue import GAIT
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.findings import Severity
 from gaitcal.model.joint_parameters import JP_NAMES

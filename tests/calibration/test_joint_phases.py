@@ -9,7 +9,6 @@ import pytest
 
 from gaitcal.calibration.joint_calibration import JointSearch, JointSettings
 from gaitcal.calibration.joint_phases import (
-    GAIT,
     JointCalibration,
     JointTrial,
     PhaseSettings,
@@ -19,6 +18,7 @@ from gaitcal.calibration.joint_phases import (
     simultaneous_phases,
 )
 from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.calibration.task_tissue import GAIT
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
