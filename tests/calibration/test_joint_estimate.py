@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_estimate import (
@@ -111,6 +112,79 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     np.testing.assert_allclose(errors.covariance / np.outer(unit, unit), dense / np.outer(unit, unit), atol=1e-4)
     expected = {f"nominal/{name}" for name in HIP} | {f"skin/{key}" for key in prior.keys}
     assert {c for c in errors.clusters if not c.startswith("markers/random/")} == expected
+
+
+@pytest.mark.parametrize("fits_tissue", [True, False])
+def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(fits_tissue: bool) -> None:
+    """Two joint parameters that stay, and soft tissue where it does: H^-1 + (H^-1 S_pk R_k)^2, a column a source."""
+    problem, prior = with_tissue(np.random.default_rng(4), 40)
+    nominal, spread = perturbed_parameters(np.random.default_rng(5), 0.005, 0.0), np.linspace(0.002, 0.004, len(HIP))
+    known = Influence(HIP, np.diag(spread), tuple(f"nominal/{name}" for name in HIP))
+    expected = JointPrior(names=HIP, mean=np.zeros(len(HIP)), covariance=np.diag(spread**2))
+    free, kept, nz = HIP[:4], HIP[4:], len(prior.keys)
+    estimate, errors = estimate_joints(
+        gait(problem), nominal, free, tissue=prior, fits_tissue=fits_tissue, prior=expected, known=known
+    )
+    assert estimate.keys == (prior.keys if fits_tissue else ())
+
+    def residual(x: Array) -> Array:
+        p, z, n = np.split(x, [len(HIP), len(HIP) + nz])
+        at = problem.displaced(z)
+        gap = at.positions(n.reshape(estimate.nodes[0].shape), at.constants(nominal.with_joint(HIP, p)))
+        return (gap - at.data.measured).ravel() / estimate.noise[0]
+
+    z = estimate.tissue if fits_tissue else np.zeros(nz)
+    joint = estimate.parameters.joint[[JP_INDEX[n] for n in HIP]]
+    slope = central_differences(residual, np.concatenate([joint, z, estimate.nodes[0].ravel()]), 1e-6)
+    hessian = slope.T @ slope
+    hessian[:4, :4] += np.diag(spread[:4] ** -2.0)
+    columns = np.arange(len(HIP), len(HIP) + nz)
+    if fits_tissue:
+        hessian[np.ix_(columns, columns)] += np.linalg.inv(prior.covariance)
+    considered = np.concatenate([[4, 5], [] if fits_tissue else columns]).astype(int)
+    fitted = np.setdiff1d(np.arange(len(hessian)), considered)
+    inverse = np.linalg.inv(hessian[np.ix_(fitted, fitted)])
+    moved = (-inverse @ hessian[np.ix_(fitted, considered)])[: len(estimate.values)]
+    roots = [np.diag(spread[4:]), *([] if fits_tissue else [np.linalg.cholesky(prior.covariance)])]
+    of_considered = moved @ block_diag(*roots)
+    dense = inverse[: len(moved), : len(moved)] + of_considered @ of_considered.T
+    unit = np.sqrt(np.diag(dense))
+    found = errors.of((*free, *estimate.keys)).covariance
+    np.testing.assert_allclose(found / np.outer(unit, unit), dense / np.outer(unit, unit), atol=1e-4)
+    sources = (*(f"nominal/{n}" for n in kept), *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)))
+    own = errors.parameters[: len(moved), [errors.clusters.index(source) for source in sources]]
+    np.testing.assert_allclose(own / unit[:, None], of_considered / unit[:, None], atol=1e-4)
+    np.testing.assert_allclose(errors.of(kept).covariance, np.diag(spread[4:] ** 2), atol=1e-18)
+    if not fits_tissue:
+        by_noise_and_tissue = dense - of_considered[:, :2] @ of_considered[:, :2].T
+        gap = (estimate.whole_covariance - by_noise_and_tissue) / np.outer(unit, unit)
+        np.testing.assert_allclose(gap, 0.0, atol=1e-4)
+
+
+def test_soft_tissue_that_is_not_fitted_moves_no_estimate_and_bars_hold_the_truth() -> None:
+    """Skin in step with the joint, drawn from its prior 30 times: noise alone knows nothing of it."""
+    rng, inside = np.random.default_rng(12), dict[bool, list[Array]]()
+    problem, truth = hip_trial(3, frames=200, nodes=30)
+    nodes = problem.basis.fit(np.column_stack([0.4 * np.sin(k * np.linspace(0, 7, 200)) for k in range(1, 10)]))
+    parameters = perturbed_parameters(rng, 0.0, 0.0).with_joint(HIP, truth)
+    names = problem.chain.coordinates
+    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(nodes).T, strict=True))])
+    problem = replace(problem, tissue=tissue_of(problem, "gait", psi))
+    prior = tissue_prior([problem], {"gait": SoftTissueScale(1.0)})
+    for _ in range(30):
+        at = problem.displaced(rng.multivariate_normal(np.zeros(len(prior.keys)), prior.covariance))
+        seen = at.positions(nodes, at.constants(parameters))
+        trial = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
+        nominal, found = drawn_nominal(rng, truth), dict[bool, JointEstimate]()
+        for soft in (False, True):
+            task, columns = (trial, prior) if soft else (replace(trial, tissue=None), NO_TISSUE)
+            found[soft], errors = estimate_joints(
+                gait(task), nominal, HIP, tissue=columns, fits_tissue=False, prior=None, equal_weights=True
+            )
+            bars = np.array([errors.standard_errors[name] for name in HIP])
+            inside.setdefault(soft, []).append(np.abs(found[soft].values - truth) < 1.96 * bars)
+        np.testing.assert_array_equal(found[True].values, found[False].values)
+    assert np.mean(inside[False]) < 0.6 and np.mean(inside[True]) > 0.9
 
 
 def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
