@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_estimate import TaskTrials, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import SECONDARY_SIZES, TissuePrior, secondary_prior
@@ -121,3 +123,34 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
         if tissue:
             np.testing.assert_allclose(estimate.tissue, z, atol=0.1 * np.sqrt(np.diag(prior.covariance)).max())
     assert error["knee"] < 0.2 * error["hinge"] and score["knee"] < 4.0
+
+
+def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_errors_say() -> None:
+    """By fits again: with the hip elsewhere, secondary motions fitted; and with markers where these have them, not."""
+    rng = np.random.default_rng(3)
+    problem, true, _ = leg_trial(3, 120, 10)
+    truth, prior = perturbed_parameters(np.random.default_rng(3)), secondary_prior([problem])
+    noise, sizes = rng.normal(0, 0.002, problem.data.measured.shape), np.sqrt(np.diag(prior.covariance))
+
+    def seen(z: Array) -> list[TaskTrials]:
+        at = problem.displaced(z)
+        return [TaskTrials("gait", (problem.with_measured(at.positions(true, at.constants(truth)) + noise),))]
+
+    free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("knee_r", "talocrural_r"))
+    kept, step, z = "hip_r.thigh.sup", 1e-4, 0.05 * drawn(rng, prior)
+    known, elsewhere = (
+        Influence((kept,), np.array([[step]]), (f"nominal/{kept}",)),
+        truth.joint[[JP_INDEX[kept]]] + step,
+    )
+    for fits, other_tasks, other in (
+        (True, seen(0 * z), truth.with_joint((kept,), elsewhere)),
+        (False, seen(z), truth),
+    ):
+        fit = partial(estimate_joints, free=free, tissue=prior, fits_tissue=fits, known=known)
+        here, errors = fit(seen(0 * z), truth)
+        there, _ = fit(other_tasks, other)
+        rows = errors.parameters[: len(here.values)]
+        predicted = rows[:, errors.clusters.index(f"nominal/{kept}")] if fits else -here.by_tissue @ (z / sizes)
+        moved, unit = there.values - here.values, np.sqrt(np.diag(here.covariance))
+        assert np.abs(moved / unit).max() > 0.01
+        np.testing.assert_allclose(moved / unit, predicted / unit, atol=0.1 * np.abs(moved / unit).max())
