@@ -3,6 +3,9 @@
 The lock is one of `filelock` on a file `.gaitcal-lock-NAME` beside the folder (inside it where nobody may write beside
 it), so that the folder itself can be replaced under it. `dynamics`, `montecarlo` and `export` inside a result are parts
 of it and have its lock.
+
+Whoever is killed between the two renames that replace a result leaves the old one hidden beside its place. It belongs
+to nobody while the lock is free, and is put back by whoever writes or reads there next.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,7 +22,7 @@ from filelock import FileLock, Timeout
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import LOCK, MANIFEST, PARTS, read_object
+from gaitcal.files.ownership import LOCK, MANIFEST, OLD, PARTS, read_object
 
 WAIT_S = 60.0
 """A result of many trials with all its figures is written in less."""
@@ -56,6 +60,41 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
             with suppress(OSError):  # on Windows, where another one has it open
                 os.unlink(lock.lock_file)  # noqa: PTH108  who waits for the removed file begins again
         lock.release()
+
+
+def recover(target: Path) -> None:
+    """Put back an old result, or a part of one, whose replacement was killed between the two renames.
+
+    The lock of `target` is held.
+    """
+    for place, old in _places(target):
+        if place.exists():
+            shutil.rmtree(old, ignore_errors=True)
+        elif old.exists():
+            old.rename(place)
+
+
+def put_back(folder: Path) -> None:
+    """As `recover`, for who wants to read the result `folder`; where nobody may write, it stays as it is.
+
+    Raises
+    ------
+    InputError
+        Another process writes it, for longer than `WAIT_S`.
+    """
+    target = Path(os.path.realpath(folder))
+    hidden = [place for place, old in _places(target) if old.exists() and not place.exists()]
+    if not hidden:
+        return
+    with suppress(OSError), locked(target):
+        recover(target)
+        for place in hidden:
+            _log.warning("gaitcal: %s: the run that was to replace it was killed; the earlier result is back", place)
+
+
+def _places(target: Path) -> list[tuple[Path, Path]]:
+    """Of a result and its parts: where it belongs, and where it waits while it is replaced."""
+    return [(place, place.with_name(OLD + place.name)) for place in (target, *(target / name for name in PARTS))]
 
 
 def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
