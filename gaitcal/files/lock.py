@@ -14,6 +14,7 @@ import errno
 import logging
 import os
 import shutil
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,7 +30,8 @@ WAIT_S = 60.0
 TELL_S = 1.0
 """Waiting for longer is told."""
 LOOK_S = 0.05
-_NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP})
+_NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS})
+"""What `flock` answers on a file system that has none."""
 
 _log = logging.getLogger(__name__)
 
@@ -99,12 +101,14 @@ def _places(target: Path) -> list[tuple[Path, Path]]:
 
 def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
     try:
-        try:
-            lock.acquire(timeout=min(TELL_S, longest_s), poll_interval=LOOK_S)
-        except Timeout:
-            if longest_s > TELL_S:
-                _log.warning("gaitcal: %s is being written by another process; waiting up to %.0f s", folder, longest_s)
-            lock.acquire(timeout=max(longest_s - TELL_S, 0.0), poll_interval=LOOK_S)
+        with _no_file_as_lock():
+            try:
+                lock.acquire(timeout=min(TELL_S, longest_s), poll_interval=LOOK_S)
+            except Timeout:
+                if longest_s > TELL_S:
+                    words = "gaitcal: %s is being written by another process; waiting up to %.0f s"
+                    _log.warning(words, folder, longest_s)
+                lock.acquire(timeout=max(longest_s - TELL_S, 0.0), poll_interval=LOOK_S)
     except Timeout:
         raise InputError(
             "is being written by another process; run again when that has ended", source=folder, code=Code.LOCKED
@@ -113,6 +117,21 @@ def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
         if error.errno not in _NO_LOCKS:
             raise
         _log.warning("gaitcal: this file system has no locks; run one command at a time on this folder")
+
+
+@contextmanager
+def _no_file_as_lock() -> Iterator[None]:
+    """Where the system has no locks, filelock warns and takes a file for one, which outlives who is killed.
+
+    Raises OSError instead.
+    """
+    words = "flock not supported"
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", words, UserWarning)
+        try:
+            yield
+        except UserWarning as warning:
+            raise OSError(errno.ENOSYS, str(warning)) from None
 
 
 def _whole_result(folder: Path) -> Path:
