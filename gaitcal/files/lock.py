@@ -64,16 +64,19 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
         lock.release()
 
 
-def recover(target: Path) -> None:
-    """Put back an old result, or a part of one, whose replacement was killed between the two renames.
+def recover(target: Path) -> list[Path]:
+    """Put back an old result, or a part of one, whose replacement was killed between the two renames; returns which.
 
     The lock of `target` is held.
     """
+    back = []
     for place, old in _places(target):
         if place.exists():
             shutil.rmtree(old, ignore_errors=True)
         elif old.exists():
             old.rename(place)
+            back.append(place)
+    return back
 
 
 def put_back(folder: Path) -> None:
@@ -85,12 +88,10 @@ def put_back(folder: Path) -> None:
         Another process writes it, for longer than `WAIT_S`.
     """
     target = Path(os.path.realpath(folder))
-    hidden = [place for place, old in _places(target) if old.exists() and not place.exists()]
-    if not hidden:
+    if not any(old.exists() and not place.exists() for place, old in _places(target)):
         return
-    with suppress(OSError), locked(target):
-        recover(target)
-        for place in hidden:
+    with suppress(OSError), locked(target):  # who holds it may be about to put the new one in the place
+        for place in recover(target):
             _log.warning("gaitcal: %s: the run that was to replace it was killed; the earlier result is back", place)
 
 
