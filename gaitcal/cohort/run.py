@@ -27,6 +27,8 @@ WAIT_S = 5.0
 """For another run on the same folder that is about to end."""
 EACH = 25
 """People that a process calibrates before another takes its place."""
+MOST_MIB = 1500.0
+"""A process that once needed more keeps much of it: it makes room for another one."""
 
 
 class Engine(Protocol):
@@ -97,8 +99,18 @@ def run_cohort(
 
 
 def processes(jobs: int = -1) -> LocalProcesses:
-    """Processes of this machine, -1: one for every core; whoever is unchanged costs them nothing."""
-    return LocalProcesses(jobs, each=EACH, ages=lambda outcome: outcome.computed)
+    """Processes of this machine, -1: one for every core; whoever is unchanged costs them nothing.
+
+    One is replaced after `EACH` people, or when it has grown over `MOST_MIB`.
+    """
+    return LocalProcesses(jobs, each=EACH, ages=_ages)
+
+
+def _ages(outcome: Outcome) -> int:
+    """As how many people one counts."""
+    if not outcome.computed:
+        return 0
+    return EACH if outcome.mebibytes > MOST_MIB else 1
 
 
 def _generator(outcomes: Iterator[Outcome]) -> Generator[Outcome, None, None]:

@@ -19,6 +19,7 @@ from gaitcal.figures.files import FORMATS, write_charts
 from gaitcal.figures.paper import Strides, paper_charts
 from gaitcal.figures.report import HealthyBands, Told, report_charts
 from gaitcal.files.atomic import amended
+from gaitcal.files.lock import put_back
 from gaitcal.files.ownership import read_object
 from gaitcal.files.snapshot import read_whole
 from gaitcal.gait.ensemble import ensemble
@@ -73,6 +74,7 @@ def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
         _only_for_papers(options)
     width = COLUMN if options.width is None else _width(options.width)
     convention = convention_of(options.signs, None, options.units or "Nm/kg", external=options.external)
+    put_back(result)
     if not result.is_dir():
         raise InputError(
             "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'",

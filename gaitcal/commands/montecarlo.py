@@ -18,6 +18,7 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.files.atomic import amended
 from gaitcal.files.interruption import InterruptedWork, Stopped
+from gaitcal.files.lock import put_back
 from gaitcal.montecarlo.case import MODEL, case_from, read_case
 from gaitcal.montecarlo.conclusions import PUBLISHED, beside, conclusions
 from gaitcal.montecarlo.context import MonteCarloContext
@@ -100,6 +101,7 @@ class Options:
 
 def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
+    put_back(folder)
     store = Store(folder / FOLDER)
     plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
     if expected_mm is not None and not (draws := store.read()).empty:

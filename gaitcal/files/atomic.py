@@ -2,8 +2,8 @@
 
 An error, a full disk or Ctrl-C at any moment leaves the old result, or none where there was none. What SIGKILL leaves
 is removed by the next run on the same target: the hidden folder `.gaitcal-tmp-NAME`. Killed between the two renames
-that replace an old result, the old one waits as `.gaitcal-old-NAME`, and the next run puts it back. All of this happens
-under the lock of the target (`lock`), so that what lies there by these names belongs to nobody else.
+that replace an old result, the old one waits as `.gaitcal-old-NAME`, and the next run or reader puts it back (`lock`).
+All of this happens under the lock of the target, so that what lies there by these names belongs to nobody else.
 
 What may be replaced at all is told in `ownership`. Folders of the old result that are kept are in both until the old
 one goes, by hard links (copies, where the file system has none), so that at no moment they are in neither.
@@ -23,8 +23,8 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.files.interruption import unbroken
-from gaitcal.files.lock import locked
-from gaitcal.files.ownership import MANIFEST, OLD, PARTS, UNFINISHED, ResultKind, files_of, read_object, refuse_others
+from gaitcal.files.lock import locked, recover
+from gaitcal.files.ownership import MANIFEST, OLD, UNFINISHED, ResultKind, files_of, read_object, refuse_others
 from gaitcal.files.snapshot import HASHES, SELF, self_hash, sha256_of, sign
 
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
@@ -79,7 +79,7 @@ def atomic_directory(
         with disk_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(target))
-            _recover(target)
+            recover(target)
             refuse_others(target, kind, inputs)
             content = stack.enter_context(_empty(target.with_name(UNFINISHED + target.name)))
         with disk_errors(target, only=FULL):
@@ -109,7 +109,7 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
             target.lstat()  # a name too long, a file where a folder should be
         if target.parent.is_dir():
             stack.enter_context(locked(target))
-            _recover(target)
+            recover(target)
         kept = refuse_others(target, kind, inputs)
         parent = next(folder for folder in target.parents if folder.exists())
         stack.enter_context(tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent))
@@ -158,16 +158,6 @@ def _put(content: Path, target: Path) -> None:
             old.rename(target)
         raise
     shutil.rmtree(old, ignore_errors=True)
-
-
-def _recover(target: Path) -> None:
-    """Put back an old result, or a part of one, whose replacement was killed between the two renames."""
-    for place in (target, *(target / name for name in PARTS)):
-        old = place.with_name(OLD + place.name)
-        if place.exists():
-            shutil.rmtree(old, ignore_errors=True)
-        elif old.exists():
-            old.rename(place)
 
 
 # ------------------------------------------------------------------------------------------------- single files

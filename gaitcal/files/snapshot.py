@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.files.lock import put_back
 from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object, refuse_cohort
 from gaitcal.records import dataclass
 
@@ -106,6 +107,18 @@ class Snapshot:
                 raise InputError(message, source=self.folder / name, code=Code.CHANGED_FILE)
 
 
+def require_person(folder: Path) -> None:
+    """What every reader of the result of one person begins with: a hidden earlier one is put back.
+
+    Raises
+    ------
+    InputError
+        It is a cohort.
+    """
+    put_back(folder)
+    refuse_cohort(folder)
+
+
 def read_whole(
     folder: Path, names: Iterable[str], read: Callable[[], Content], editable: Iterable[str] = ()
 ) -> tuple[Content, Snapshot]:
@@ -120,7 +133,7 @@ def read_whole(
     InputError
         It is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
     """
-    refuse_cohort(folder)
+    require_person(folder)
     wanted, may_differ = tuple(names), set(editable)
     for _ in range(_TRIES):
         before = _hashes(folder, wanted)

@@ -19,8 +19,7 @@ import pandas as pd
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.ownership import refuse_cohort
-from gaitcal.files.snapshot import Snapshot, read_whole
+from gaitcal.files.snapshot import Snapshot, read_whole, require_person
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.model_file import load_model
 from gaitcal.model.nominal import published_model
@@ -160,7 +159,7 @@ def read_case(
 ) -> tuple[MonteCarloCase, Snapshot]:
     """As `case_from`, and the files that it was made from, to be compared when the work is done."""
     folder = Path(folder)
-    refuse_cohort(folder)
+    require_person(folder)
     if (folder / MODEL).exists():
         name, _ = read_whole(folder, (SPLINES,), lambda: _trial_of(folder, trial))
         files = (MODEL, SPLINES, _marker_errors(name))

@@ -72,8 +72,8 @@ class LocalProcesses:
     """How many; -1: one for every core."""
     each: int | None = None
     """Tasks after which a process is replaced, so that memory does not grow with their number; None: never."""
-    ages: Callable[[Any], bool] = lambda result: True
-    """Whether a result cost the work by which a process ages."""
+    ages: Callable[[Any], int] = lambda result: 1
+    """As how many tasks a result counts: 0 where it cost no work, `each` where its process has to go at once."""
 
     def run(
         self,

@@ -77,9 +77,12 @@ def secondary_columns(kind: str, angles: Sequence[Mapping[str, Array]]) -> list[
 
 
 def _bends(angle: Array) -> Array:
-    """(2, nf) b_2 and b_3 of an angle (nf,) rad."""
+    """(2, nf) b_2 and b_3 of an angle (nf,) rad; zero where the frames are too few to tell bends from a line."""
+    columns = len(BENDS) + 2
+    if len(angle) < columns:
+        return np.zeros((len(BENDS), len(angle)))
     psi = (angle - angle.mean()) / max(float(angle.std()), LEAST_SPREAD)
-    q, r = np.linalg.qr(np.vander(psi, len(BENDS) + 2, increasing=True))
-    size = psi.std() ** np.arange(2, len(BENDS) + 2)
+    q, r = np.linalg.qr(np.vander(psi, columns, increasing=True))
+    size = psi.std() ** np.arange(2, columns)
     out: Array = np.sqrt(len(psi)) * (q[:, 2:] * np.sign(np.diag(r)[2:]) * size).T
     return out

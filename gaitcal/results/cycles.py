@@ -15,6 +15,7 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
+from gaitcal.files.lock import put_back
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
@@ -119,6 +120,7 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
         It is not there, or is no such table.
     """
     source = Path(path)
+    put_back(source)
     source = source / CYCLES if source.is_dir() else source
     try:
         table, _ = read_csv(source)

@@ -18,6 +18,7 @@ from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
 from gaitcal.files.atomic import atomic_directory
+from gaitcal.files.lock import put_back
 from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.files.package_data import package_version
 from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
@@ -118,6 +119,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     InputError
         It is none, or damaged.
     """
+    put_back(folder)
     manifest = read_object(folder / MANIFEST)
     if not manifest:
         message = (

@@ -12,6 +12,9 @@ theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is
 joint accuses nobody, and a fit without one is judged alike. Two hips that are each a little too far out are together
 where nobody has them: the distance between them is judged in the same way.
 
+A joint that is doubted is some four scatters off. From `UNUSUAL` on, some three, it is named in a note, which doubts
+nothing: 17 places are looked at, and healthy joints lie so far, too, beside those that skin has moved by 30 mm.
+
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's, as a prior made
 wide to let a joint go does not make people scatter more.
 """
@@ -40,6 +43,8 @@ from gaitcal.study.joint_prior import JointPrior
 TOPIC = "joint places"
 RARE = 1e-3
 """Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at."""
+UNUSUAL = 0.05
+"""As `RARE`, of a note: the usual level at which something is looked at that proves nothing by itself."""
 CT_RATIO = "0.65 to 0.82"
 """Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
 LEAST_SHARE = 0.3
@@ -65,7 +70,7 @@ _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 def joint_place_findings(
     model: SubjectModel, fitted: Parameters, influence: Influence, prior: JointPrior, isolated: Collection[str] = ()
 ) -> Iterator[Finding]:
-    """Joints of the legs that lie where fewer than `RARE` of all people have them, the worst view of each joint.
+    """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes from `UNUSUAL` on.
 
     Parameters
     ----------
@@ -75,13 +80,16 @@ def joint_place_findings(
     isolated : joints (`knee_r`, ...) that have an isolated trial of their own.
     """
     places = _Places(model, fitted, influence, prior)
+    hip_told = False
     for side in SIDES:
         for joint in (f"{name}_{side}" for name in LEG_JOINTS):
-            views = [place for place in places.of(joint) if place.probability < RARE]
-            if views:
-                yield _finding(joint, views, model, joint in isolated)
+            views = list(places.of(joint))
+            limit = RARE if min(place.probability for place in views) < RARE else UNUSUAL
+            if far := [place for place in views if place.probability < limit]:
+                yield _finding(joint, far, model, joint in isolated)
+                hip_told = hip_told or joint.startswith("hip")
     apart = places.hips_apart()
-    if apart.probability < RARE:
+    if apart.probability < (RARE if hip_told else UNUSUAL):
         yield _apart(apart, model, fitted)
 
 
@@ -157,16 +165,16 @@ class _Places:
 
 def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: bool) -> Finding:
     kind, side = joint.split("_")
-    odds = _odds(min(place.probability for place in views))
+    least = min(place.probability for place in views)
     return Finding(
-        severity=Severity.WARNING,
+        severity=_severity(least),
         topic=TOPIC,
         where=STUDY,
         leg=side,
-        cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {round(1 / RARE)} people have one",
-        found=f"it lies, from where {_LANDMARKS[kind]} have it, {'; '.join(place.words for place in views)}; {odds} so "
-        f"far{_few_markers(model, joint)}",
-        cure=_cure(kind, isolated),
+        cause=f"the {joint_words(joint)} joint lies where {_fewer(least)} people have one",
+        found=f"it lies, from where {_LANDMARKS[kind]} have it, {'; '.join(place.words for place in views)}; "
+        f"{_odds(least)} so far{_few_markers(model, joint)}",
+        cure=_cure(kind, isolated) if least < RARE else "",
         weight=_weight(views),
         code=Code.KNEE_AXIS if kind == "knee" else Code.JOINT_PLACE,
     )
@@ -175,15 +183,16 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
 def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
     gap, nominal = (1e3 * _distance(p, "hip_r.pelvis", "hip_l.pelvis") for p in (fitted, model.nominal))
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
+    others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
-        severity=Severity.WARNING,
+        severity=_severity(place.probability),
         topic=TOPIC,
         where=STUDY,
-        cause=f"the hips lie {'further apart' if place.offset[0] > 0 else 'nearer together'} than 999 in 1000 people's",
+        cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} people's",
         found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {_LANDMARKS['hip']} have them {nominal:.0f} mm apart, "
         f"people scatter by {deviation:.0f} about that, and the fit's own markers leave ± {error:.0f} mm; "
         f"{_odds(place.probability)} so far",
-        cure=_cure("hip", isolated=False),
+        cure=_cure("hip", isolated=False) if place.probability < RARE else "",
         weight=_weight([place]),
         code=Code.JOINT_PLACE,
     )
@@ -201,6 +210,14 @@ def _over_spines(model: SubjectModel, gap_mm: float) -> str:
 def _weight(places: Sequence[Place]) -> float:
     """How many times the limit."""
     return max(float(np.sqrt(place.square / chdtri(len(place.offset), RARE))) for place in places)
+
+
+def _severity(probability: float) -> Severity:
+    return Severity.WARNING if probability < RARE else Severity.INFO
+
+
+def _fewer(probability: float) -> str:
+    return f"fewer than 1 in {round(1 / (RARE if probability < RARE else UNUSUAL))}"
 
 
 def _odds(probability: float) -> str:

@@ -13,12 +13,12 @@ from gaitcal.cohort.columns import COLUMNS, NAMES
 from gaitcal.cohort.outcome import Outcome, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import people_in
-from gaitcal.cohort.run import run_cohort
+from gaitcal.cohort.run import MOST_MIB, processes, run_cohort
 from gaitcal.cohort.tables import CYCLES, FAILURES, PEOPLE_CSV, PEOPLE_PARQUET
 from gaitcal.cohort.task import Task
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble
-from tests.cohort.stubs import MASS, Here, rows, run, strides
+from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides
 from tests.intake.folders import recordings, write
 
 SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
@@ -49,6 +49,12 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
         | {"code": "GC-040", "cause": "the static trial is restless", "what_to_do": "record it again"},
     ]
     assert [row["column"] for row in rows(out / "columns.csv")] == [column.name for column in COLUMNS]
+
+
+def test_a_process_that_has_grown_large_is_replaced_at_once() -> None:
+    for mebibytes, count in ((MOST_MIB + 1.0, 3), (MOST_MIB - 1.0, 1)):
+        ended = processes(1).run(of_a_process, [mebibytes] * 3)
+        assert len({outcome.name for outcome in ended}) == count
 
 
 def test_peaks_are_those_of_the_mean_over_valid_strides(lab: Path, tmp_path: Path, ran: list[str]) -> None:

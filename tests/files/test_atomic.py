@@ -9,14 +9,20 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from gaitcal.cli import app
 from gaitcal.errors import InputError
+from gaitcal.files import lock
 from gaitcal.files.atomic import amended, atomic_directory, atomic_file, atomic_text, file_in_place, require_room
 from gaitcal.files.ownership import KEPT, MANIFEST, OLD, ResultKind
 from gaitcal.files.snapshot import listed, sha256_of
+from gaitcal.results.cycles import read_cycles
 
 
 def write_result(
@@ -83,6 +89,51 @@ def test_what_a_killed_run_left_is_put_right_by_the_next(tmp_path: Path) -> None
     assert require_room(target, ResultKind.CALIBRATION) == ("dynamics",)
     assert result(target) == "one"
     assert result(target / "dynamics") == "further"
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("words", ["export", "figures", "view", "montecarlo", "compare", "dynamics"])
+def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
+    tmp_path: Path, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every command that reads a result. (What is read here is too little: each ends in an error after that.)"""
+    target = tmp_path / "out"
+    write_result(target, "one")
+    target.rename(tmp_path / f"{OLD}out")
+    further = {"compare": [str(target)], "dynamics": ["walk.c3d"]}.get(words, [])
+    CliRunner().invoke(app, [words, str(target), *further])
+    assert result(target) == "one"
+    assert names(tmp_path) == ["out"]
+    assert "the earlier result is back" in caplog.text
+
+
+def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
+    target = tmp_path / "out"
+    write_result(target, "new")
+    held = lock.locked
+
+    @contextmanager
+    def late(folder: Path) -> Iterator[None]:
+        with held(folder):
+            (tmp_path / "new").rename(target)
+            yield
+
+    target.rename(tmp_path / "new")
+    write_result(target, "one")
+    target.rename(tmp_path / f"{OLD}out")
+    monkeypatch.setattr(lock, "locked", late)
+    lock.put_back(target)
+    assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
+
+
+def test_a_table_of_strides_that_is_asked_for_puts_the_hidden_result_back(tmp_path: Path) -> None:
+    write_result(tmp_path / "out", "one")
+    (tmp_path / "out").rename(tmp_path / f"{OLD}out")
+    with pytest.raises(InputError):
+        read_cycles(tmp_path / "out")
     assert names(tmp_path) == ["out"]
 
 

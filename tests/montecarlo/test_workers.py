@@ -49,7 +49,7 @@ def test_processes_are_replaced() -> None:
 
 
 def test_what_costs_no_work_makes_no_process_old() -> None:
-    found = list(LocalProcesses(1, each=2, ages=lambda result: False).run(process, range(6), no_loss))
+    found = list(LocalProcesses(1, each=2, ages=lambda result: 0).run(process, range(6), no_loss))
     assert len(set(found)) == 1
 
 

@@ -98,6 +98,17 @@ def test_bends_are_what_no_hinge_makes_of_the_angle() -> None:
     assert np.abs(still[0].regressors["knee_angle_r"]).max() < 0.1
 
 
+def test_of_few_frames_there_are_no_bends() -> None:
+    """A video that was stopped at once; a long trial of the same kind gives it its own again."""
+    for frames in range(1, 4):
+        angle = {"knee_angle_r": np.linspace(0.0, 1.0, frames)}
+        (few,) = secondary_columns("gait", [angle])
+        assert np.array_equal(few.regressors["knee_angle_r"], np.zeros((2, frames)))
+        assert len(few.names) == len(few.keys) > 0
+        beside, _ = secondary_columns("gait", [angle, {"knee_angle_r": np.linspace(-0.3, 1.2, 50)}])
+        assert np.abs(beside.regressors["knee_angle_r"]).max() > 0.1
+
+
 def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     """Without these motions the ankle takes the misfit of the knee."""
     rng = np.random.default_rng(3)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.verdict.joint_places import RARE, Place, joint_place_findings
+from gaitcal.verdict.joint_places import RARE, UNUSUAL, Place, joint_place_findings
+from gaitcal.verdict.verdict import Judgement, judge
 
+ROOT = Path(__file__).parents[2]
 MODEL = published_model(static_only=True)
 LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in ("hip", "knee", "talocrural", "subtalar"))
 EXACT = Influence(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
@@ -32,7 +37,9 @@ def moved(**by: float) -> Parameters:
 
 
 def told(parameters: Parameters, influence: Influence = EXACT, prior: JointPrior = ANATOMY) -> list[Finding]:
-    return list(joint_place_findings(MODEL, parameters, influence, prior))
+    """What makes doubtful."""
+    found = joint_place_findings(MODEL, parameters, influence, prior)
+    return [finding for finding in found if finding.severity is not Severity.INFO]
 
 
 def test_squares_of_drawn_people_are_chi_squared() -> None:
@@ -58,13 +65,25 @@ def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
     assert left.leg == "l" and "40 mm outward" in left.found
 
 
+@pytest.mark.parametrize(
+    ("far", "code"),
+    [({"hip_l__pelvis__lat": -0.030}, Code.JOINT_PLACE), ({"knee_l__thigh__sup": -0.034}, Code.KNEE_AXIS)],
+)
+def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(far: dict[str, float], code: Code) -> None:
+    (note,) = joint_place_findings(MODEL, moved(**far), EXACT, ANATOMY)
+    assert (note.severity, note.leg, note.code, note.cure) == (Severity.INFO, "l", code, "")
+    assert "fewer than 1 in 20 people" in note.cause and f"{1e3 * abs(*far.values()):.0f} mm" in note.found
+    assert judge([note], ["walk"]).judgement is Judgement.TRUSTWORTHY
+    assert list(joint_place_findings(MODEL, moved(**{name: 0.7 * d for name, d in far.items()}), EXACT, ANATOMY)) == []
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_hips_that_are_too_far_apart_together_are_doubted(sign: float) -> None:
     """26 mm a hip is nobody's alone; both together 53 mm too far apart are (a child of 159 mm between the ASIS)."""
     one_side = {"hip_r__pelvis__lat": sign * 0.026, "hip_r__thigh__lat": sign * 0.026}
     assert told(moved(**one_side)) == []
     (one,) = told(moved(**one_side, hip_l__pelvis__lat=-sign * 0.026, hip_l__thigh__lat=-sign * 0.026))
-    assert one.leg == "" and ("further apart" in one.cause) == (sign > 0)
+    assert one.leg == "" and ("further apart" in one.cause) == (sign > 0) and "999 in 1000" in one.cause
     assert "between the ASIS (in CT 0.65 to 0.82)" in one.found
 
 
@@ -126,3 +145,28 @@ def test_too_few_markers_to_show_moving_skin_are_told() -> None:
     far = moved(knee_r__thigh__sup=-0.045)
     found = [next(joint_place_findings(model, far, EXACT, ANATOMY)).found for model in (MODEL, few)]
     assert "too few markers" not in found[0] and "2 on the thigh" in found[1]
+
+
+def test_pages_tell_from_where_on_a_joint_is_named() -> None:
+    """In one direction alone, without errors of the fit's own markers."""
+
+    def limits(joint: str, segment: str, *ways: str) -> list[str]:
+        at = [k for k, name in enumerate(JP_NAMES) if name.startswith(f"{joint}.{segment}.")]
+        curvature = np.linalg.inv(COVARIANCE[np.ix_(at, at)])
+        size = {JP_NAMES[k].split(".")[2]: curvature[i, i] ** -0.5 / JP_TO_SI[k] for i, k in enumerate(at)}
+        return [
+            " ".join(f"{np.sqrt(chdtri(len(at), level)) * size[way]:.0f}" for way in ways) for level in (RARE, UNUSUAL)
+        ]
+
+    told = (ROOT / "docs/explanation/verdict.md").read_text(encoding="utf-8").splitlines()
+    for start, found in (
+        ("| hip", limits("hip_r", "pelvis", "lat", "sup", "ant")),
+        ("| knee axis, in the thigh", limits("knee_r", "thigh", "sup", "trans", "front")),
+        ("| talocrural", limits("talocrural_r", "shank", "lat", "trans")),
+        (
+            "| subtalar",
+            [" ".join(of) for of in zip(*(limits("subtalar_r", s, "trans") for s in ("talus", "foot")), strict=True)],
+        ),
+    ):
+        row = next(line for line in told if line.startswith(start))
+        assert [" ".join(re.findall(r"\d+", cell)) for cell in row.split("|")[2:4]] == found
