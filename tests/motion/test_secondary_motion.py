@@ -6,11 +6,12 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 
 from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_estimate import TaskTrials, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
-from gaitcal.calibration.soft_tissue_artefact import SECONDARY_SIZES, TissuePrior, secondary_prior
+from gaitcal.calibration.soft_tissue_artefact import CUBE_SHARE, SECONDARY_SIZES, TissuePrior, secondary_prior
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import SECONDARY
 from gaitcal.motion.banded import BandFactor
@@ -115,7 +116,14 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     problem, true, _ = leg_trial(3, 240, 14)
     truth = perturbed_parameters(np.random.default_rng(3))
     prior = secondary_prior([problem])
-    assert len(prior.keys) == 8 and set(np.sqrt(np.diag(prior.covariance))) == set(SECONDARY_SIZES.values())
+    sizes = dict(zip(prior.keys, np.sqrt(np.diag(prior.covariance)), strict=True))
+    assert sizes == pytest.approx(
+        {
+            f"gait/knee_angle_r/{bend}/knee_r.secondary.{name}": share * size
+            for bend, share in (("^2", 1.0), ("^3", CUBE_SHARE))
+            for name, size in SECONDARY_SIZES.items()
+        }
+    )
     z = drawn(rng, prior)
     at = problem.displaced(z)
     seen = problem.with_measured(at.positions(true, at.constants(truth)))
