@@ -53,7 +53,9 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
         No file can be made beside or in the folder.
     """
     folder = Path(os.path.realpath(folder))
-    lock = FileLock(_place(_whole_result(folder), purpose), is_singleton=True)
+    place = _place(_whole_result(folder), purpose)
+    os.close(os.open(place, os.O_RDWR | os.O_CREAT, 0o644))  # filelock waits in vain where no file can be made
+    lock = FileLock(place, is_singleton=True)
     _take(lock, folder, WAIT_S if wait_s is None else wait_s)
     try:
         yield

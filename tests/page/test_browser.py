@@ -12,11 +12,13 @@ from PIL import Image
 
 from gaitcal.commands import view as view_command
 from gaitcal.commands.console import Talk
-from gaitcal.page import Scene, save_scene, view_html, write_view
+from gaitcal.page import Scene, view_html, write_view
 from gaitcal.page import view as view_page
 from gaitcal.page.server import ViewServer
+from gaitcal.results.page_files import write_page
 from tests.page.browser import Page
 from tests.page.people import long_scene
+from tests.page.plain_sheet import sheet_of
 from tests.page.test_page import HOSTILE, LIMIT, hostile_scene
 
 pytestmark = pytest.mark.browser
@@ -259,7 +261,8 @@ def test_ten_thousand_frames_stay_responsive(
 ) -> None:
     """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
     page_file = tmp_path / "view.html"
-    save_scene(long_scene(), tmp_path / "scene.npz")
+    scene = long_scene()
+    write_page(tmp_path, scene, sheet_of(scene))
     view_command.run((tmp_path,), page_file, Talk(quiet=False, verbose=False))
     assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT

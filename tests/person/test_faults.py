@@ -241,7 +241,9 @@ def test_output_below_a_file(study: Path, run: Run) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which even root cannot write")
 def test_output_not_writable(study: Path, run: Run) -> None:
-    assert_refused(run("calibrate", study, "--out", "/proc/gaitcal-result"), ("/proc/gaitcal-result", "written"))
+    assert_refused(
+        run("calibrate", study, "--out", "/proc/gaitcal-result"), ("/proc/gaitcal-result", "cannot be written")
+    )
 
 
 def test_output_is_looked_at_before_the_work(study: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
