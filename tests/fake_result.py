@@ -16,9 +16,11 @@ from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
+from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
@@ -27,12 +29,10 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.person.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
-from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.session.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, StudyTrial
-from gaitcal.verdict.verdict import judge
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from gaitcal.files.lock import locked
+from gaitcal.io.lock import locked
 
 if TYPE_CHECKING:
     import pytest

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.io.csv import write_forces_csv, write_markers_csv
+from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.recording import ForcePlate, Recording, write_forces_csv, write_markers_csv
-from gaitcal.recording.force_plate import plate_from_moment
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, gait_motion, isolated_motion, static_motion

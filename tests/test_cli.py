@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gaitcal import cli
-from gaitcal.cli import app
+from gaitcal.cli.application import app
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES

@@ -11,15 +11,16 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
+from gaitcal.cli.examples import EXAMPLES
 from gaitcal.codes import Code
-from gaitcal.commands.examples import EXAMPLES
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
+from gaitcal.explanations.explanation import PARTS, all_explanations, explanation_of
+from gaitcal.explanations.markdown import Paragraph, parts_of
+from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.page.sheet.explained import explained_code
 from gaitcal.page.sheet.sheet import verdict_sheet
-from gaitcal.verdict.verdict import judge
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"
 PAGES = PACKAGE / "explanations" / "pages"

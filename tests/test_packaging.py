@@ -13,7 +13,7 @@ import pytest
 
 import gaitcal
 from gaitcal.errors import GaitcalError
-from gaitcal.files import package_data
+from gaitcal.io import package_data
 
 ROOT = Path(__file__).parent.parent
 
@@ -69,7 +69,7 @@ def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) ->
 def test_check_loads_no_tables_and_no_solvers(tmp_path: Path) -> None:
     """They would take half of its time."""
     heavy = ["pandas", "pyarrow", "scipy.optimize", "scipy.interpolate", "scipy.spatial", "matplotlib"]
-    code = f"import sys, gaitcal.commands.check; print([name for name in {heavy} if name in sys.modules])"
+    code = f"import sys, gaitcal.cli.check; print([name for name in {heavy} if name in sys.modules])"
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
@@ -77,7 +77,7 @@ def test_check_loads_no_tables_and_no_solvers(tmp_path: Path) -> None:
 def test_commands_load_no_data_frames_and_no_server(command: str, tmp_path: Path) -> None:
     """They are for who asks for a data frame or a page in the browser, and would take a third of the imports' time."""
     heavy = ["pandas", "pyarrow", "http.server", "scipy.signal", "scipy.stats", "matplotlib"]
-    code = f"import sys, gaitcal.commands.{command}; print([name for name in {heavy} if name in sys.modules])"
+    code = f"import sys, gaitcal.cli.{command}; print([name for name in {heavy} if name in sys.modules])"
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
@@ -107,5 +107,5 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     assert data <= names
     assert {"gaitcal/py.typed", "gaitcal/__init__.pyi"} <= names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
-    code = "import gaitcal; from gaitcal.files.package_data import models_path; print(models_path())"
+    code = "import gaitcal; from gaitcal.io.package_data import models_path; print(models_path())"
     assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(tmp_path / "site" / "gaitcal" / "models")

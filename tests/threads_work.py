@@ -19,13 +19,13 @@ import scipy.linalg  # noqa: F401  # brings a BLAS of its own, whose threads are
 from threadpoolctl import threadpool_limits
 
 import gaitcal as gc
-from gaitcal.montecarlo.case import nominal_case
-from gaitcal.montecarlo.context import MonteCarloContext
-from gaitcal.montecarlo.draw import COLUMNS, draw
-from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, Varied
-from gaitcal.montecarlo.unfinished_refit import unfinished_draws
-from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess
-from gaitcal.reproduction.noise_seed import noisy_draw
+from gaitcal.published.case import nominal_case
+from gaitcal.published.context import MonteCarloContext
+from gaitcal.published.draw import COLUMNS, draw
+from gaitcal.published.noise_seed import noisy_draw
+from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
+from gaitcal.published.unfinished_refit import unfinished_draws
+from gaitcal.published.workers import LocalProcesses, ThisProcess
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_recording

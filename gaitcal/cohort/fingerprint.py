@@ -11,14 +11,14 @@ from pathlib import Path
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.people import CohortPerson, is_folder
 from gaitcal.errors import InputError
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import sha256_of
-from gaitcal.files.toml import MAX_BYTES
-from gaitcal.files.validation import read_validated
-from gaitcal.intake.folder import MARKER_ENDINGS, TABLE_ENDINGS
-from gaitcal.intake.source import study_files
-from gaitcal.recording.csv import plates_file
-from gaitcal.recording.external_loads import tables_there
+from gaitcal.io.csv import plates_file
+from gaitcal.io.external_loads import tables_there
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.toml import MAX_BYTES
+from gaitcal.io.validation import read_validated
+from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
+from gaitcal.session.source import study_files
 from gaitcal.study.study_file import StudyFile
 from gaitcal.study.truth import truth_files
 

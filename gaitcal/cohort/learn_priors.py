@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gaitcal.codes import Code
+from gaitcal.cohort.cohort_priors import COLUMNS, counted, learn_cohort, priors_rows, priors_text, priors_words
 from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
+from gaitcal.cohort.result_evidence import Found, NotUsedError, evidence_of, one_each
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import amended
-from gaitcal.population.cohort_priors import COLUMNS, counted, learn_cohort, priors_rows, priors_text, priors_words
-from gaitcal.population.result_evidence import Found, NotUsedError, evidence_of, one_each
+from gaitcal.io.atomic import amended
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"
 

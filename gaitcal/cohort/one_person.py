@@ -8,32 +8,32 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from gaitcal.checks import check_study
 from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import require_room
-from gaitcal.files.ownership import ResultKind
-from gaitcal.files.snapshot import sha256_of
+from gaitcal.faults.study import check_study
+from gaitcal.faults.verdict import stopping
 from gaitcal.findings import STUDY, Finding
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.intake.draft import Draft
-from gaitcal.intake.draft_lines import draft_notes
-from gaitcal.intake.draft_text import draft_text, missing_words, settings_text, study_of
-from gaitcal.intake.drafting import draft_of
-from gaitcal.intake.faulty_trials import without_faulty_trials
-from gaitcal.intake.folder import read_folder
-from gaitcal.intake.rejected_forces import rejected_forces
-from gaitcal.intake.source import files_of, own_study
-from gaitcal.person.calibrate import calibrate
+from gaitcal.io.atomic import require_room
+from gaitcal.io.ownership import ResultKind
+from gaitcal.io.snapshot import sha256_of
 from gaitcal.records import dataclass
 from gaitcal.results.calibration import write_results
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.draft import Draft
+from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft_text import draft_text, missing_words, settings_text, study_of
+from gaitcal.session.drafting import draft_of
+from gaitcal.session.faulty_trials import without_faulty_trials
+from gaitcal.session.folder import read_folder
+from gaitcal.session.rejected_forces import rejected_forces
+from gaitcal.session.source import files_of, own_study
 from gaitcal.study.cohort_prior import with_cohort_priors
 from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
-from gaitcal.verdict.verdict import stopping
 
 ANYWAY = 0.005
 """Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""

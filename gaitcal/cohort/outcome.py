@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 
 from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.files.atomic import atomic_text
-from gaitcal.files.ownership import read_object
+from gaitcal.io.atomic import atomic_text
+from gaitcal.io.ownership import read_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.records import dataclass
 

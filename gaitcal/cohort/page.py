@@ -21,9 +21,9 @@ from gaitcal.cohort.mean_curves import EVERY, STEPS, VARIABLES, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.files.package_data import package_version
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.variables import Kind, coordinate_of, kind_of, unit_of
+from gaitcal.io.package_data import package_version
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.cohort_page import write_cohort_page

@@ -16,13 +16,13 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.ownership import MANIFEST, PEOPLE, read_object
-from gaitcal.files.validation import shown
-from gaitcal.intake.draft_text import STUDY
-from gaitcal.intake.folder import MARKER_ENDINGS
-from gaitcal.intake.person_facts import NOTHING_SAID, Options
-from gaitcal.recording.csv import is_force_header, read_header
+from gaitcal.io.csv import is_force_header, read_header
+from gaitcal.io.ownership import MANIFEST, PEOPLE, read_object
+from gaitcal.io.validation import shown
 from gaitcal.records import dataclass
+from gaitcal.session.draft_text import STUDY
+from gaitcal.session.folder import MARKER_ENDINGS
+from gaitcal.session.person_facts import NOTHING_SAID, Options
 
 SHEET = "people.csv"
 """What a lab says of the people, beside their folders."""

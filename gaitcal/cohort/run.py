@@ -16,11 +16,11 @@ from gaitcal.cohort.people import Cohort
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import disk_errors, real_path
-from gaitcal.files.lock import locked
-from gaitcal.files.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
-from gaitcal.files.package_data import package_version
-from gaitcal.montecarlo.workers import LocalProcesses
+from gaitcal.io.atomic import disk_errors, real_path
+from gaitcal.io.lock import locked
+from gaitcal.io.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
+from gaitcal.io.package_data import package_version
+from gaitcal.published.workers import LocalProcesses
 from gaitcal.records import dataclass
 
 WAIT_S = 5.0

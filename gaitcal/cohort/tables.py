@@ -22,10 +22,10 @@ from gaitcal.cohort.outcome import Cell, Outcome, Outcomes, state_file
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
-from gaitcal.files.atomic import amended
-from gaitcal.files.ownership import MANIFEST, ResultKind
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
+from gaitcal.io.atomic import amended
+from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
 from gaitcal.records import dataclass
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"

@@ -18,11 +18,11 @@ from gaitcal.cohort.outcome import AGAIN, Outcome, forget, keep, kept, state_fil
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.row import reasons_of, row_of
 from gaitcal.errors import GaitcalError
-from gaitcal.files.atomic import atomic_file
-from gaitcal.files.ownership import MANIFEST, read_object
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import SELF
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.io.atomic import atomic_file
+from gaitcal.io.ownership import MANIFEST, read_object
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import SELF
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE

@@ -26,9 +26,9 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.torque_sources import TorqueErrors
+from gaitcal.io.filters import low_pass
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.motion.motion import Motion
-from gaitcal.recording.filters import low_pass
 from gaitcal.records import dataclass
 
 USUAL = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])

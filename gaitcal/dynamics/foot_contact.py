@@ -14,9 +14,9 @@ from dataclasses import field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.intervals import runs
+from gaitcal.io.metadata import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
-from gaitcal.recording.intervals import runs
-from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.records import dataclass
 
 RESTING = 0.4

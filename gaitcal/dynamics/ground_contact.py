@@ -20,13 +20,12 @@ from gaitcal.dynamics.off_sole import off_sole_frames
 from gaitcal.dynamics.partly_carried import beside_plates, shared_plates
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
+from gaitcal.io.filters import filter_plate, filterable, resample_wrench
+from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.metadata import FootEvent
+from gaitcal.io.recording import ForcePlate
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import SIDES
-from gaitcal.recording import filter_plate, resample_wrench
-from gaitcal.recording.filters import filterable
-from gaitcal.recording.force_plate import LOADED_N
-from gaitcal.recording.metadata import FootEvent
-from gaitcal.recording.recording import ForcePlate
 from gaitcal.records import dataclass
 
 _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINATES))

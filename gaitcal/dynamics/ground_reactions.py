@@ -21,6 +21,9 @@ from gaitcal.dynamics.plate_outline import foot_tip
 from gaitcal.dynamics.sole import FOOT_BREADTH
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
+from gaitcal.io.filters import filterable
+from gaitcal.io.intervals import runs, spans
+from gaitcal.io.recording import Recording
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.chain import chain_of
 from gaitcal.model.kinematics import forward, segment_poses
@@ -29,9 +32,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import DEGREE
-from gaitcal.recording.filters import filterable
-from gaitcal.recording.intervals import runs, spans
-from gaitcal.recording.recording import Recording
 from gaitcal.runtime import with_one_blas_thread
 
 FORCE_HZ = 50.0

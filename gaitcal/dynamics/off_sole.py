@@ -25,10 +25,10 @@ from gaitcal.dynamics.plate_outline import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step
 from gaitcal.dynamics.sole import HEEL_M, SHAPE, sole_of
 from gaitcal.findings import Finding, Severity
+from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
+from gaitcal.io.intervals import runs, spans
+from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
-from gaitcal.recording.force_plate import BODY_N, LOADED_N, centre_on_ground
-from gaitcal.recording.intervals import runs, spans
-from gaitcal.recording.recording import ForcePlate
 from gaitcal.records import dataclass
 
 OUTLINE_M = 0.03

@@ -32,10 +32,10 @@ from gaitcal.dynamics.plate_outline import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, meeting
 from gaitcal.dynamics.sole import SoleCells, sole_of
 from gaitcal.findings import Finding, Severity
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.intervals import runs
+from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
-from gaitcal.recording.intervals import runs
-from gaitcal.recording.recording import ForcePlate
 
 MOST_BESIDE = 0.10
 """Of the area of a half of the sole: 17 mm of a heel."""

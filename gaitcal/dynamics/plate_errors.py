@@ -28,7 +28,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.recording.force_plate import LOADED_N, UP, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, UP, centre_on_ground
 from gaitcal.records import dataclass
 from gaitcal.study.settings import PlateErrorTable
 

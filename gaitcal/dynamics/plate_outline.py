@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.recording.force_plate import OUTSIDE_M
-from gaitcal.recording.recording import ForcePlate
+from gaitcal.io.force_plate import OUTSIDE_M
+from gaitcal.io.recording import ForcePlate
 
 FOOT_LENGTH = 0.152
 """Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""

@@ -14,9 +14,9 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints, near
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.findings import Finding, Severity
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
-from gaitcal.recording.intervals import runs
-from gaitcal.recording.recording import ForcePlate
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.intervals import runs
+from gaitcal.io.recording import ForcePlate
 from gaitcal.records import dataclass
 
 SIDE_WORDS = ("right", "left")

@@ -19,9 +19,9 @@ import pinocchio as pin
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.io.recording import ForcePlate
 from gaitcal.model.build import build_linkage
 from gaitcal.model.parameters import Parameters
-from gaitcal.recording.recording import ForcePlate
 from gaitcal.records import dataclass
 
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01

@@ -13,7 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import RESTING, FootPoints
 from gaitcal.dynamics.plate_outline import outside
-from gaitcal.recording.recording import ForcePlate
+from gaitcal.io.recording import ForcePlate
 from gaitcal.records import dataclass
 
 FOOT_BREADTH = 0.055

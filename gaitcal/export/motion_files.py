@@ -19,10 +19,10 @@ from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
 from gaitcal.export.osim import DOCUMENT_VERSION
 from gaitcal.export.xml_text import child, safe_name, write_xml
-from gaitcal.files.atomic import atomic_text
+from gaitcal.io.atomic import atomic_text
+from gaitcal.io.force_plate import point_and_torque
+from gaitcal.io.mot import StorageTable
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
-from gaitcal.recording import StorageTable
-from gaitcal.recording.force_plate import point_and_torque
 
 MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)
 

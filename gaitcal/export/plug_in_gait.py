@@ -28,12 +28,12 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.powers import POWERS, powers
 from gaitcal.export.joint_frames import joint_frames
+from gaitcal.io.c3d.supplement import AddedPoint, PointKind
 from gaitcal.model.chain import Chain
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
-from gaitcal.recording.c3d.supplement import AddedPoint, PointKind
 from gaitcal.records import dataclass
 
 ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}

@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 
-from gaitcal.files.atomic import atomic_text
+from gaitcal.io.atomic import atomic_text
 
 INDENT = "  "
 _ESCAPED = frozenset("\\/*+%<>&\"'")

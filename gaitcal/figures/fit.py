@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
-from gaitcal.person.marker_fit import RmsErrors
 from gaitcal.records import dataclass
+from gaitcal.session.marker_fit import RmsErrors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,7 +24,7 @@ from gaitcal.figures.style import (
     write,
 )
 from gaitcal.gait.strides import thinned
-from gaitcal.recording.intervals import runs
+from gaitcal.io.intervals import runs
 from gaitcal.records import dataclass
 
 if TYPE_CHECKING:

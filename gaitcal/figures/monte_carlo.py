@@ -14,12 +14,12 @@ import pandas as pd
 
 from gaitcal.figures.chart import new_figure
 from gaitcal.figures.style import GRID, INK
-from gaitcal.files.atomic import atomic_file
 from gaitcal.gait.words import SIDE_WORDS
-from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import levels_of
-from gaitcal.montecarlo.variance_shares import variance_shares
+from gaitcal.io.atomic import atomic_file
+from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.statistics import levels_of
+from gaitcal.published.variance_shares import variance_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

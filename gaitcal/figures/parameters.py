@@ -10,7 +10,7 @@ import numpy as np
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import FAINT, INK, SIDE_COLOURS, SMALL, TRUTH_WORDS, Key, dress, dress_rows
 from gaitcal.model.coordinates import coordinate_words, split_side
-from gaitcal.person.parameter_words import Group, Row
+from gaitcal.session.parameter_words import Group, Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,9 +24,9 @@ from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.words import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.person.marker_fit import RmsErrors
-from gaitcal.person.parameter_words import Group, Row
 from gaitcal.records import dataclass
+from gaitcal.session.marker_fit import RmsErrors
+from gaitcal.session.parameter_words import Group, Row
 
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
 """Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait.gait_event import EventSource
-from gaitcal.recording.intervals import runs
+from gaitcal.io.intervals import runs
 from gaitcal.records import dataclass
 
 SHORTEST_PHASE = 0.1

@@ -21,7 +21,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
-from gaitcal.recording.metadata import FootEvent, FootMoment
+from gaitcal.io.metadata import FootEvent, FootMoment
 from gaitcal.records import dataclass
 
 AGREE: Final = 0.1

@@ -24,12 +24,12 @@ from gaitcal.gait.event_clock import SAME_EVENT, checked_events
 from gaitcal.gait.event_order import order_findings
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.swing import OFF, STRIKE, swing_events
+from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.intervals import runs
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.recording.force_plate import LOADED_N
-from gaitcal.recording.intervals import runs
-from gaitcal.recording.metadata import FootEvent, FootMoment
-from gaitcal.recording.recording import ForcePlate, Recording
 from gaitcal.records import dataclass
 
 SIDES = ("r", "l")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from enum import Enum
 
-from gaitcal.recording.metadata import FootEvent
+from gaitcal.io.metadata import FootEvent
 from gaitcal.records import dataclass
 
 

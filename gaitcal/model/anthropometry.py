@@ -21,7 +21,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.files.package_data import models_path
+from gaitcal.io.package_data import models_path
 from gaitcal.model.growth import GROWING, growth, is_known_child, looks_like_child, supposed_age, youngest_and_adult_age
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES

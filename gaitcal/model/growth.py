@@ -17,7 +17,7 @@ import json
 
 import numpy as np
 
-from gaitcal.files.package_data import models_path
+from gaitcal.io.package_data import models_path
 from gaitcal.model.subject_model import Subject
 
 CHILD_HEIGHT = 1.45

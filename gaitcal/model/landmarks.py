@@ -15,10 +15,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
+from gaitcal.io.recording import Recording
 from gaitcal.model.landmark_names import PARTNER, REQUIRED, instead_of
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import MarkerSet
-from gaitcal.recording import Recording
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.records import dataclass
 
 PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}

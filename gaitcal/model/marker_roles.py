@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 
+from gaitcal.io.recording import Recording
 from gaitcal.model.marker_coverage import Coverage, coverage_of
-from gaitcal.recording import Recording
 from gaitcal.records import dataclass
 
 

@@ -28,9 +28,9 @@ from pydantic import BeforeValidator, Field
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.package_data import models_path
-from gaitcal.files.toml import toml_table, toml_value
-from gaitcal.files.validation import Table, read_validated, require_known, shown
+from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import toml_table, toml_value
+from gaitcal.io.validation import Table, read_validated, require_known, shown
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of, missing_landmarks
 from gaitcal.model.linkage import SIDES

@@ -18,9 +18,9 @@ from pydantic import BeforeValidator, Field
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_file
-from gaitcal.files.toml import toml_value
-from gaitcal.files.validation import Table, read_validated, require_known, shown
+from gaitcal.io.atomic import atomic_file
+from gaitcal.io.toml import toml_value
+from gaitcal.io.validation import Table, read_validated, require_known, shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES

@@ -13,7 +13,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.package_data import models_path
+from gaitcal.io.package_data import models_path
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.chain import axis_rotation, root_angles
@@ -32,14 +34,14 @@ from gaitcal.model.linkage import (
     coordinates_before,
     segment_kind,
 )
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.segment_frames import Frame, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.upper_body import upper_body
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.recording import Recording, still_window
 from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]

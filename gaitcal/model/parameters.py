@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.files.package_data import models_path
+from gaitcal.io.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import ZERO_ANGLES, Element, Source, segment_kind

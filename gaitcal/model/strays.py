@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.intervals import runs, spans
+from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.linkage import JOINTS, segment_kind
-from gaitcal.recording.intervals import runs, spans
-from gaitcal.recording.recording import Recording, seen_mask
 from gaitcal.records import dataclass
 
 REACH_M = 1.0

@@ -27,7 +27,7 @@ from gaitcal.model.anthropometry import default_length
 from gaitcal.model.knee_and_ankle import NOMINAL_HEIGHT, SIDE_WORDS
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.segment_frames import Frame, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
 from gaitcal.records import dataclass

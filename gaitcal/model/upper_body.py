@@ -32,7 +32,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.knee_and_ankle import ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject

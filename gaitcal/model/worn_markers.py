@@ -17,10 +17,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.knee_device import corner, is_device
 from gaitcal.model.landmark_names import PARTNER, REQUIRED
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.recording.recording import Recording, seen_mask
 
 ROD_M = (0.05, 0.15)
 """m, allowed length of a rod of a knee alignment device; the usual one has 0.095."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -16,7 +17,6 @@ from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 

@@ -14,6 +14,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS, Source, moved_joints
@@ -31,7 +32,6 @@ from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.undetermined import LUMBAR, POSES, about_posture, coordinates_asked, undetermined, upright_trunk
-from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.runtime import keep_freed_memory
 

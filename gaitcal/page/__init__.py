@@ -1,6 +1,6 @@
 """What people open: body in motion, curves and tables in one self-contained file that needs no network."""
 
-from gaitcal.page.bones import BoneMeshes, bones_of_folder, installed_bones
+from gaitcal.page.bones.bone_files import BoneMeshes, bones_of_folder, installed_bones
 from gaitcal.page.playback import left_out
 from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene

@@ -16,8 +16,10 @@ from gaitcal.arrays import Array
 from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.page.body_fit import FittedMesh
 from gaitcal.page.body_meshes import BodyMeshes, Mesh
-from gaitcal.page.bones import EXTRA, KneeAxis, Landmarked, fitted_bones, knee_axes
+from gaitcal.page.bones.bone_files import EXTRA
+from gaitcal.page.bones.knee_axis import KneeAxis, knee_axes
 from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
+from gaitcal.page.bones.placement import Landmarked, fitted_bones
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.packing import FULL, base64_of, floats, lengths
 from gaitcal.page.scene import Scene, TrialScene

@@ -15,20 +15,21 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, segment_kind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_fit import FittedMesh, fitted_meshes
-from gaitcal.page.bones import PersonLandmarks, person_landmarks
+from gaitcal.page.bones import person_landmarks
+from gaitcal.page.bones.person_landmarks import PersonLandmarks
 from gaitcal.page.joint_marks import JointMark, joint_marks
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
-from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
-    from gaitcal.person.result import Calibration
+    from gaitcal.session.result import Calibration
 
 Single = NDArray[np.float32]
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_file
+from gaitcal.io.atomic import atomic_file
 from gaitcal.page.body_fit import MESHES, FittedMesh
-from gaitcal.page.bones import KneeEvidence, PersonLandmarks
+from gaitcal.page.bones.person_landmarks import KneeEvidence, PersonLandmarks
 from gaitcal.page.joint_marks import JointMark
 from gaitcal.page.scene import Scene, TrialScene
 

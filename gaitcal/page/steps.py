@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gaitcal.gait.symmetry import Average, counting, measure_means
-from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
+from gaitcal.session.result import TrialResult
 
 SHOWN = {
     "speed": ("Walking speed", 2),

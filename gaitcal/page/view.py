@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gaitcal.errors import GaitcalError
-from gaitcal.files.atomic import atomic_text
 from gaitcal.gait.stride_peaks import LEAST_VALID
+from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
-from gaitcal.page.bones import BoneMeshes, installed_bones, landmarked
+from gaitcal.page.bones.bone_files import BoneMeshes, installed_bones
+from gaitcal.page.bones.placement import landmarked
 from gaitcal.page.playback import MOST_BYTES, left_out, scene_json
 from gaitcal.page.policy import inline, policy
 from gaitcal.page.scene import Scene, scene_of
@@ -29,7 +30,7 @@ from gaitcal.page.sheet.thinning import MOST_LETTERS, curves_left_out, thinned
 from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
-    from gaitcal.person.result import Calibration
+    from gaitcal.session.result import Calibration
 
 SCRIPTS = (
     "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",

@@ -15,7 +15,6 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
-from gaitcal.files.lock import put_back
 from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
@@ -24,16 +23,17 @@ from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, conventions_of, typed
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION, Kind
+from gaitcal.io.lock import put_back
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.person.angle_validity import angle_counts
-from gaitcal.person.kinetic_tables import told_powers
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.person.stride_pelvis import pelvis_in_stride
-from gaitcal.person.tables import relative_header, taken_off
 from gaitcal.records import dataclass
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.session.angle_validity import angle_counts
+from gaitcal.session.kinetic_tables import told_powers
+from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.session.stride_pelvis import pelvis_in_stride
+from gaitcal.session.tables import relative_header, taken_off
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second

@@ -17,21 +17,21 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, read_object
-from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
 from gaitcal.gait.events import times_of
+from gaitcal.io.metadata import FootMoment
+from gaitcal.io.ownership import MANIFEST, read_object
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.person.kinetic_tables import told_components, vector_column
-from gaitcal.recording.metadata import FootMoment
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
 from gaitcal.results.saved_trial import saved_events
 from gaitcal.results.table_file import VERDICT, read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
+from gaitcal.session.kinetic_tables import told_components, vector_column
 
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
 NUMBERS = ("value", "se", "se_stride")

@@ -8,9 +8,9 @@ from typing import cast
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, ResultKind, files_of, read_object
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
+from gaitcal.io.ownership import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of
 from gaitcal.results.calibration import json_text
 from gaitcal.results.json_types import Json
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.kinetic_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
-from gaitcal.person.result import TrialResult
 from gaitcal.results.table_file import refused_lines, write_csv
+from gaitcal.session.kinetic_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
+from gaitcal.session.result import TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd

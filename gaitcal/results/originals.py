@@ -12,9 +12,9 @@ from pathlib import Path, PurePosixPath
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, read_object
-from gaitcal.files.snapshot import sha256_of
-from gaitcal.files.toml import read_toml
+from gaitcal.io.ownership import MANIFEST, read_object
+from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.toml import read_toml
 
 STUDY = "study.toml"
 

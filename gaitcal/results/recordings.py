@@ -18,21 +18,22 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.event_clock import SAME_EVENT
-from gaitcal.recording import read_recording, write_c3d
-from gaitcal.recording.axes import Turn
-from gaitcal.recording.c3d.reader import PER_METRE
-from gaitcal.recording.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
-from gaitcal.recording.metadata import FootEvent
-from gaitcal.recording.recording import Recording, seen_mask
+from gaitcal.io.axes import Turn
+from gaitcal.io.c3d.reader import PER_METRE
+from gaitcal.io.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.formats import read_recording
+from gaitcal.io.metadata import FootEvent
+from gaitcal.io.package_data import package_version
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
 from gaitcal.records import dataclass
 from gaitcal.results.originals import find_original, trial_files
 from gaitcal.results.saved import MODEL
 from gaitcal.results.saved_trial import SPLINES, SavedTrial, load_trial, moving_trials
 from gaitcal.results.verdict import SUMMARY
-from gaitcal.verdict.verdict import Judgement
 
 PREFIX = "gc"
 """Before our names where the file has points of such names already."""

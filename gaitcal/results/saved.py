@@ -12,16 +12,17 @@ import numpy as np
 from gaitcal.calibration.influence import Influence
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST, read_object
-from gaitcal.files.snapshot import Snapshot, read_whole
 from gaitcal.findings import Finding
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.io.ownership import MANIFEST, read_object
+from gaitcal.io.snapshot import Snapshot, read_whole
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import Uncertainty
 from gaitcal.records import dataclass
 from gaitcal.results.summary import STATIC_ANGLES
 from gaitcal.results.verdict import SUMMARY, of_the_model
+from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"

@@ -11,19 +11,19 @@ import pandas as pd
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import read_object
+from gaitcal.faults.verdict import Judgement
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.ownership import read_object
+from gaitcal.io.recording import Recording
+from gaitcal.io.trc import parse_trc
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.recording.metadata import FootEvent, FootMoment
-from gaitcal.recording.recording import Recording
-from gaitcal.recording.trc import parse_trc
 from gaitcal.records import dataclass
 from gaitcal.results.saved import MODEL
 from gaitcal.results.verdict import SUMMARY
-from gaitcal.verdict.verdict import Judgement
 
 SPLINES = "splines.npz"
 

@@ -17,15 +17,14 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER
 from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
-from gaitcal.files.atomic import atomic_directory
-from gaitcal.files.lock import put_back
-from gaitcal.files.ownership import MANIFEST, ResultKind, read_object
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import Snapshot, read_whole, sha256_of
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.stride_table import typed
+from gaitcal.io.atomic import atomic_directory
+from gaitcal.io.lock import put_back
+from gaitcal.io.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
 from gaitcal.model.model_file import load_model
-from gaitcal.person.trial_result import axis_deviations
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model
@@ -37,6 +36,7 @@ from gaitcal.results.summary import JOINT_PRIOR
 from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.session.trial_result import axis_deviations
 from gaitcal.study.settings import CalibrationSettings
 
 DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"

@@ -20,16 +20,12 @@ from gaitcal.compare.session import Common, Session, common_to
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
 from gaitcal.errors import ConvergenceError, InputError
-from gaitcal.files.ownership import MANIFEST, read_object
 from gaitcal.gait.stride_table import typed
+from gaitcal.io.ownership import MANIFEST, read_object
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.joint_parameters import joint_stage
-from gaitcal.person.result import Uncertainty
-from gaitcal.person.static_angles import counted_from_static
-from gaitcal.person.trial_result import analyse
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import cycle_table
 from gaitcal.results.originals import STUDY
@@ -37,6 +33,10 @@ from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.spatiotemporal import spatiotemporal_table
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
+from gaitcal.session.joint_parameters import joint_stage
+from gaitcal.session.result import Uncertainty
+from gaitcal.session.static_angles import counted_from_static
+from gaitcal.session.trial_result import analyse
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role

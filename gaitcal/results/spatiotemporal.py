@@ -11,10 +11,10 @@ from gaitcal.gait.progression import TURNING
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.symmetry import Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.model.subject_model import Subject
-from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.results.json_types import Json
 from gaitcal.results.table_file import Column
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.session.result import Calibration, TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
+from gaitcal.io.snapshot import sha256_of
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
 from gaitcal.results.spatiotemporal import (
@@ -24,6 +23,7 @@ from gaitcal.results.spatiotemporal import (
     spatiotemporal_columns,
 )
 from gaitcal.results.table_file import VERDICT, Column, Table, read_csv, refused_lines, write_csv
+from gaitcal.session.result import TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded where a folder holds earlier rows: it takes a third of a second

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
+from gaitcal.faults.verdict import Verdict
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
-from gaitcal.person.result import Calibration, LoadedTrial, TrialResult
 from gaitcal.results.json_types import Json
 from gaitcal.results.spatiotemporal import means_summary
 from gaitcal.results.truth import truth_summary
 from gaitcal.results.verdict import verdict_summary, walk_summary
-from gaitcal.verdict.verdict import Verdict
+from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
 
 NO_FLOOR = 1e-6
 """mm: one or two markers follow a segment exactly; a ratio to that means nothing."""

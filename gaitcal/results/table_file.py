@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.gait.words import SIDE_WORDS
-from gaitcal.person.result import TrialResult
+from gaitcal.session.result import TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second

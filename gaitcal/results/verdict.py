@@ -7,10 +7,10 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import read_object
+from gaitcal.faults.verdict import Judgement, Verdict, touches_model
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.io.ownership import read_object
 from gaitcal.results.json_types import Json
-from gaitcal.verdict.verdict import Judgement, Verdict, touches_model
 
 SUMMARY = "summary.json"
 

@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.still import still_window
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.segment_frames import unit
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
-from gaitcal.recording.recording import Recording, seen_mask
-from gaitcal.recording.still import still_window
 
 FEWEST_FRAMES = 20
 """In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a habit."""

@@ -1,6 +1,6 @@
 """What a cohort says of a person's joint parameters before any of their recordings is looked at: `priors.json`.
 
-Written by `gaitcal cohort --learn-priors` (`gaitcal/population`), read by `gaitcal calibrate --priors`, or where a
+Written by `gaitcal cohort --learn-priors` (`gaitcal/cohort`), read by `gaitcal calibrate --priors`, or where a
 study file names it (`[calibration] priors`). The file holds what was learnt of everybody, and of everybody but each
 fold of people: whoever is among the people of the file leans on what was learnt without their fold. Persons are
 recognised by their recordings, or by their name; the file holds hashes of both, no name.
@@ -22,9 +22,9 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.package_data import package_version
-from gaitcal.files.snapshot import sha256_of
-from gaitcal.files.validation import Table, shown, validated
+from gaitcal.io.package_data import package_version
+from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.validation import Table, shown, validated
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.people_design import Person, design

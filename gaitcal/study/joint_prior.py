@@ -15,7 +15,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.validation import shown
+from gaitcal.io.validation import shown
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings

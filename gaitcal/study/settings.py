@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.files.validation import Table, shown
+from gaitcal.io.validation import Table, shown
 
 AUTOMATIC: Final = "auto"
 

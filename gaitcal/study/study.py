@@ -9,14 +9,17 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.snapshot import Snapshot, sha256_of
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal import AnkleZero, HipCentre, nominal_model
+from gaitcal.io.external_loads import loads_tables
+from gaitcal.io.metadata import Facts
+from gaitcal.io.recording import Recording
+from gaitcal.io.snapshot import Snapshot, sha256_of
+from gaitcal.model.ankle_zero import AnkleZero
+from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.recording.external_loads import loads_tables
-from gaitcal.recording.metadata import Facts
-from gaitcal.recording.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.borrowed_trunk import model_with_trunk

@@ -11,10 +11,10 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.model.marker_set import MarkerSet
-from gaitcal.recording import read_recording
-from gaitcal.recording.external_loads import loads_tables
-from gaitcal.recording.recording import Recording
+from gaitcal.io.external_loads import loads_tables
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.records import dataclass
 from gaitcal.study.study_file import Trial
 

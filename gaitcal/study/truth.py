@@ -21,7 +21,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.files.validation import shown
+from gaitcal.io.validation import shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation

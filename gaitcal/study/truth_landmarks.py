@@ -17,9 +17,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
-from gaitcal.model.marker_set import MarkerSet
-from gaitcal.recording import Recording, still_window
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.study.truth_rows import read_rows
 
 COLUMNS = ["name", "x", "y", "z"]

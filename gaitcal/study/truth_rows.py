@@ -11,7 +11,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.recording.text_file import parse_number
+from gaitcal.io.text_file import parse_number
 from gaitcal.records import dataclass
 
 

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from gaitcal.files.toml import require_file
-from gaitcal.files.validation import Table
+from gaitcal.io.toml import require_file
+from gaitcal.io.validation import Table
 
 
 class TruthTable(Table):

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 
 ON_THE_FLOOR = 4.0

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
@@ -26,7 +27,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.upper_body import upper_body
-from gaitcal.recording import Recording
 from gaitcal.records import dataclass
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose

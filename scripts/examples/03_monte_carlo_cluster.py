@@ -13,11 +13,11 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-from gaitcal.montecarlo.case import nominal_case
-from gaitcal.montecarlo.conclusions import conclusions
-from gaitcal.montecarlo.settings import Plan
-from gaitcal.montecarlo.study import MonteCarloStudy, monte_carlo
-from gaitcal.montecarlo.workers import Cluster
+from gaitcal.published.case import nominal_case
+from gaitcal.published.conclusions import conclusions
+from gaitcal.published.settings import Plan
+from gaitcal.published.study import MonteCarloStudy, monte_carlo
+from gaitcal.published.workers import Cluster
 
 
 def run(out: Path, address: str, draws: int) -> MonteCarloStudy:

@@ -38,12 +38,12 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.sole import HEEL_M, SHAPE
 from gaitcal.figures.chart import new_figure
 from gaitcal.figures.style import FAINT, FONT, NORMAL, SIDE_COLOURS, SIDE_DASHES, TITLE, dress, line_style, write
-from gaitcal.files.package_data import models_path
 from gaitcal.gait.words import SIDE_WORDS
+from gaitcal.io.force_plate import point_and_torque
+from gaitcal.io.package_data import models_path
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
-from gaitcal.recording.force_plate import point_and_torque
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import two_strides
 from gaitcal.synthetic.subject import true_gait

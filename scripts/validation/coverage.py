@@ -25,13 +25,13 @@ from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
+from gaitcal.io.recording import Recording
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording.recording import Recording
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion

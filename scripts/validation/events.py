@@ -22,16 +22,16 @@ from scipy.signal import find_peaks
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_contact import FootPoints
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.dynamics.plate_outline import outline_known, outside
 from gaitcal.gait.events import SIDES, motion_events, plate_events, times_of
 from gaitcal.gait.swing import OFF, STRIKE
+from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.person.prepare import measured_reactions, prepare_trial
-from gaitcal.recording.force_plate import LOADED_N
-from gaitcal.recording.metadata import FootEvent, FootMoment
-from gaitcal.recording.recording import Recording
+from gaitcal.session.prepare import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 

@@ -24,27 +24,22 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.checks import check_file
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.export import write_external_loads
-from gaitcal.files.package_data import models_path
+from gaitcal.export.motion_files import write_external_loads
+from gaitcal.faults.study import check_file
+from gaitcal.io.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.formats import read_forces, read_recording
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.mot import write_forces_mot
+from gaitcal.io.package_data import models_path
+from gaitcal.io.recording import Recording
+from gaitcal.io.trc import write_trc
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
-from gaitcal.recording import (
-    Recording,
-    read_forces,
-    read_recording,
-    write_c3d,
-    write_forces_csv,
-    write_forces_mot,
-    write_markers_csv,
-    write_trc,
-)
-from gaitcal.recording.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.recording.csv import with_corners, write_plates_csv
-from gaitcal.recording.force_plate import plate_from_moment
-from gaitcal.recording.metadata import FootEvent, FootMoment
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import synthetic_markers

@@ -11,9 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from gaitcal import Study
-from gaitcal.commands.console import Talk
-from gaitcal.commands.init import options_of, study_or_draft
-from gaitcal.intake.draft_text import study_of
+from gaitcal.cli.console import Talk
+from gaitcal.cli.init import options_of, study_or_draft
+from gaitcal.session.draft_text import study_of
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role
 from scripts.validation.harness import tomllib

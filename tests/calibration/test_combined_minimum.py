@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from gaitcal.calibration.combined import DESCENT, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.io.recording import Recording
 from gaitcal.model.inertial_parameters import symmetric_set, table
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
@@ -19,7 +20,6 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.recording import Recording
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion

@@ -14,6 +14,7 @@ from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.io.recording import Recording
 from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
@@ -21,9 +22,8 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.person.calibrate import calibrate
-from gaitcal.person.result import Stage
-from gaitcal.recording import Recording
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.result import Stage
 from gaitcal.study.study import Study
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers

@@ -14,9 +14,10 @@ from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estima
 from gaitcal.calibration.marker_moves import marker_moves
 from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import DescentSettings, track_nodes
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 from tests.calibration.test_joint_calibration import KNEE, knee_trial, values

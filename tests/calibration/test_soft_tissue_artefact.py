@@ -12,7 +12,6 @@ from scipy.linalg import block_diag
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import (
-    LEAST_SPREAD,
     LOG_SPREAD,
     SCALES,
     SEGMENT_SPREAD,
@@ -33,6 +32,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.secondary_motion import LEAST_SPREAD
 from gaitcal.motion.soft_tissue import SegmentTissue, together
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.start import starting_nodes

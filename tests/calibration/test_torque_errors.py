@@ -25,6 +25,7 @@ from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.dynamics.torque_sources import Source
+from gaitcal.io.recording import Recording
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
 from gaitcal.model.linkage import COORDINATES
@@ -33,7 +34,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording import Recording
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, gait_motion

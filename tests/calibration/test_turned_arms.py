@@ -10,12 +10,12 @@ import pytest
 
 import gaitcal as gc
 from gaitcal.calibration.turned_arms import FAR, told, turned_arms, without_arms
-from gaitcal.intake.draft_text import study_of
-from gaitcal.intake.drafting import draft_of
-from gaitcal.intake.folder import read_folder
-from gaitcal.intake.person_facts import Options
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.motion.start import starting_nodes
+from gaitcal.session.draft_text import study_of
+from gaitcal.session.drafting import draft_of
+from gaitcal.session.folder import read_folder
+from gaitcal.session.person_facts import Options
 from tests.derivatives import perturbed_parameters, random_trial
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(3), 0.0, 0.0)

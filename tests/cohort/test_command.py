@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
+from gaitcal.cli.cohort import _teller, duration
+from gaitcal.cli.console import Talk
 from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
 from gaitcal.cohort.run import Ended
-from gaitcal.commands.cohort import _teller, duration
-from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError, UsageError
-from gaitcal.files.snapshot import listed
+from gaitcal.io.snapshot import listed
 from tests.cohort.kept import Kept, write_cohort
-from tests.intake.folders import recordings, write
+from tests.session.folders import recordings, write
 
 
 def run(*words: object) -> Result:

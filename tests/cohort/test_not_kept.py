@@ -17,7 +17,7 @@ from gaitcal.cohort.people import people_in
 from gaitcal.cohort.run import run_cohort
 from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV
 from gaitcal.cohort.task import Task
-from gaitcal.files.atomic import disk_errors
+from gaitcal.io.atomic import disk_errors
 from tests.cohort.stubs import Here, rows, run, write_result
 
 LONG = "\U00020000"

@@ -19,7 +19,7 @@ from gaitcal.cohort.task import Task
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides
-from tests.intake.folders import recordings, write
+from tests.session.folders import recordings, write
 
 SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
 

@@ -48,7 +48,7 @@ def test_blocks_have_the_form_of_their_language(page: Path) -> None:
 
 def test_studies_in_pages_are_studies() -> None:
     """Every TOML block that is a whole study has the keys and values of one."""
-    from gaitcal.files.toml import tomllib
+    from gaitcal.io.toml import tomllib
     from gaitcal.study.study_file import StudyFile
 
     seen = 0
@@ -147,8 +147,8 @@ def test_versions_lie_beside_each_other(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.browser
 def test_pictures_are_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from gaitcal.person.calibrate import calibrate
     from gaitcal.results.calibration import write_results
+    from gaitcal.session.calibrate import calibrate
 
     if chromium() is None:
         pytest.skip("no Chromium on the path")

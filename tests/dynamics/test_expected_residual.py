@@ -13,7 +13,7 @@ from gaitcal.dynamics import expected_residual as module
 from gaitcal.dynamics.expected_residual import PELVIS, TAU, USUAL, ExpectedResidual, expected_residual
 from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.person.result import LoadedTrial, TrialResult
+from gaitcal.session.result import LoadedTrial, TrialResult
 from tests.fake_result import fake_calibration
 
 WEIGHT = 70.0 * 9.81

@@ -15,9 +15,9 @@ from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on
 from gaitcal.dynamics.plate_outline import foot_tip, inside, outside, share_outside
 from gaitcal.dynamics.plate_steps import distance_to_line
 from gaitcal.dynamics.sole import sole_of
-from gaitcal.recording import filter_plate, resample_wrench
-from gaitcal.recording.metadata import FootEvent, FootMoment
-from gaitcal.recording.recording import ForcePlate
+from gaitcal.io.filters import filter_plate, resample_wrench
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.recording import ForcePlate
 
 TIME = np.arange(0.0, 1.0, 0.01)
 STANCE = (TIME >= 0.2) & (TIME <= 0.8)

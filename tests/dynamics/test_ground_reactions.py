@@ -10,7 +10,7 @@ import pytest
 import gaitcal as gc
 from gaitcal.dynamics.foot_contact import RESTING
 from gaitcal.dynamics.ground_reactions import foot_points, unseen_frames
-from gaitcal.recording import Recording
+from gaitcal.io.recording import Recording
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_plates, made_recording
 

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from gaitcal.checks.contacts import Feet
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
 from gaitcal.dynamics.sole import FOOT_BREADTH, sole_of
+from gaitcal.faults.contacts import Feet
 from gaitcal.findings import Severity
-from gaitcal.recording import Recording
-from tests.checks.test_outside_sole import HEIGHT, divided_walk, evidence
+from gaitcal.io.recording import Recording
 from tests.dynamics.test_ground_contact import STANCE, TIME, right_foot, square
+from tests.faults.test_outside_sole import HEIGHT, divided_walk, evidence
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.dynamics.torque_sources import Source, TorqueErrors
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion

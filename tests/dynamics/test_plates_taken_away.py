@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 
 from gaitcal import Study
-from gaitcal.checks import body_mass, check_study
-from gaitcal.checks.contacts import feet_of
-from gaitcal.checks.study import evidence_of
 from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.faults import body_mass
+from gaitcal.faults.contacts import feet_of
+from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Severity
+from gaitcal.io.filters import resample_wrench
+from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.person.prepare import measured_reactions, prepare_trial
-from gaitcal.recording import Recording, resample_wrench
+from gaitcal.session.prepare import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 

@@ -8,9 +8,9 @@ import pytest
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.residual_limits import ResidualLimits, residual_limits, residual_magnitudes
+from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import published_subject
-from gaitcal.recording.recording import ForcePlate
 
 VALID = np.array([False, True, True])
 NOTHING = np.zeros((1, 3))

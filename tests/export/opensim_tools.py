@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gaitcal.export import safe_name
+from gaitcal.export.xml_text import safe_name
+from gaitcal.io.mot import read_table
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
-from gaitcal.recording.mot import read_table
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.compare import ComparisonRow, compare, read_osim
+from gaitcal.compare.comparison import ComparisonRow, compare
+from gaitcal.compare.osim_reader import read_osim
 from gaitcal.errors import InputError
-from gaitcal.export import write_osim
 from gaitcal.export.joint_frames import body_fixed_xyz, from_body_fixed_xyz
+from gaitcal.export.osim import write_osim
 from gaitcal.export.xml_text import numbers
 from gaitcal.model.linkage import LEGS
 from gaitcal.model.subject_model import SubjectModel

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export import write_external_loads, write_mot, write_sto_moments
+from gaitcal.export.motion_files import write_external_loads, write_mot, write_sto_moments
+from gaitcal.io.force_plate import LOADED_N, point_and_torque
+from gaitcal.io.mot import read_mot_forces, read_table
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
-from gaitcal.recording.force_plate import LOADED_N, point_and_torque
-from gaitcal.recording.mot import read_mot_forces, read_table
 
 ROUNDING = 1e-12
 """Relative: degrees to radians and back; cross products of metres and kilonewtons."""

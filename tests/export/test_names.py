@@ -13,9 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.compare import read_osim
-from gaitcal.export import original_name, safe_name, write_mjcf, write_osim, write_urdf
-from gaitcal.export.xml_text import plain_text
+from gaitcal.compare.osim_reader import read_osim
+from gaitcal.export.mjcf import write_mjcf
+from gaitcal.export.osim import write_osim
+from gaitcal.export.urdf import write_urdf
+from gaitcal.export.xml_text import original_name, plain_text, safe_name
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.peer_programs import peer

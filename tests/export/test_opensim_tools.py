@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.export import write_external_loads, write_mot, write_osim
+from gaitcal.export.motion_files import write_external_loads, write_mot
+from gaitcal.export.osim import write_osim
+from gaitcal.io.recording import Recording
+from gaitcal.io.trc import write_trc
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.recording.recording import Recording
-from gaitcal.recording.trc import write_trc
 from tests.export.mechanics import IK_TOLERANCE, PRINTED, State, our_forces, our_markers, perturbed
 from tests.export.opensim_tools import optimum, run_inverse_dynamics, run_inverse_kinematics
 from tests.export.test_motion_files import walking_wrenches

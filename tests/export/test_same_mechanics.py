@@ -11,9 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.compare import read_osim
+from gaitcal.compare.osim_reader import read_osim
 from gaitcal.errors import InputError
-from gaitcal.export import write_mjcf, write_osim, write_urdf
+from gaitcal.export.mjcf import write_mjcf
+from gaitcal.export.osim import write_osim
+from gaitcal.export.urdf import write_urdf
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel

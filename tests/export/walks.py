@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from gaitcal.synthetic.measurements import synthetic_markers
 from tests.export.mechanics import State

@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli import app
-from gaitcal.commands.console import Talk
-from gaitcal.commands.figures import Options, chosen, run
+from gaitcal.cli.application import app
+from gaitcal.cli.console import Talk
+from gaitcal.cli.figures import Options, chosen, run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
 from gaitcal.figures.chart import Chart, panel_figure
@@ -22,18 +22,19 @@ from gaitcal.figures.paper import LINE, Strides, paper_charts
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.figures.sheet import SheetTrial, unpacked
 from gaitcal.figures.style import SIDE_COLOURS
-from gaitcal.files.atomic import atomic_directory
-from gaitcal.files.ownership import ResultKind, refuse_others
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.io.atomic import atomic_directory
+from gaitcal.io.ownership import ResultKind, refuse_others
 from gaitcal.page.packing import lengths
-from gaitcal.page.sheet import SHEET, calibration_sheet, write_sheet
-from gaitcal.person.result import Calibration
-from gaitcal.person.tables import parameter_table
+from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.sheet.sheet_file import SHEET, write_sheet
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import write_csv
+from gaitcal.session.result import Calibration
+from gaitcal.session.tables import parameter_table
 from tests.fake_result import ANGLE_ERROR, fake_calibration
 
 PACKED = 1 / 60_000
@@ -264,8 +265,8 @@ def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path
 
 def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
-    named = "import sys, gaitcal.commands.calibrate, gaitcal.commands.dynamics, gaitcal.commands.view"
-    named += ", gaitcal.person.calibrate, gaitcal.results.calibration"
+    named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.dynamics, gaitcal.cli.view"
+    named += ", gaitcal.session.calibrate, gaitcal.results.calibration"
     heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

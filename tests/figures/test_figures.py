@@ -28,9 +28,9 @@ from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
-from gaitcal.person.parameter_words import Group, Row
-from gaitcal.person.result import Calibration
 from gaitcal.results.summary import summary
+from gaitcal.session.parameter_words import Group, Row
+from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
 from tests.figures.told import charts, told
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.gait.normal_bands import Bands
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.person.result import Calibration
-from gaitcal.person.tables import parameter_rows
+from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.summary import summary
+from gaitcal.session.result import Calibration
+from gaitcal.session.tables import parameter_rows
 
 
 def told(calibration: Calibration, normal: Bands | None = None) -> Told:

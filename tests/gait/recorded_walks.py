@@ -13,9 +13,9 @@ from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, uns
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
+from gaitcal.io.metadata import FootMoment
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.person.prepare import prepare_trial
-from gaitcal.recording.metadata import FootMoment
+from gaitcal.session.prepare import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 
 PEOPLE = {

@@ -9,8 +9,8 @@ import pytest
 
 from gaitcal.gait.events import joined_events, motion_events, plate_events
 from gaitcal.gait.gait_event import EventSource, source_words
-from gaitcal.recording.metadata import FootEvent, FootMoment
-from gaitcal.recording.recording import ForcePlate
+from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.recording import ForcePlate
 from tests.gait.walks import TIME, moved, walk
 
 SAMPLE = 1e-3

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.io.c3d.metadata import facts_of
+from gaitcal.io.formats import read_recording
+from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.hip_centre import HipCentre
@@ -20,8 +23,6 @@ from gaitcal.model.segment_frames import lower_body
 from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.motion.motion import track
 from gaitcal.motion.node_rule import NodeRule
-from gaitcal.recording import read_recording, still_window
-from gaitcal.recording.c3d.metadata import facts_of
 from gaitcal.study.settings import CalibrationSettings
 from tests.model.people import published_static
 

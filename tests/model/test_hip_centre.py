@@ -8,21 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.checks import check_study
 from gaitcal.errors import InputError
+from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
+from gaitcal.io.formats import read_recording
+from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
 from gaitcal.model.hip_centre import HipCentre, hip_centre
 from gaitcal.model.landmarks import labelled_hips, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.segment_frames import lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.recording import Recording, read_recording, still_window
-from gaitcal.recording.metadata import ComputedPoints
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import nominal_of
 from scripts.validation.truth.people import walking_person
-from tests.checks.spoilt import sound_study, with_trial
+from tests.faults.spoilt import sound_study, with_trial
 from tests.model.people import published_static
 
 ROUNDING = 1e-12

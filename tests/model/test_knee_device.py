@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
+from gaitcal.io.formats import read_recording
 from gaitcal.model.knee_device import corner, is_device
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.worn_markers import complete_static
-from gaitcal.recording import read_recording
 
 ROUNDING = 1e-12
 """m; a corner of a body of rods is found to rounding."""

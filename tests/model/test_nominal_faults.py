@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.recording import Recording
 from tests.model.people import PEOPLE, published_static, without
 
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.checks import check_study
+from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
+from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
-from gaitcal.recording import still_window
-from gaitcal.recording.recording import Recording
 from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study import Study, nominal_of
 from tests.real_studies import write_study

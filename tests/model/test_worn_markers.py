@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
+from gaitcal.io.formats import read_recording
+from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.recording import Recording
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.recording import Recording, read_recording
-from gaitcal.recording.metadata import ComputedPoints
 from tests.model.people import PEOPLE
 
 PIG = "plug-in-gait"

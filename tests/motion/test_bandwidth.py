@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.bandwidth import (
     LONGEST_S,
@@ -23,7 +24,6 @@ from gaitcal.motion.roughness import smoothing
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording.recording import Recording
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array

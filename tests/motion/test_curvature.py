@@ -9,8 +9,9 @@ import pytest
 
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.joint_parameters import gait_parameters
+from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import DescentSettings, track_nodes
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 from tests.motion.test_marker_equations import dense

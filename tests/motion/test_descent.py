@@ -11,15 +11,15 @@ from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.inertial_parameters import symmetric_set
 from gaitcal.model.nominal import published_model
-from gaitcal.montecarlo.draw import refit
-from gaitcal.montecarlo.settings import RefitSettings
 from gaitcal.motion.arrow import SharedTrials
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.reproduction.joint_recovery import step_together
+from gaitcal.published.draw import refit
+from gaitcal.published.joint_recovery import step_together
+from gaitcal.published.settings import RefitSettings
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import DescentSettings, track_nodes
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
 

@@ -9,7 +9,8 @@ import pytest
 
 from gaitcal.motion import track
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.track import DescentSettings, track_nodes
+from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from scripts.tools.benchmark import memory
 from tests.derivatives import perturbed_parameters, random_trial

@@ -11,6 +11,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_estimate import free_of
 from gaitcal.calibration.marker_moves import coordinate_variances, marker_moves
 from gaitcal.dynamics.torque_sources import Source
+from gaitcal.io.recording import Recording
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
@@ -18,7 +19,6 @@ from gaitcal.motion.motion import Motion, track, tracked_motion
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.motion.undetermined import DEVIATION, LUMBAR, upright_trunk
-from gaitcal.recording import Recording
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_recording
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page import Scene, bones_of_folder, write_view
+from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.scene import Scene
+from gaitcal.page.view import write_view
 from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page, browser, chromium
 from tests.page.people import walking_scene

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.person.result import Calibration
+from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.session.result import Calibration
 
 
 def page_words(calibration: Calibration) -> str:

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.files.package_data import models_path
+from gaitcal.io.package_data import models_path
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
 from gaitcal.model.linkage import COORDINATES, SEGMENT_TABLE
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.page import Scene, person_scene, trial_scene
-from gaitcal.recording.recording import ForcePlate, Recording
+from gaitcal.page.scene import Scene, person_scene, trial_scene
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, gait_motion

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.page import BoneMeshes, Scene
+from gaitcal.page.bones.bone_files import BoneMeshes
 from gaitcal.page.packing import base64_of, floats, lengths
-from gaitcal.page.scene import TrialScene
+from gaitcal.page.scene import Scene, TrialScene
 from gaitcal.page.view import Shown, page_html
 
 EVENTS = {

@@ -11,9 +11,9 @@ import pandas as pd
 
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.model.subject_model import Subject
-from gaitcal.page import Scene
 from gaitcal.page.packing import base64_of, floats
-from gaitcal.page.sheet import sheet_rows
+from gaitcal.page.scene import Scene
+from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.sheet import FORMAT
 from gaitcal.page.sheet.trial_curves import Curve, masks_of, packed_curves
 from tests.page.people import walking_scene

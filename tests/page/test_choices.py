@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page import Scene, bones_of_folder
+from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page

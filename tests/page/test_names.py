@@ -11,8 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page import Scene, Shown, page_html, redirect_html
-from gaitcal.page.sheet import calibration_sheet
+from gaitcal.page.redirect import redirect_html
+from gaitcal.page.scene import Scene
+from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.view import Shown, page_html
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.page.browser import Page
 from tests.page.people import walking_scene

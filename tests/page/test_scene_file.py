@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.page import Scene, load_scene, save_scene
+from gaitcal.page.scene import Scene
+from gaitcal.page.scene_file import load_scene, save_scene
 from tests.page.people import walking_scene
 
 

@@ -14,8 +14,10 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.page import Scene, save_scene, view_html
+from gaitcal.page.scene import Scene
+from gaitcal.page.scene_file import save_scene
 from gaitcal.page.server import ViewServer
+from gaitcal.page.view import view_html
 
 SERVE = """
 import sys

@@ -9,10 +9,10 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.gait.spatiotemporal import MEASURES, Stride
-from gaitcal.page import Scene
 from gaitcal.page.packing import floats
-from gaitcal.page.sheet import sheet_rows
+from gaitcal.page.scene import Scene
 from gaitcal.page.sheet.explained import explained_code
+from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.sheet import FORMAT
 from gaitcal.page.sheet.trial_curves import Curve, packed_curves
 from gaitcal.page.steps import SHOWN

@@ -22,9 +22,9 @@ from gaitcal.gait.strides import strides_of
 from gaitcal.gait.variables import GROUND_REACTION
 from gaitcal.page.packing import FULL
 from gaitcal.page.sheet.trial_sheet import trial_sheet
-from gaitcal.person.result import Calibration
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles
 from gaitcal.results.table_file import read_csv
+from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
 ROUNDED = 1e-6

@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
 from gaitcal.gait.cycles import GaitCycle, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import TrialEvents
 from gaitcal.gait.gait_event import EventSource, GaitEvent
-from gaitcal.recording.metadata import FootMoment
+from gaitcal.io.metadata import FootMoment
 from gaitcal.results.cycles import read_cycles
 from tests.synthetic_studies import write_synthetic_study
 
@@ -41,7 +41,7 @@ def strides(*_: object) -> TrialEvents:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.person.trial_result.trial_events", strides)
+        patch.setattr("gaitcal.session.trial_result.trial_events", strides)
         done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
     assert done.exit_code == 0, done.output
     return folder / "result"
@@ -154,7 +154,7 @@ def test_strides_of_powers_are_in_the_table_of_strides(made: Path) -> None:
 def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     """Told where the model has changed since."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.person.trial_result.trial_events", strides)
+        patch.setattr("gaitcal.session.trial_result.trial_events", strides)
         study = result.parent / "study"
         done = run("dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q")
     assert done.exit_code == 0, done.output

@@ -11,11 +11,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL
 from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 
 WALKS = ("walk03", "walk04", "walk05", "walk06", "walk07")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.files.snapshot import sha256_of
+from gaitcal.io.snapshot import sha256_of
 from gaitcal.results.originals import find_original
 
 

@@ -17,15 +17,15 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.files.ownership import MANIFEST
-from gaitcal.files.snapshot import HASHES, SELF, listed, self_hash, sha256_of
-from gaitcal.page import load_scene
-from gaitcal.page.sheet import read_sheet
-from gaitcal.person.calibrate import calibrate
+from gaitcal.io.ownership import MANIFEST
+from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of
+from gaitcal.page.scene_file import load_scene
+from gaitcal.page.sheet.sheet_file import read_sheet
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
+from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.kept import kept_result
 

@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
 from gaitcal.errors import UsageError
-from gaitcal.files.snapshot import listed, self_hash, sha256_of
-from gaitcal.recording import convert, read_recording
-from gaitcal.recording.metadata import FootMoment
+from gaitcal.io.formats import convert, read_recording
+from gaitcal.io.metadata import FootMoment
+from gaitcal.io.snapshot import listed, self_hash, sha256_of
 from tests.real_studies import write_study
 from tests.synthetic_studies import STUDY, write_synthetic_study
 

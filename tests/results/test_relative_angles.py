@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.io.mot import read_table
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.recording import read_table
 from gaitcal.results.calibration import write_trial
 from gaitcal.results.saved import _static_angles
 from gaitcal.results.summary import STATIC_ANGLES, summary

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
+from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.kept import kept_result
 
@@ -70,7 +70,7 @@ def test_a_study_is_never_replaced_by_its_result(folder: Path, tmp_path: Path) -
 
 def test_refused_before_the_work(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "result/mynotes.txt").touch()
-    monkeypatch.setattr("gaitcal.person.calibrate.calibrate", None)
+    monkeypatch.setattr("gaitcal.session.calibrate.calibrate", None)
     with pytest.raises(InputError, match="holds 'mynotes.txt'"):
         run("calibrate", folder / "study/study.toml", "--out", folder / "result")
 

@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 
 from gaitcal import cli
-from gaitcal.files.toml import toml_table, toml_value
+from gaitcal.io.toml import toml_table, toml_value
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.results.page_files import read_page

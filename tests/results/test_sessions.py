@@ -9,15 +9,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from gaitcal.cli.compare import Options, run
+from gaitcal.cli.console import Talk
 from gaitcal.codes import Code
-from gaitcal.commands.compare import Options, run
-from gaitcal.commands.console import Talk
 from gaitcal.compare.session import Common
 from gaitcal.errors import InputError, UsageError
-from gaitcal.files.atomic import atomic_directory
-from gaitcal.files.ownership import MANIFEST, ResultKind
+from gaitcal.io.atomic import atomic_directory
+from gaitcal.io.ownership import MANIFEST, ResultKind
 from gaitcal.model.model_file import save_model
-from gaitcal.person.result import Calibration
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.sessions import CURVES, DIFFERENCES, WORDS, compare_results, write_comparison
@@ -26,6 +25,7 @@ from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
+from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration
 

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.files.snapshot import sha256_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.person.result import Calibration
+from gaitcal.io.snapshot import sha256_of
+from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS, spatiotemporal
 from gaitcal.results.stride_files import ENSEMBLE, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import summary
+from gaitcal.session.result import Calibration
 from tests.fake_result import fake_calibration
 
 

@@ -8,12 +8,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gaitcal.commands.console import _residuals
+from gaitcal.cli.console import _residuals
 from gaitcal.findings import Severity
 from gaitcal.gait.events import joined_events
+from gaitcal.io.metadata import FootEvent
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.recording.metadata import FootEvent
+from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 from tests.page.page_words import page_words

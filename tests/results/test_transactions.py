@@ -14,17 +14,17 @@ from typer.testing import CliRunner, Result
 
 import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
-from gaitcal.cli import app
-from gaitcal.commands import dynamics as dynamics_command
-from gaitcal.commands import montecarlo as montecarlo_command
-from gaitcal.commands import other_programs
+from gaitcal.cli import dynamics as dynamics_command
+from gaitcal.cli import montecarlo as montecarlo_command
+from gaitcal.cli import other_programs
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.files.lock import locked
-from gaitcal.files.snapshot import listed, sha256_of
 from gaitcal.gait.stride_table import CYCLE_COLUMNS
-from gaitcal.person import calibrate as person_calibrate
+from gaitcal.io.lock import locked
+from gaitcal.io.snapshot import listed, sha256_of
 from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
+from gaitcal.session import calibrate as person_calibrate
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
 from tests.kept import kept_result

@@ -19,19 +19,19 @@ from gaitcal.figures.chart import Panel, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
 from gaitcal.figures.sheet import SheetTrial
 from gaitcal.figures.style import INK, TRUTH_DASHES, line_style
+from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SIDES
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.person.calibrate import calibrate
-from gaitcal.person.result import Calibration
-from gaitcal.person.truth_comparison import with_truth
-from gaitcal.person.truth_errors import TruthErrors
-from gaitcal.person.truth_words import settings_sentence, sums, two_marker_segments
-from gaitcal.recording import write_markers_csv
+from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.calibration import json_text
 from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.result import Calibration
+from gaitcal.session.truth_comparison import with_truth
+from gaitcal.session.truth_errors import TruthErrors
+from gaitcal.session.truth_words import settings_sentence, sums, two_marker_segments
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
@@ -261,8 +261,8 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
 
 def test_intervals_and_directions() -> None:
     """What `within` and the angle of an axis are, on numbers made by hand."""
-    from gaitcal.person.truth_comparison import _angle, _distance
-    from gaitcal.person.truth_errors import CurveTruth
+    from gaitcal.session.truth_comparison import _angle, _distance
+    from gaitcal.session.truth_errors import CurveTruth
 
     curve = CurveTruth(
         name="hip_flexion_r",

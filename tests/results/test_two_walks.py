@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gaitcal.compare.session import Common
-from gaitcal.person.calibrate import calibrate
 from gaitcal.results.calibration import write_results
 from gaitcal.results.sessions import compare_results
 from gaitcal.results.shared_model import compare_with_shared_model
+from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 
 WALKS = ("walk03", "walk04")

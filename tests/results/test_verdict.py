@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.cli.calibrate import run as run_calibrate
+from gaitcal.cli.console import Talk
 from gaitcal.codes import Code
-from gaitcal.commands.calibrate import run as run_calibrate
-from gaitcal.commands.console import Talk
 from gaitcal.errors import InputError
+from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.person.result import Calibration, withdrawn
-from gaitcal.person.tables import moment_table
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import summary
 from gaitcal.results.table_file import REFUSED_HEADER
 from gaitcal.results.verdict import of_the_model, require_not_refused
-from gaitcal.verdict.verdict import judge
+from gaitcal.session.result import Calibration, withdrawn
+from gaitcal.session.tables import moment_table
 from tests.fake_result import fake_calibration
 from tests.page.page_words import page_words
 from tests.synthetic_studies import write_synthetic_study

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.recording import write_forces_csv
+from gaitcal.io.csv import write_forces_csv
 from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_plates, write_synthetic_study

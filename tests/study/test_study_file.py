@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gaitcal.errors import InputError
-from gaitcal.files.toml import MAX_BYTES
+from gaitcal.io.toml import MAX_BYTES
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, load_study_file
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from gaitcal.recording import Recording
-from gaitcal.recording.metadata import Facts
+from gaitcal.io.metadata import Facts
+from gaitcal.io.recording import Recording
 from gaitcal.study.study import subject_of
 from gaitcal.study.study_file import SubjectTable
 

@@ -9,11 +9,11 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_outline import foot_tip
 from gaitcal.dynamics.sole import FOOT_BREADTH, HEEL_M, SHAPE
+from gaitcal.io.intervals import runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import spline_basis
-from gaitcal.recording.intervals import runs
 from gaitcal.synthetic.feet import DOUBLE_SUPPORT, STANCE, feet_of, stride_of
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE, gait_accelerations, gait_curves
 from gaitcal.synthetic.ground import ground_on_feet

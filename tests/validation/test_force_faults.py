@@ -51,7 +51,7 @@ def test_the_smallest_size_is_that_from_which_enough_are_found() -> None:
 
 
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
-    from tests.verdict.walks import exact_walk
+    from tests.faults.walks import exact_walk
 
     recording = exact_walk().recording
     kinds = set()

@@ -7,11 +7,11 @@ import numpy as np
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.person.marker_fit import RmsErrors, leg_fit, trial_fit
-from gaitcal.person.parameter_words import counts, counts_sentence
-from gaitcal.person.result import Calibration
-from gaitcal.person.unmeasured import is_trunk_unmeasured, unmeasured_words
 from gaitcal.records import dataclass
+from gaitcal.session.marker_fit import RmsErrors, leg_fit, trial_fit
+from gaitcal.session.parameter_words import counts, counts_sentence
+from gaitcal.session.result import Calibration
+from gaitcal.session.unmeasured import is_trunk_unmeasured, unmeasured_words
 
 GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
 """Marker error over what each joint by itself reaches."""

@@ -11,7 +11,7 @@ from gaitcal.gait.words import SIDE_WORDS, counted, listed
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.blocks import Block, fold, heading, named, number, text
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.person.result import Calibration
+from gaitcal.session.result import Calibration
 
 NO_FORCES = "No joint moments and powers: this trial has no force plates."
 NO_FOOT = "No joint moments: in no frame is a foot on the ground wholly on force plates of its own."

@@ -8,8 +8,8 @@ from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.gait.words import coordinate_title
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words
-from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
+from gaitcal.session.result import TrialResult
 
 
 @dataclass(frozen=True, kw_only=True)

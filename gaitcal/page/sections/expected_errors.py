@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import pandas as pd
 
-from gaitcal.montecarlo.leg_torques import TORQUES
-from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import CauseOfMarkerError, expect
+from gaitcal.published.leg_torques import TORQUES
+from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.statistics import CauseOfMarkerError, expect
 from gaitcal.records import dataclass
 
 SOURCE_WORDS: Final = {

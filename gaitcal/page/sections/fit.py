@@ -24,7 +24,7 @@ from gaitcal.page.sections.blocks import (
     words_column,
 )
 from gaitcal.page.sections.trial_rows import MarkerFit, TrialFit
-from gaitcal.person.marker_fit import RmsErrors
+from gaitcal.session.marker_fit import RmsErrors
 
 FLOORS = (
     "A marker error is the distance between where a marker was measured and where the model puts it. The rigid-segment "

@@ -16,8 +16,8 @@ from gaitcal.page.sections.gait_numbers import gait_numbers
 from gaitcal.page.sections.lines import Line, agreement_line, counting_line
 from gaitcal.page.sections.provenance import note_blocks
 from gaitcal.page.sections.trial_rows import file_name
-from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
+from gaitcal.session.result import TrialResult
 
 COPIED: Final = ("clinician", "joints", "provenance")
 """Presets of the calibration's page that are told again."""

@@ -7,8 +7,8 @@ from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes,
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, layout
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.result import TrialResult
 from gaitcal.records import dataclass
+from gaitcal.session.result import TrialResult
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ from gaitcal.page.sections.blocks import (
 )
 from gaitcal.page.sections.near_truth import near_truth_blocks
 from gaitcal.page.sections.truth_rows import near_truth
-from gaitcal.person.parameter_words import (
+from gaitcal.session.parameter_words import (
     SHORTER_UNITS,
     Group,
     Row,
@@ -32,7 +32,7 @@ from gaitcal.person.parameter_words import (
     inertial_groups,
     joint_groups,
 )
-from gaitcal.person.result import Calibration
+from gaitcal.session.result import Calibration
 
 MOVED = (
     "Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of the named "

@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import POINTS, normalise, usable
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.progression import turns
@@ -19,10 +20,9 @@ from gaitcal.page.sections.blocks import named, number, visible
 from gaitcal.page.sections.clinician import complete_strides
 from gaitcal.page.sections.error_bars import FIRST
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.person.marker_fit import leg_fit
-from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.records import dataclass
-from gaitcal.verdict.verdict import Judgement
+from gaitcal.session.marker_fit import leg_fit
+from gaitcal.session.result import Calibration, TrialResult
 
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
 ORDER = ("plain", "good", "look", "poor")

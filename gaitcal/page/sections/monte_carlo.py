@@ -12,12 +12,12 @@ import pandas as pd
 
 from gaitcal.gait.words import SIDE_WORDS, capitalised
 from gaitcal.model.linkage import SIDES
-from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.study import MonteCarloStudy
 from gaitcal.page.sections.blocks import Block, cell, fold, heading, named, number, pair, table, text, visible
 from gaitcal.page.sections.expected_errors import Expected, expected_errors
 from gaitcal.page.sections.monte_carlo_boxes import box_blocks, contribution_blocks
+from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.study import MonteCarloStudy
 
 PART: Final = "montecarlo"
 """Mark of the blocks of a study."""

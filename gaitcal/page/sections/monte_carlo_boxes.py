@@ -7,12 +7,12 @@ from typing import Any, Final
 import pandas as pd
 
 from gaitcal.gait.words import SIDE_WORDS, capitalised, parameter_words
-from gaitcal.montecarlo.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.montecarlo.settings import ReactionFrame, Varied
-from gaitcal.montecarlo.study import MonteCarloStudy
-from gaitcal.montecarlo.variance_shares import variance_shares
 from gaitcal.page.sections.blocks import Block, boxes, cell, fold, heading, number, number_rounded, table, text
 from gaitcal.page.sections.expected_errors import SOURCE_WORDS, Quantity, levels_by_quantity
+from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.study import MonteCarloStudy
+from gaitcal.published.variance_shares import variance_shares
 
 Levels = dict[Quantity, list[dict[str, Any]]]
 FIRST: Final = "knee_adduction"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from gaitcal.page.sections.blocks import Block, Cell, cell, fold, heading, named, number, table, text
 from gaitcal.page.sections.truth_rows import Errors, NearTruth, SidedRow
-from gaitcal.person.truth_words import TruthSum
+from gaitcal.session.truth_words import TruthSum
 
 
 def near_truth_blocks(near: NearTruth | None) -> list[Block]:

@@ -6,8 +6,8 @@ import platform
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from gaitcal.files.package_data import package_version
 from gaitcal.gait.words import counted
+from gaitcal.io.package_data import package_version
 from gaitcal.page.sections.blocks import (
     MISSING,
     Block,
@@ -24,7 +24,7 @@ from gaitcal.page.sections.blocks import (
     words_column,
 )
 from gaitcal.page.sections.trial_rows import file_name, phase_words, trial_facts
-from gaitcal.person.result import Calibration
+from gaitcal.session.result import Calibration
 
 LIBRARIES: Final = ("pin", "numpy", "scipy")
 LONG_NOTE: Final = 300

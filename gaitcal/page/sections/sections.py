@@ -19,7 +19,7 @@ from gaitcal.page.sections.lines import Line, top_lines
 from gaitcal.page.sections.provenance import provenance_blocks
 from gaitcal.page.sections.trial_rows import fit_of, trial_fits
 from gaitcal.page.sections.trust import trial_trust_blocks, trust_blocks
-from gaitcal.person.result import Calibration, TrialResult
+from gaitcal.session.result import Calibration, TrialResult
 
 
 def result_sections(

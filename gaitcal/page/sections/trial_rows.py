@@ -10,9 +10,9 @@ import numpy as np
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.gait.words import joint_words, listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
-from gaitcal.person.marker_fit import RmsErrors, leg_fit, segment_fits, trial_fit
-from gaitcal.person.result import Calibration, TrialResult
 from gaitcal.records import dataclass
+from gaitcal.session.marker_fit import RmsErrors, leg_fit, segment_fits, trial_fit
+from gaitcal.session.result import Calibration, TrialResult
 
 LITTLE_WEIGHT = 0.5
 """Part of the largest weight."""

@@ -29,8 +29,8 @@ from gaitcal.page.sections.blocks import (
 )
 from gaitcal.page.sections.error_bars import error_bar_blocks
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.person.parameter_words import ENOUGH_MOTION_DEG, Row, joint_groups, range_of_motion
-from gaitcal.person.result import Calibration
+from gaitcal.session.parameter_words import ENOUGH_MOTION_DEG, Row, joint_groups, range_of_motion
+from gaitcal.session.result import Calibration
 
 NOT_CONVERGED = (
     "Not converged: at least one phase of the calibration stopped before it reached its tolerance; see the table of "

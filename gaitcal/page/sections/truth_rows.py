@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from gaitcal.model.coordinates import coordinate_words, split_side
-from gaitcal.person.result import Calibration
-from gaitcal.person.truth_errors import CurveTruth, FeatureTruth
-from gaitcal.person.truth_words import (
+from gaitcal.records import dataclass
+from gaitcal.session.result import Calibration
+from gaitcal.session.truth_errors import CurveTruth, FeatureTruth
+from gaitcal.session.truth_words import (
     CurveRow,
     TruthSum,
     compared_trials,
@@ -18,7 +19,6 @@ from gaitcal.person.truth_words import (
     truth_sentence,
     turning_sentence,
 )
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from gaitcal.codes import Code
-from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
+from gaitcal.explanations.explanation import explanation_of
+from gaitcal.explanations.markdown import Bullets, Paragraph, parts_of
 from gaitcal.page.sections.blocks import Block, bullets, heading, text
 
 PLAIN = str.maketrans("", "", "`")

@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from gaitcal.codes import Code
+from gaitcal.faults.verdict import Judgement, TrialVerdict, Verdict
 from gaitcal.page.sections.blocks import visible
 from gaitcal.page.sections.lines import TONES
 from gaitcal.page.sheet.explained import explained_code
-from gaitcal.verdict.verdict import Judgement, TrialVerdict, Verdict
 
 
 def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,27 +14,21 @@ import datetime
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from gaitcal.files.package_data import package_version
+from gaitcal.faults.verdict import Verdict
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.variables import coordinate_of, kind_of
 from gaitcal.gait.words import explained
+from gaitcal.io.package_data import package_version
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.page.sections import (
-    Origin,
-    further_lines,
-    further_sections,
-    recorded_blocks,
-    result_lines,
-    result_sections,
-)
+from gaitcal.page.sections.further import Origin, further_lines, further_sections, recorded_blocks
+from gaitcal.page.sections.sections import result_lines, result_sections
 from gaitcal.page.sheet.explained import explained_code
 from gaitcal.page.sheet.merging import verdict_line
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.page.steps import SHOWN
-from gaitcal.person.result import Calibration, TrialResult
-from gaitcal.verdict.verdict import Verdict
+from gaitcal.session.result import Calibration, TrialResult
 
 FORMAT: Final = 1
 

@@ -22,12 +22,12 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.page.packing import base64_of, lengths
 from gaitcal.page.sheet.rows import joint_of
-from gaitcal.person.angle_validity import angle_counts
-from gaitcal.person.kinetic_tables import told_powers
-from gaitcal.person.result import LoadedTrial, TrialResult
-from gaitcal.person.tables import taken_off
-from gaitcal.person.truth_errors import CurveTruth, TrialTruth
 from gaitcal.records import dataclass
+from gaitcal.session.angle_validity import angle_counts
+from gaitcal.session.kinetic_tables import told_powers
+from gaitcal.session.result import LoadedTrial, TrialResult
+from gaitcal.session.tables import taken_off
+from gaitcal.session.truth_errors import CurveTruth, TrialTruth
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""

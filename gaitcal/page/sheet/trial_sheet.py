@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.faults.verdict import TrialVerdict
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.gait_event import source_words
 from gaitcal.gait.progression import PELVIS_ANGLES, turns
@@ -16,12 +17,11 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.packing import base64_of, floats, lengths
 from gaitcal.page.scene import MOST_FRAMES
-from gaitcal.page.sections import trial_sections
+from gaitcal.page.sections.sections import trial_sections
 from gaitcal.page.sheet.trial_curves import curves_of, line_of, masks_of, packed_curves, pelvis_parts
-from gaitcal.person.result import TrialResult
-from gaitcal.person.stride_pelvis import pelvis_in_stride
-from gaitcal.person.truth_errors import TrialTruth
-from gaitcal.verdict.verdict import TrialVerdict
+from gaitcal.session.result import TrialResult
+from gaitcal.session.stride_pelvis import pelvis_in_stride
+from gaitcal.session.truth_errors import TrialTruth
 
 
 def trial_sheet(

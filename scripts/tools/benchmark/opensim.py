@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitcal.export import write_osim
+from gaitcal.export.osim import write_osim
+from gaitcal.io.trc import write_trc
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.motion.motion import track
 from gaitcal.motion.node_rule import NodeRule
-from gaitcal.recording import write_trc
 from scripts.tools.benchmark.figure import Timing, temporary_folder
 
 if TYPE_CHECKING:
+    from gaitcal.io.recording import Recording
     from gaitcal.model.subject_model import SubjectModel
-    from gaitcal.recording import Recording
 
 ACCURACY = 1e-5
 

@@ -9,16 +9,16 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-from gaitcal.checks import check_study
-from gaitcal.montecarlo.case import nominal_case
-from gaitcal.montecarlo.settings import Plan
-from gaitcal.montecarlo.study import monte_carlo
-from gaitcal.montecarlo.workers import LocalProcesses, ThisProcess, Workers
+from gaitcal.faults.study import check_study
+from gaitcal.published.case import nominal_case
+from gaitcal.published.settings import Plan
+from gaitcal.published.study import monte_carlo
+from gaitcal.published.workers import LocalProcesses, ThisProcess, Workers
 from gaitcal.study.study import Study
 from scripts.tools.benchmark.figure import Timing, temporary_folder
 
 DRAWS = Plan(levels=(100,), draws=100)
-IMPORTS = "import gaitcal.commands.calibrate, gaitcal.person.calibrate, gaitcal.results.calibration"
+IMPORTS = "import gaitcal.cli.calibrate, gaitcal.session.calibrate, gaitcal.results.calibration"
 """The second and third beside reading and checking."""
 
 
@@ -83,7 +83,7 @@ def section_calibrate_walk() -> list[Timing]:
             "gaitcal check subject01", _python("-m", "gaitcal.cli", "check", "-q", *person), "wanted below a second"
         ),
         Timing("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
-        Timing("  of both: imports for check", _python("-c", "import gaitcal.commands.check")),
+        Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.check")),
     ]
 
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch
+from gaitcal.io.recording import Recording
 from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
@@ -15,7 +16,6 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.recording import Recording
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import gait_motion, isolated_motion
 

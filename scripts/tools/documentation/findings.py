@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gaitcal.explanations import Explanation, all_explanations
+from gaitcal.explanations.explanation import Explanation, all_explanations
 
 
 def explanations() -> tuple[Explanation, ...]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal import COORDINATES, Calibration
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.person.result import TrialResult
+from gaitcal.session.result import TrialResult
 from scripts.validation.truth.gait import joint_tracks
 from scripts.validation.truth.rigid import across, rigid_motion
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 
 from gaitcal import Calibration
+from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding, Severity
-from gaitcal.verdict.verdict import Judgement
 
 
 def errors_of(findings: Sequence[Finding]) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal import Recording, Study
 from gaitcal.arrays import Array
-from gaitcal.recording import ForcePlate
-from gaitcal.recording.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.recording import ForcePlate
 from scripts.validation.attacks.attack import StudyChange
 from scripts.validation.attacks.bases import WALK, loaded, with_recording
 from scripts.validation.attacks.markers import MM

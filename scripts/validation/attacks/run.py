@@ -13,7 +13,7 @@ from pathlib import Path
 from time import perf_counter
 
 from gaitcal import GaitcalError, Study, calibrate
-from gaitcal.checks import check_study
+from gaitcal.faults.study import check_study
 from gaitcal.study.study_file import load_study_file
 from scripts.validation.attacks.attack import Attack, Ending, Result
 from scripts.validation.attacks.bases import BASES, EVERY

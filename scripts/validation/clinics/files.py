@@ -9,7 +9,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 
-from gaitcal.recording.labels import computed_points
+from gaitcal.io.labels import computed_points
 
 LISTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
 MOST = 255

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.recording import Recording, write_c3d
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.synthetic.measurements import marker_noise

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gaitcal.recording.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
-from gaitcal.recording.recording import ForcePlate, Recording
-from gaitcal.verdict.force_causes import Kind
-from gaitcal.verdict.force_standing import FORCE_UNITS
+from gaitcal.faults.force_causes import Kind
+from gaitcal.faults.force_standing import FORCE_UNITS
+from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
+from gaitcal.io.recording import ForcePlate, Recording
 
 Array = NDArray[np.float64]
 Change = Callable[[ForcePlate], ForcePlate]

@@ -13,18 +13,18 @@ from functools import partial
 from pathlib import Path
 
 from gaitcal.errors import InputError
+from gaitcal.faults.force_evidence import ForceEvidence, force_evidence
+from gaitcal.io.axes import turn_to_progression
+from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.person.joint_parameters import joint_stage
-from gaitcal.person.prepare import PreparedTrial, forward_direction, measured_reactions, prepare_trial
-from gaitcal.recording import turn_to_progression
-from gaitcal.recording.recording import Recording
+from gaitcal.session.joint_parameters import joint_stage
+from gaitcal.session.prepare import PreparedTrial, forward_direction, measured_reactions, prepare_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.verdict.force_evidence import ForceEvidence, force_evidence
 from scripts.validation.harness import matching
 from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person
 

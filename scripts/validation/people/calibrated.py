@@ -9,7 +9,7 @@ import numpy as np
 
 import gaitcal
 from gaitcal import Calibration
-from gaitcal.person.result import Stage
+from gaitcal.session.result import Stage
 from scripts.validation.recordings import changed, study_of_person
 from scripts.validation.vendors.agreement import agreement, unit_of_walks
 from scripts.validation.vendors.curves import QUANTITIES

@@ -12,8 +12,8 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, leg_parameters
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
-from gaitcal.person.joint_parameters import joint_stage
 from gaitcal.runtime import silent
+from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
 

@@ -18,15 +18,16 @@ import numpy as np
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.influence import Influence
+from gaitcal.cohort.person_evidence import PersonEvidence, parts_of
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.recording import Recording
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.joint_parameters import joint_stage
-from gaitcal.population.person_evidence import PersonEvidence, parts_of
-from gaitcal.recording import Recording, write_c3d
 from gaitcal.runtime import silent
+from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.people_design import Person
 from gaitcal.study.study import nominal_of

@@ -15,18 +15,19 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.calibration.identifiability import LEG_JOINTS
 from gaitcal.calibration.influence import Influence
 from gaitcal.compare.parameter_differences import difference_variance, told_parameters
 from gaitcal.compare.session import Common
 from gaitcal.compare.shared_model import JointKnowledge, joined
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.recording import Recording
 from gaitcal.model.hip_centre import HipCentre
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.person.joint_parameters import joint_stage
-from gaitcal.recording import Recording, write_c3d
 from gaitcal.runtime import silent
+from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.study.study import nominal_of
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides

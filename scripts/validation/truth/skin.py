@@ -42,7 +42,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.recording import Recording
+from gaitcal.io.recording import Recording
 from scripts.validation.truth.rigid import relative, rigid_motion
 
 TABLE_MM = 15.0

@@ -15,11 +15,11 @@ from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
 from gaitcal.dynamics.joint_kinetics import JointKinetics, component_of, kinetics_of, power_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.gait.moments import moment_of
+from gaitcal.io.metadata import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.person.prepare import measured_reactions, prepare_trial
-from gaitcal.person.result import Calibration, Stage
-from gaitcal.recording.metadata import FootEvent, FootMoment
+from gaitcal.session.prepare import measured_reactions, prepare_trial
+from gaitcal.session.result import Calibration, Stage
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import StudyTrial
 from scripts.validation.recordings import CHILDREN, study_of_person

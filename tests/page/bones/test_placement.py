@@ -11,14 +11,17 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.model.nominal import published_model
-from gaitcal.page import bones_of_folder, view_html
-from gaitcal.page.bones import KneeEvidence, Landmarked, fitted_bones, knee_axes, landmarked, person_landmarks
+from gaitcal.page.bones import person_landmarks
+from gaitcal.page.bones.bone_files import bones_of_folder
 from gaitcal.page.bones.bone_landmarks import MEDIAL
+from gaitcal.page.bones.knee_axis import knee_axes
 from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
-from gaitcal.page.bones.placement import apply, place_of_femur, place_of_shank
+from gaitcal.page.bones.person_landmarks import KneeEvidence
+from gaitcal.page.bones.placement import Landmarked, apply, fitted_bones, landmarked, place_of_femur, place_of_shank
 from gaitcal.page.joint_marks import JointMark, joint_marks
 from gaitcal.page.playback import scene_json
 from gaitcal.page.scene import Scene
+from gaitcal.page.view import view_html
 from tests.page.bones import made_bones as made
 
 EXACT = 1e-9

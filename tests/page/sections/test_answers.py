@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.findings import Severity
 from gaitcal.gait.words import parameter_words
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
@@ -17,12 +18,11 @@ from gaitcal.page.sections.blocks import number
 from gaitcal.page.sections.joints import joint_blocks
 from gaitcal.page.sections.sections import walks_of
 from gaitcal.page.sections.trial_rows import trial_fits
-from gaitcal.person.marker_fit import RmsErrors
-from gaitcal.person.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
-from gaitcal.person.result import Calibration, Stage
+from gaitcal.session.marker_fit import RmsErrors
+from gaitcal.session.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
+from gaitcal.session.result import Calibration, Stage
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
-from gaitcal.verdict.force_diagnosis import beyond_expected
 from tests.fake_result import fake_calibration, held
 
 SAID = CalibrationSettings(joint_prior={name: ParameterPriorTable(deviation=3.0) for name in JP_NAMES})

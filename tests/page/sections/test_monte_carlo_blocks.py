@@ -9,18 +9,18 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gaitcal.montecarlo.case import nominal_case
-from gaitcal.montecarlo.leg_torques import LEG_TORQUES
-from gaitcal.montecarlo.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
-from gaitcal.montecarlo.statistics import expect, levels_of, statistics
-from gaitcal.montecarlo.study import MonteCarloStudy
 from gaitcal.page.sections.blocks import number
 from gaitcal.page.sections.expected_errors import expected_errors
 from gaitcal.page.sections.monte_carlo import PART, monte_carlo_blocks, with_monte_carlo
-from gaitcal.page.sheet import calibration_sheet
+from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.published.case import nominal_case
+from gaitcal.published.leg_torques import LEG_TORQUES
+from gaitcal.published.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.published.statistics import expect, levels_of, statistics
+from gaitcal.published.study import MonteCarloStudy
 from tests.fake_result import HOSTILE, fake_calibration
-from tests.montecarlo.test_statistics import made_up
 from tests.page.sections.walked import headings, rows_of, tables, walked, words
+from tests.published.test_statistics import made_up
 
 RMS = 1.5
 

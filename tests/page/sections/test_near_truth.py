@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.page.sections import result_sections
 from gaitcal.page.sections.blocks import Block, number
-from gaitcal.person.result import Calibration
-from gaitcal.person.truth_errors import CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
+from gaitcal.page.sections.sections import result_sections
+from gaitcal.session.result import Calibration
+from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
 from tests.fake_result import FRAMES, fake_calibration
 from tests.page.sections.walked import headings, rows_of, tables, walked, words
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from gaitcal import cycles
+from gaitcal.faults.verdict import judge
 from gaitcal.gait.words import parameter_words
-from gaitcal.page.sections import result_sections, trial_sections
 from gaitcal.page.sections.blocks import LONGEST_NAME, number
 from gaitcal.page.sections.error_bars import peak_error
 from gaitcal.page.sections.gait_numbers import gait_numbers
-from gaitcal.page.sheet import calibration_sheet
-from gaitcal.person.parameter_words import SHORTER_UNITS
-from gaitcal.person.result import Calibration
-from gaitcal.person.tables import parameter_table
+from gaitcal.page.sections.sections import result_sections, trial_sections
+from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.summary import summary
-from gaitcal.verdict.verdict import judge
+from gaitcal.session.parameter_words import SHORTER_UNITS
+from gaitcal.session.result import Calibration
+from gaitcal.session.tables import parameter_table
 from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
 from tests.page.sections.walked import KINDS, every, headings, rows_of, shown, tables, walked, words
 

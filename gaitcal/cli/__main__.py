@@ -1,0 +1,5 @@
+"""`python -m gaitcal.cli` is `gaitcal`."""
+
+from gaitcal.cli.program import main
+
+main()

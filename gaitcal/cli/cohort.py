@@ -1,0 +1,164 @@
+"""`gaitcal cohort`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from gaitcal.cli.console import Talk
+from gaitcal.cohort.cohort_file import COHORT, read_cohort
+from gaitcal.cohort.learn_priors import PRIORS, learn_priors
+from gaitcal.cohort.learning import FEWEST
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.page import PAGE
+from gaitcal.cohort.people import Cohort, joined
+from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
+from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
+from gaitcal.errors import UsageError
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.io.interruption import InterruptedWork, Stopped
+from gaitcal.published.workers import Cluster
+from gaitcal.records import dataclass
+from gaitcal.session.person_facts import NOTHING_SAID, Options
+from gaitcal.study.cohort_prior import read_cohort_priors
+from gaitcal.study.settings import CalibrationSettings
+
+ORDER = ("refused", "doubtful", "trustworthy")
+"""Verdicts, those first that somebody should look at."""
+MOST_TOLD = 20
+"""Failures that are printed at the end; all of them are in the table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CohortOptions:
+    """The options of the command line, as they were written."""
+
+    jobs: int = -1
+    cluster: str | None = None
+    normal: Path | None = None
+    retry: bool = False
+    priors: Path | None = None
+    learn_priors: bool = False
+    told: Options = NOTHING_SAID
+    """Of everyone, where nothing else is said of a person."""
+
+    @property
+    def engine(self) -> Engine:
+        """Who computes."""
+        if self.cluster is not None:
+            return Cluster(self.cluster)
+        if self.jobs == 0 or self.jobs < -1:
+            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+        return processes(self.jobs)
+
+
+def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
+    """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
+    engine = options.engine
+    normal = None if options.normal is None else bands_file(options.normal).resolve()
+    if normal is not None:
+        read_normal_bands(normal)  # what is wrong with it is told before the night
+    if options.priors is not None:
+        _require_none_to_learn(options, "--priors")
+        read_cohort_priors(options.priors)
+    cohort, calibration = read_cohort(path, out)
+    priors, calibration = _priors(options, calibration)
+    cohort = _with_options(cohort, options.told)
+    for name in cohort.ignored:
+        talk.line(f"not used: {name}: holds no recordings")
+    for note in cohort.notes:
+        talk.line(note)
+    if options.learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
+        talk.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
+    common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
+    try:
+        with talk.working() as step:
+            written = run_cohort(
+                cohort, out, common, engine=engine, retry=options.retry, told=_teller(talk, step, len(cohort.people))
+            )
+    except (KeyboardInterrupt, Stopped) as ending:
+        work = "whoever had ended is kept, the same command goes on with the others"
+        raise InterruptedWork(ending, work) from None
+    _tell_end(talk, written, out)
+    if options.learn_priors:
+        with talk.working() as step:
+            lines = learn_priors(cohort, out, step)
+        for line in lines:
+            talk.line(line)
+        talk.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
+    if written.verdicts.get("failed"):
+        sys.exit(1)
+
+
+def _require_none_to_learn(options: CohortOptions, named: str) -> None:
+    if options.learn_priors:
+        raise UsageError(f"not with {named}: priors are learnt of people who lean on none", field="--learn-priors")
+
+
+def _priors(options: CohortOptions, settings: CalibrationSettings) -> tuple[Path | None, CalibrationSettings]:
+    """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the other settings.
+
+    Raises
+    ------
+    UsageError
+        Both name one, or some are to be learnt.
+    InputError
+        What the settings name is no such file.
+    """
+    if settings.priors is None:
+        return options.priors and options.priors.resolve(), settings
+    if options.priors is not None:
+        raise UsageError(f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors")
+    _require_none_to_learn(options, f"[calibration] priors of {COHORT}")
+    read_cohort_priors(settings.priors)
+    others = settings.model_dump(exclude_unset=True, exclude={"priors"})
+    return settings.priors.resolve(), CalibrationSettings.model_validate(others)
+
+
+def _with_options(cohort: Cohort, told: Options) -> Cohort:
+    people = tuple(replace(person, told=joined(told, person.told)) for person in cohort.people)
+    return replace(cohort, people=people)
+
+
+def _teller(talk: Talk, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
+    step(f"0 of {people} people")
+
+    def tell(ended: Ended) -> None:
+        outcome = ended.outcome
+        left = "" if ended.remaining_s is None or ended.done == ended.todo else f", {duration(ended.remaining_s)} left"
+        far = f"{ended.done} of {ended.todo}{left}"
+        who = " ".join(filter(None, outcome.key))
+        if outcome.computed:
+            cause = f": {outcome.first_cause}" if outcome.first_cause else ""
+            talk.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
+        elif talk.verbose:
+            talk.line(f"{who}: {outcome.verdict}, unchanged ({far})")
+        step(far)
+
+    return tell
+
+
+def duration(seconds: float) -> str:
+    """`40 s`, `3 min`, `2 h 05 min`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _tell_end(talk: Talk, written: Written, out: Path) -> None:
+    counts = ", ".join(f"{written.verdicts[name]} {name}" for name in ORDER if written.verdicts.get(name))
+    failed = written.verdicts.get("failed", 0)
+    talk.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
+    for number, line in enumerate(failures(out)):
+        if number == MOST_TOLD:
+            talk.line(f"and {failed - MOST_TOLD} more")
+            break
+        who = " ".join(filter(None, (line["person"], line["session"])))
+        talk.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
+    if failed:
+        talk.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
+    talk.line(f"page: {out / PAGE}")
+    talk.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")

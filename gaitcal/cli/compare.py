@@ -1,0 +1,105 @@
+"""`gaitcal compare`: two sessions of one person, or an OpenSim model beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.text import Text
+
+from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.compare.comparison import compare
+from gaitcal.compare.difference import Difference
+from gaitcal.compare.difference_words import subject
+from gaitcal.compare.osim_words import osim_words
+from gaitcal.compare.sessions import SessionComparison
+from gaitcal.errors import UsageError
+from gaitcal.findings import note_of
+from gaitcal.io.atomic import require_room
+from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.records import dataclass
+from gaitcal.results.saved import load_result_model
+from gaitcal.results.sessions import compare_results, write_comparison
+from gaitcal.results.shared_model import compare_with_shared_model
+
+SHOWN = 30
+"""Rows of the table on the screen; the file has all."""
+WIDTH = 40
+"""Characters of a figure's name, at least."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of the command line, as they were written."""
+
+    osim: Path | None = None
+    out: Path | None = None
+    shared_model: bool = False
+    studies: Sequence[Path] = ()
+
+
+def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
+    """Compare two results, or one with an OpenSim model."""
+    _require_usable(other, options)
+    if options.osim is not None:
+        compare_models(result, options.osim, talk)
+        return
+    if other is None:
+        raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
+    if options.out is not None:
+        require_room(options.out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
+    shared = None
+    if options.shared_model:
+        with talk.working() as step:
+            shared = compare_with_shared_model(result, other, options.studies, step)
+    comparison = compare_results(result, other) if shared is None else shared.comparison
+    tell(comparison, talk)
+    if options.out is not None:
+        write_comparison(comparison, options.out, (result, other), None if shared is None else shared.parameters)
+        talk.line(f"wrote {options.out}")
+
+
+def _require_usable(other: Path | None, options: Options) -> None:
+    if options.osim is not None and (other is not None or options.out is not None or options.shared_model):
+        message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
+        raise UsageError(message, field="--osim")
+    if options.studies and not options.shared_model:
+        raise UsageError("found without --shared-model, which alone needs them", field="--study")
+
+
+def tell(comparison: SessionComparison, talk: Talk) -> None:
+    """Warnings and words first, then the table of what differs most."""
+    for line in comparison.lines:
+        talk.line(line)
+    if not comparison.found:
+        return
+    table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
+    table.columns[0].min_width = WIDTH
+    for d in comparison.found[:SHOWN]:
+        table.add_row(Text(subject(d)), d.unit, *_numbers(d))
+    talk.line()
+    talk.out.print(table)
+    if (rest := len(comparison.found) - SHOWN) > 0:
+        talk.line(f"and {rest} more: --out FOLDER writes all")
+
+
+def _numbers(d: Difference) -> tuple[str, ...]:
+    figures = [f"{value:.3g}" if d.unit in ("m", "m/s", "s") else f"{value:.1f}" for value in (d.a, d.b, d.difference)]
+    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
+    return (*figures, *limit)
+
+
+def compare_models(result: Path, osim: Path, talk: Talk) -> None:
+    """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths beside ours."""
+    table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
+    model, read, doubts = load_result_model(result)
+    for text in (*read.remarks, *map(note_of, doubts)):
+        talk.line(f"warning: {text}")
+    rows = compare(model, osim)
+    for line in osim_words(rows):
+        talk.line(line)
+    for row in rows:
+        numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
+        table.add_row(Text(row.quantity), Text(row.unit), *numbers)
+    talk.line()
+    talk.out.print(table)

@@ -1,0 +1,233 @@
+"""`gaitcal figures`: what a result folder holds, drawn for a paper or for a report."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.cli.console import Talk
+from gaitcal.cli.other_programs import convention_of
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, UsageError, nearest
+from gaitcal.figures.chart import Chart
+from gaitcal.figures.files import FORMATS, write_charts
+from gaitcal.figures.paper import Strides, paper_charts
+from gaitcal.figures.report import HealthyBands, Told, report_charts
+from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.variables import Kind
+from gaitcal.gait.words import counted
+from gaitcal.io.atomic import amended
+from gaitcal.io.lock import put_back
+from gaitcal.io.ownership import read_object
+from gaitcal.io.snapshot import read_whole
+from gaitcal.model.subject_model import Subject
+from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
+from gaitcal.records import dataclass
+from gaitcal.results.cycles import CYCLES, read_cycles
+from gaitcal.results.verdict import SUMMARY
+
+PARAMETERS, TRUTH, FOLDER = "parameters.csv", "truth/parameters.csv", "figures"
+PAPER, REPORT = "paper", "report"
+OF_PURPOSE: Final = {PAPER: "svg,pdf", REPORT: "png,svg"}
+"""Formats unless told."""
+MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
+ALLOWED_WIDTHS: Final = (40.0, 400.0)
+COLUMN: Final = 85.0
+"""mm: one column of most journals."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the user asked for, as text."""
+
+    purpose: str
+    only: Sequence[str]
+    formats: str | None
+    width: str | None
+    normal: Path | None
+    signs: str | None
+    units: str | None
+    external: bool
+
+
+def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
+    """Draw the figures of a result, or of further trials, into a folder.
+
+    Raises
+    ------
+    UsageError
+        An option names something that is not there, or belongs to the other purpose.
+    InputError
+        The folder is no result that pages are made of.
+    """
+    if options.purpose not in OF_PURPOSE:
+        found = f"found '{options.purpose}'; allowed: {', '.join(OF_PURPOSE)}"
+        raise UsageError(f"{found}{nearest(options.purpose, OF_PURPOSE)}", field="--for")
+    formats = _formats(options.formats or OF_PURPOSE[options.purpose])
+    if options.purpose == REPORT:
+        _only_for_papers(options)
+    width = COLUMN if options.width is None else _width(options.width)
+    convention = convention_of(options.signs, None, options.units or "Nm/kg", external=options.external)
+    put_back(result)
+    if not result.is_dir():
+        raise InputError(
+            "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'",
+            source=result,
+            code=Code.NO_RESULT,
+        )
+    names = [name for name in (SHEET, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
+    with talk.working() as step:
+        step("reading the result")
+        if options.purpose == REPORT:
+            told, read = read_whole(result, names, lambda: _told(result, options.normal))
+            charts, sheet = report_charts(told), told.sheet
+        else:
+            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, options.normal))
+            charts = paper_charts(strides, convention, width) if convention else []
+        charts = chosen(charts, options.only)
+        folder = out or result / FOLDER
+        with amended(folder) as stage:
+            step(f"drawing {counted(len(charts), 'figure')}")
+            files = write_charts(charts, stage, formats)
+            read.require_unchanged()
+    for remark in read.remarks:
+        talk.line(f"warning: {remark}")
+    verdict = sheet["verdict"]
+    if verdict["judgement"] != "trustworthy":
+        talk.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+    for file in files:
+        talk.line(f"wrote {folder / file.name}")
+
+
+def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
+    """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing is asked for.
+
+    Raises
+    ------
+    UsageError
+        There is none of such a name.
+    """
+    if not charts:
+        raise InputError(
+            "found nothing to draw: the result has no complete stride", field=CYCLES, code=Code.NOTHING_TO_SHOW
+        )
+    wanted = [name.strip().lower() for names in only for name in names.split(",") if name.strip()]
+    names = [chart.name for chart in charts]
+    for word in wanted:
+        if not any(_is_named(name, word) for name in names):
+            message = f"found '{word}'; allowed: {', '.join(names)}, or the words that they begin or end with"
+            raise UsageError(f"{message}{nearest(word, names)}", field="--only")
+    return [chart for chart in charts if not wanted or any(_is_named(chart.name, word) for word in wanted)]
+
+
+def _is_named(name: str, word: str) -> bool:
+    return f"_{name}_".startswith(f"_{word}_") or f"_{name}_".endswith(f"_{word}_")
+
+
+def _formats(text: str) -> list[str]:
+    found = list(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
+    for name in found or [text]:
+        if name not in FORMATS:
+            message = f"found '{name}'; allowed: {', '.join(FORMATS)}, with commas between them"
+            raise UsageError(f"{message}{nearest(name, FORMATS)}", field="--format")
+    return found
+
+
+def _only_for_papers(options: Options) -> None:
+    given = {
+        "--width": options.width,
+        "--convention": options.signs,
+        "--units": options.units,
+        "--external": options.external or None,
+    }
+    for field, value in given.items():
+        if value is not None:
+            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
+            raise UsageError(message, field=field)
+
+
+def _width(text: str) -> float:
+    """mm: `85mm`, `8.5cm`, `3.35in`, `85`."""
+    low, high = ALLOWED_WIDTHS
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(mm|cm|in|)\s*", text.lower())
+    width = float(match[1]) * MILLIMETRES[match[2]] if match else 0.0
+    if not low <= width <= high:
+        message = f"found '{text}'; allowed: {low:g}mm to {high:g}mm, such as 85mm, 17cm or 3.35in"
+        raise UsageError(message, field="--width")
+    return width
+
+
+def _sheet(folder: Path) -> dict[str, Any]:
+    """Of the folder, or, of further trials that have none, of the result that they lie in."""
+    if (folder / SHEET).exists():
+        return read_sheet(folder / SHEET)
+    around = folder.resolve().parent / SHEET
+    if (folder / CYCLES).exists() and around.exists():
+        return {**read_sheet(around), "trials": []}
+    raise InputError(f"has no {SHEET}; calibrate again, or name a result folder", source=folder, code=Code.NO_RESULT)
+
+
+def _subject(sheet: Mapping[str, Any]) -> Subject:
+    person = sheet["person"]
+    return Subject(
+        name=person["name"], mass=person["mass"], height=person["height"], sex=person["sex"], session=person["session"]
+    )
+
+
+def _healthy(sheet: Mapping[str, Any], normal: Path | None) -> HealthyBands:
+    """Bands of the file the user names, else those the result was made with."""
+    if normal is not None:
+        subject = _subject(sheet)
+        bands = read_normal_bands(normal)
+        return {name: {side: band.for_person(subject, side) for side in "rl"} for name, band in bands.items()}
+    endings = {kind.words: kind.ending for kind in Kind if kind is not Kind.FORCE}
+    return {
+        f"{band['base']}{endings.get(band['kind'], '')}": {
+            side: (np.array(band[side][0], dtype=np.float64), np.array(band[side][1], dtype=np.float64))
+            for side in "rl"
+        }
+        for band in sheet["bands"]
+    }
+
+
+def _told(folder: Path, normal: Path | None) -> Told:
+    sheet = _sheet(folder)
+    if not sheet["trials"]:
+        raise InputError(
+            f"has no {SHEET} of its own; run its trials again, or draw --for paper", source=folder, code=Code.NO_RESULT
+        )
+    parameters = pd.read_csv(folder / PARAMETERS).to_dict("records") if (folder / PARAMETERS).exists() else []
+    known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None
+    truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
+    return Told(
+        sheet=sheet,
+        summary=read_object(folder / SUMMARY),
+        parameters=parameters,
+        truth=truth,
+        healthy=_healthy(sheet, normal),
+    )
+
+
+def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
+    sheet = _sheet(folder)
+    if not (folder / CYCLES).exists():
+        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
+    strides = [stride for trial in sheet["trials"] for stride in trial["strides"] if not stride["turns"]]
+    offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
+    return Strides(
+        table=ensemble(read_cycles(folder)),
+        subject=_subject(sheet),
+        offs={side: float(np.mean(found)) for side, found in offs.items() if found},
+        healthy=_healthy(sheet, normal),
+    ), sheet
+
+
+def _off(stride: Mapping[str, Any]) -> float:
+    """End of stance, % of the stride."""
+    return 100.0 * (float(stride["off"]) - float(stride["start"])) / (float(stride["stop"]) - float(stride["start"]))

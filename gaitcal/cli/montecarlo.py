@@ -1,0 +1,293 @@
+"""`gaitcal montecarlo`."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pandas as pd
+from rich import progress
+from rich.text import Text
+
+from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.codes import Code
+from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
+from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
+from gaitcal.io.atomic import amended
+from gaitcal.io.interruption import InterruptedWork, Stopped
+from gaitcal.io.lock import put_back
+from gaitcal.page.sections.monte_carlo import with_monte_carlo
+from gaitcal.page.sheet.sheet_file import SHEET
+from gaitcal.published.case import MODEL, case_from, read_case
+from gaitcal.published.conclusions import PUBLISHED, beside, conclusions
+from gaitcal.published.context import MonteCarloContext
+from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
+from gaitcal.published.store import Store
+from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
+from gaitcal.published.variance import linear_agreement, variance_contributions
+from gaitcal.published.workers import Cluster, LocalProcesses, Workers
+from gaitcal.records import dataclass
+from gaitcal.results.page_files import PAGE, read_page, rewrite_page
+from gaitcal.results.verdict import require_not_refused
+
+FOLDER, SUMMARY = "montecarlo", "summary.json"
+HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
+SHOWN_SIDE = "l"
+"""The left leg is shown, as published; both are in the tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of the command line, as they were written."""
+
+    vary: str
+    levels: str
+    draws: int
+    jobs: int
+    cluster: str | None
+    seed: int
+    grf: str
+    parameters: str
+    bounds: tuple[float, float, float, float]
+    """Positions (mm), orientations (deg), inertial parameters (%), noise amplitude (mm)."""
+    trial: str | None
+    until_converged: bool
+
+    @property
+    def plan(self) -> Plan:
+        """Sets, levels and draws."""
+        sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(self.vary)]
+        for level in _split(self.levels):
+            if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
+                raise UsageError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
+        levels = tuple(int(level) for level in _split(self.levels))
+        if not sets or not levels:
+            raise UsageError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
+        return Plan(tuple(Varied(name) for name in sets), levels, self.draws)
+
+    @property
+    def settings(self) -> MonteCarloSettings:
+        """What a draw depends on."""
+        choice = _one_of(self.parameters, [str(c.value) for c in ParameterChoice], "--parameters")
+        position, orientation, inertial, noise = self.bounds
+        return MonteCarloSettings(
+            seed=self.seed,
+            parameters=ParameterChoice(int(choice)),
+            position_mm=position,
+            orientation_deg=orientation,
+            inertial_percent=inertial,
+            noise_mm=noise,
+        )
+
+    @property
+    def frame(self) -> ReactionFrame:
+        """The ground-reaction frame to be shown."""
+        return ReactionFrame(_one_of(self.grf, [frame.value for frame in ReactionFrame], "--grf"))
+
+    @property
+    def workers(self) -> Workers:
+        """Who computes."""
+        if self.cluster is not None:
+            return Cluster(self.cluster)
+        if self.jobs == 0 or self.jobs < -1:
+            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+        return LocalProcesses(self.jobs)
+
+
+def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -> None:
+    """Run what is missing of a study, write its tables and figures, and print what they say."""
+    put_back(folder)
+    store = Store(folder / FOLDER)
+    plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
+    if expected_mm is not None and not (draws := store.read()).empty:
+        if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
+            store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
+        _print_expectation(talk, statistics(draws), expected_mm)
+        return
+    require_not_refused(folder)
+    with talk.working() as step:
+        step("reading the model and its motion")
+        case, read = read_case(folder, options.trial, step)
+    with alone(store.folder):
+        try:
+            with _draw_progress(talk) as draws_done:
+                study = monte_carlo(
+                    case,
+                    store.folder,
+                    settings=settings,
+                    plan=plan,
+                    workers=workers,
+                    progress=draws_done,
+                    until_converged=options.until_converged,
+                )
+        except (KeyboardInterrupt, Stopped) as ending:
+            work = "finished draws are kept, the same command goes on with the others"
+            raise InterruptedWork(ending, work) from None
+        with talk.working() as step, amended(store.folder) as stage:
+            step("tables and figures")
+            context = MonteCarloContext(case, settings)
+            contributions = variance_contributions(context)
+            contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
+            write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
+            read.require_unchanged()
+            on_page = _put_on_page(folder, study, contributions)
+    for remark in read.remarks:
+        talk.line(f"warning: {remark}")
+    _print_study(talk, study, frame)
+    _print_linearity(talk, context, study)
+    if expected_mm is not None:
+        _print_expectation(talk, study.statistics, expected_mm)
+    talk.line(f"tables and figures: {store.folder}")
+    if on_page:
+        talk.line(on_page)
+    if options.until_converged and not study.converged:
+        raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
+
+
+def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
+    """Put the study on the page beside it; a line on that, empty where there is no page."""
+    if not (folder / SHEET).exists():
+        return ""
+    with amended(folder) as stage:
+        try:
+            shown = read_page(folder)
+        except InputError as error:
+            return f"warning: the page was not brought up to date: {error}"
+        rms = _marker_rms(folder, study.case.name)
+        sheet = with_monte_carlo(shown.sheet or {}, study, marker_rms=rms, contributions=contributions)
+        rewrite_page(stage, shown.scene, sheet)
+    return f"page: {folder / PAGE}, preset Trust"
+
+
+def _marker_rms(folder: Path, trial: str) -> float | None:
+    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the page tells it."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
+        return float((summary.get("pelvis_and_legs_mm") or summary["rms_mm"])["calibrated"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # a study folder, or a trial without markers
+
+
+def _split(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _one_of(name: str, allowed: list[str], option: str) -> str:
+    if name not in allowed:
+        raise UsageError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option)
+    return name
+
+
+@contextmanager
+def _draw_progress(talk: Talk) -> Iterator[DrawProgress]:
+    """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every tenth."""
+    started = time.monotonic()
+    if talk.err.is_terminal and not talk.quiet:
+        columns = (
+            progress.TextColumn("draws"),
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TextColumn("{task.fields[rate]}"),
+            progress.TimeRemainingColumn(elapsed_when_finished=True),
+        )
+        with progress.Progress(*columns, console=talk.err) as bar:
+            task = bar.add_task("draws", total=None, rate="")
+
+            def show(done: int, todo: int) -> None:
+                bar.update(task, total=todo, completed=done, rate=f"{_rate(done, started):.0f} draws/s")
+
+            yield show
+        return
+    tenths = 0
+
+    def tell(done: int, todo: int) -> None:
+        nonlocal tenths
+        if talk.verbose and 10 * done // max(todo, 1) > tenths:
+            tenths = 10 * done // max(todo, 1)
+            rate = _rate(done, started)
+            left = (todo - done) / rate
+            talk.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
+
+    yield tell
+
+
+def _rate(done: int, started: float) -> float:
+    return done / max(time.monotonic() - started, 1e-9)
+
+
+def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> None:
+    table = study.statistics
+    talk.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
+    _print_errors(talk, table, frame)
+    for note in study.notes:
+        talk.line(note)
+    failures = [
+        f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}" for row in left_out(table).itertuples()
+    ]
+    if failures:
+        talk.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
+    for conclusion in conclusions(table, SHOWN_SIDE):
+        talk.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
+    for figure in PUBLISHED:
+        if ours := beside(table, figure, study.settings, SHOWN_SIDE):
+            name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
+            values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
+            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
+    open_rows = unconverged(table)
+    if open_rows.empty:
+        talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
+    else:
+        settles = open_rows[["mean_settles", "cv_settles"]].max(axis=1)
+        worst = "too few draws to tell" if settles.isna().any() else f"worst {settles.max():.1f} %"
+        rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
+        talk.line(f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; --until-converged")
+    talk.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
+
+
+def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloStudy) -> None:
+    """How well the linearised contributions of the parameters predict the draws."""
+    if study.plan.draws < FEWEST:
+        return
+    for varied, level in study.plan.cells:
+        if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
+            agreement = [linear_agreement(context, study.draws, (varied, level), frame) for frame in ReactionFrame]
+            ranges = ", ".join(
+                f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
+                for r, frame in zip(agreement, ReactionFrame, strict=True)
+            )
+            talk.line(f"linearised contributions against draws, JP at {level} %: {ranges}")
+
+
+def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:
+    shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
+    for varied in Varied:
+        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in TORQUES]
+        columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
+        for k in range(len(columns[0])):
+            level = str(columns[0]["level"].iloc[k])
+            shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))
+    talk.out.print(shown)
+
+
+def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
+    causes = expect(table, rms_mm, SHOWN_SIDE)
+    if not causes:
+        raise InputError(
+            "the study has neither of the sets jp and noise, which move markers",
+            field="--expect",
+            code=Code.MONTE_CARLO,
+        )
+    for cause in causes:
+        more = "more than " if cause.beyond else ""
+        talk.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
+        shown = frameless_table(("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %"))
+        for row in cause.torques.itertuples():
+            numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
+            shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
+        talk.out.print(shown)

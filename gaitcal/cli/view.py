@@ -1,0 +1,49 @@
+"""`gaitcal view`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from gaitcal.cli.console import Talk
+from gaitcal.io.atomic import atomic_text, file_in_place
+from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.server import serve
+from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.results.page_files import result_page
+
+
+def run(results: tuple[Path, ...], html: Path | None, talk: Talk, geometry: Path | None = None) -> None:
+    """Show a result in the browser, or two side by side, or write the page.
+
+    `geometry`: bones of this folder, else the installed ones.
+    """
+    bones = None if geometry is None else bones_of_folder(geometry)
+    shown = [_read(result, talk) for result in results]
+    named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
+    for sentence in sentences(named):
+        talk.line(sentence)
+    page = page_html(named, bones)
+    if html is not None:
+        with file_in_place(html) as path:
+            atomic_text(path, page)
+        talk.line(f"wrote {html}")
+        return
+    serve(page, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"))
+
+
+def _read(result: Path, talk: Talk) -> Shown:
+    shown, lines = result_page(result)
+    for line in lines:
+        talk.line(line)
+    return shown
+
+
+def _names(results: tuple[Path, ...]) -> list[str]:
+    """The last parts of their paths, as many as tell them apart."""
+    parts = [result.resolve().parts for result in results]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-count:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]

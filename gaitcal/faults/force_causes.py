@@ -1,0 +1,257 @@
+"""What can be wrong with ground reactions, each cause with how a fault of a given size is undone.
+
+Coefficients x are 0 where there is no fault; where they are a vector they are one in the room, (x, z), and reach
+`OnePlate` as (3,) in the axes of the trial. For a *linear* cause the undone wrenches are affine in x, as they are for
+places and for the inverse of a gain: f = g f_true, f_true = (1 + x) f, g = 1 / (1 + x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from enum import Enum
+from itertools import combinations
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from gaitcal.arrays import Array, cross
+from gaitcal.faults.force_evidence import ForceEvidence
+from gaitcal.faults.force_standing import FORCE_UNITS
+from gaitcal.faults.plate_forces import PlateForces, joined, rotation
+from gaitcal.records import dataclass
+
+
+class Kind(Enum):
+    """What is wrong."""
+
+    CLOCK = "clock"
+    PLACE = "place"
+    YAW = "yaw"
+    TILT = "tilt"
+    MARKERS_TILTED = "markers tilted"
+    GAIN = "gain"
+    VERTICAL_GAIN = "vertical gain"
+    HORIZONTAL_GAIN = "horizontal gain"
+    FORE_AFT_GAIN = "fore-aft gain"
+    SIDEWAYS_GAIN = "sideways gain"
+    FREE_MOMENT = "free moment"
+    OFFSET = "offset"
+    SIGN_FORE_AFT = "sign of the fore-aft force"
+    SIGN_SIDEWAYS = "sign of the sideways force"
+    SIGN_HORIZONTAL = "sign of both horizontal forces"
+    SIGN_VERTICAL = "sign of the vertical force"
+    AXES = "axes exchanged"
+    FORCE_UNIT = "unit of force"
+    MOMENT_UNIT = "unit of moment"
+    CENTRE_UNIT = "unit of the centre of pressure"
+    EXCHANGED = "plates exchanged"
+    TRUNK = "trunk"
+
+
+class Undone(NamedTuple):
+    """A trial as it would be without the fault."""
+
+    wrenches: Array
+    """(plates, k, 6)."""
+    need: Array | None = None
+    """(k, 6) where the fault is not one of the plates."""
+    offsets: Array | None = None
+    """(plates,) N taken away from the vertical force throughout."""
+
+
+Undo: TypeAlias = Callable[[ForceEvidence, Array], Undone]
+OnePlate: TypeAlias = Callable[[PlateForces, Array], Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """One thing that may be wrong, alone."""
+
+    kind: Kind
+    plates: tuple[str, ...] = ()
+    """Names of the plates that it is about; none: all."""
+    undo: Undo
+    parameters: int = 0
+    """How many coefficients it has."""
+    linear: bool = True
+    starts: tuple[tuple[float, ...], ...] = ()
+    """Where the coefficients of a cause that is not linear are sought from."""
+    witnessed: bool = False
+    """Whether its size is sought with the witnesses as well (`force_witnesses.py`), which are linear in it."""
+    unit: str = ""
+    """The unit that the file has, for causes about units."""
+
+    @property
+    def key(self) -> tuple[Kind, tuple[str, ...], str]:
+        """Causes with the same key are told alike, whatever the file kept."""
+        return self.kind, self.plates, self.unit
+
+
+LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
+TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0]))
+LARGE, FAR_M = 0.3, 5.0
+"""A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
+units of length asked for. A free moment is about 0.003 of body weight times height."""
+LIGHT_UNIT = 0.5
+"""Of body weight: plates that carry less at most may be in another unit."""
+
+BY_PLATE: tuple[tuple[Kind, int, OnePlate], ...] = (
+    (Kind.PLACE, 2, lambda p, x: p.moved(-x)),
+    (Kind.GAIN, 1, lambda p, x: (1.0 + x[0]) * p.wrench),
+    (Kind.GAIN, 1, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force)),
+    (Kind.VERTICAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0, 1.0 + x[0], 1.0])),
+    (Kind.VERTICAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0 + x[0], 1.0])),
+    (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
+    (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
+    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
+    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
+    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
+    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
+    (Kind.FREE_MOMENT, 1, lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free)),
+    (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, 1.0])),
+    (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, 1.0])),
+    (Kind.SIGN_SIDEWAYS, 0, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, -1.0])),
+    (Kind.SIGN_SIDEWAYS, 0, lambda p, x: p.moments_kept(p.force * [1.0, 1.0, -1.0])),
+    (Kind.SIGN_HORIZONTAL, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0])),
+    (Kind.SIGN_HORIZONTAL, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, -1.0])),
+    # on reading, a force that points down is turned round as a whole: only the vertical column was wrong
+    (Kind.SIGN_VERTICAL, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0], -p.free)),
+    (Kind.SIGN_VERTICAL, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, -1.0], -1.0)),
+    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1])),
+    (Kind.AXES, 0, lambda p, x: p.moments_kept(p.force[:, ::-1])),
+    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1] * [1.0, 1.0, -1.0])),
+    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1] * [-1.0, 1.0, 1.0])),
+)
+"""Kind, number of coefficients, (plate, coefficients) -> (k, 6) wrench without the fault: linear ones."""
+
+
+def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
+    """All causes that are worth trying on trials with the same plates."""
+    names = tuple(dict.fromkeys(plate.name for trial in trials for plate in trial.plates))
+    yield Cause(kind=Kind.CLOCK, undo=_later, parameters=1, linear=False, starts=LATE_S)
+    yield Cause(kind=Kind.TRUNK, undo=_other_trunk, parameters=2)
+    for which in ((), *((name,) for name in names if len(names) > 1)):
+        for kind, parameters, change in BY_PLATE:
+            undo = _on_plates(change, which)
+            yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, witnessed=kind is Kind.PLACE)
+        yield Cause(
+            kind=Kind.YAW, plates=which, undo=_on_plates(_yawed, which), parameters=1, linear=False, starts=TURNS
+        )
+        yield Cause(kind=Kind.OFFSET, plates=which, undo=_without_offset(which), parameters=1, witnessed=True)
+        tilted = _on_plates(_tilted if which else _tilted_in_the_room, which)
+        yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, linear=False, starts=((0.0, 0.0),))
+    yield Cause(kind=Kind.YAW, undo=_on_plates(_yawed_in_the_room, ()), parameters=1, linear=False, starts=TURNS)
+    yield Cause(kind=Kind.AXES, undo=_on_plates(_columns_exchanged, ()))
+    yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, linear=False, starts=((0.0, 0.0),))
+    for one, other in combinations(names, 2):
+        yield Cause(kind=Kind.EXCHANGED, plates=(one, other), undo=_exchanged(one, other))
+    yield from _units(trials)
+
+
+def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
+    """Units that the files may be in, where a glance at their numbers allows it."""
+    most = max(float(trial.wrenches[:, :, 1].sum(axis=0).max()) / trial.weight for trial in trials)
+    if most < LIGHT_UNIT:
+        for unit, newtons in FORCE_UNITS.items():
+            if newtons != 1.0:
+                for change in _in_unit(newtons):
+                    yield Cause(kind=Kind.FORCE_UNIT, undo=_on_plates(change, ()), unit=unit)
+    pairs = [(trial, plate) for trial in trials for plate in trial.plates]
+    free = max(float(np.abs(plate.free).max()) / trial.bwh for trial, plate in pairs)
+    away = max(float(np.abs(plate.centre[:, [0, 2]]).max()) for _, plate in pairs)
+    if free > LARGE:
+        yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free), ()))
+    if free > LARGE or away > FAR_M:
+        yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.moments_kept(p.force, 1e-3), ()))
+    if away > FAR_M:
+        for unit, metres in (("mm", 1e-3), ("cm", 1e-2)):
+            yield Cause(kind=Kind.CENTRE_UNIT, undo=_on_plates(_nearer(metres), ()), unit=unit)
+
+
+def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
+    """Forces alone in another unit; with their free moments; with the moments of the channels left as they are."""
+    return (
+        lambda p, x: p.centre_kept(newtons * p.force),
+        lambda p, x: newtons * p.wrench,
+        lambda p, x: p.moments_kept(newtons * p.force),
+    )
+
+
+def _nearer(metres: float) -> OnePlate:
+    return lambda p, x: p.nearer(metres)
+
+
+def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
+    """`change` on the plates named, or on all."""
+
+    def undo(trial: ForceEvidence, x: Array) -> Undone:
+        if len(x) > 1:
+            x = trial.room[:, [0, 2]] @ x
+        chosen = [change(p, x) if not which or p.name in which else p.wrench for p in trial.plates]
+        return Undone(np.stack(chosen))
+
+    return undo
+
+
+def _without_offset(which: tuple[str, ...]) -> Undo:
+    """x[0] N less on each of the plates, in their middle."""
+
+    def undo(trial: ForceEvidence, x: Array) -> Undone:
+        less = np.array([float(x[0]) if not which or p.name in which else 0.0 for p in trial.plates])
+        wrenches = [p.moments_kept(p.force - [0.0, n, 0.0]) for p, n in zip(trial.plates, less, strict=True)]
+        return Undone(np.stack(wrenches), None, less)
+
+    return undo
+
+
+def _later(trial: ForceEvidence, x: Array) -> Undone:
+    """Forces that come x[0] s late are those of a later moment."""
+    return Undone(np.stack([plate.later(trial.time + x[0]) for plate in trial.plates]))
+
+
+def _other_trunk(trial: ForceEvidence, x: Array) -> Undone:
+    """The trunk's mass centre lies x m (forward, right) from where the model has it."""
+    return Undone(trial.wrenches, trial.need + trial.trunk @ x)
+
+
+def _yawed(plate: PlateForces, x: Array) -> Array:
+    return plate.turned(rotation(np.array([0.0, -x[0], 0.0])))
+
+
+def _yawed_in_the_room(plate: PlateForces, x: Array) -> Array:
+    return plate.turned_in_the_room(rotation(np.array([0.0, -x[0], 0.0])))
+
+
+def _tilted(plate: PlateForces, x: Array) -> Array:
+    return plate.turned(rotation(-x))
+
+
+def _tilted_in_the_room(plate: PlateForces, x: Array) -> Array:
+    return plate.turned_in_the_room(rotation(-x))
+
+
+def _columns_exchanged(plate: PlateForces, x: Array) -> Array:
+    """Column x of force, point and moment holds z, and the other way round."""
+    return joined(plate.force[:, ::-1], plate.centre[:, ::-1], plate.free[:, ::-1])
+
+
+def _markers_upright(trial: ForceEvidence, x: Array) -> Undone:
+    """Markers tilted by x rad about x and z: seen from them, plates and weight are tilted the same way."""
+    turn = rotation(trial.room[:, [0, 2]] @ x)
+    up = np.array([0.0, trial.weight_of_model, 0.0])
+    lean = turn @ up - up
+    need = trial.need + np.hstack([np.tile(lean, (len(trial.time), 1)), cross(trial.mass_centre, lean)])
+    return Undone(np.stack([plate.turned_in_the_room(turn) for plate in trial.plates]), need)
+
+
+def _exchanged(one: str, other: str) -> Undo:
+    """Each of two plates lies where the other is said to be."""
+
+    def undo(trial: ForceEvidence, x: Array) -> Undone:
+        at = {plate.name: plate.place for plate in trial.plates}
+        if one not in at or other not in at:
+            return Undone(trial.wrenches)
+        way = {one: at[other] - at[one], other: at[one] - at[other]}
+        return Undone(np.stack([p.moved(way.get(p.name, np.zeros(3))) for p in trial.plates]))
+
+    return undo

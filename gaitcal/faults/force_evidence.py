@@ -1,0 +1,277 @@
+"""What motion and force plates of one trial say against each other at the pelvis, before any force touched a parameter.
+
+    r = need - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
+
+`need` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of plate k about the
+laboratory origin. Plates are filtered as the motion is, so that both hold the same oscillations. Only the sum of the
+plates enters: which foot a plate is given to cannot be judged here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+from gaitcal.arrays import Array, BoolArray, IntArray, cross
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
+from gaitcal.faults.force_standing import as_walked_on, off_feet, side_carried, standing_feet
+from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
+from gaitcal.faults.plate_forces import PlateForces
+from gaitcal.io.axes import ABOUT_Y
+from gaitcal.io.filters import filter_plate, filterable, resample_wrench
+from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, table
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.motion import Motion
+from gaitcal.records import dataclass
+from gaitcal.study.study_trial import StudyTrial
+
+STEP_S = 0.02
+"""Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
+MOST_FRAMES = 300
+"""Of one trial; a longer one is looked at in larger steps."""
+FEWEST_FRAMES = 10
+"""Below a fifth of a second nothing can be told."""
+GRID_S = 0.01
+"""Times at which a filtered plate is kept."""
+LIGHT = 0.05
+"""Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
+
+MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
+"""Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
+CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
+CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75
+"""m, standard deviations of a mass centre in a person of that height."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceEvidence:
+    """One gait trial at the k frames that a diagnosis looks at."""
+
+    name: str
+    room: Array
+    """(3, 3) turns the axes of the file, y up, into those of the trial, x forward."""
+    time: Array
+    """(k,) s."""
+    q: Array
+    """(k, 27) coordinates."""
+    parameters: Parameters
+    """Joint parameters calibrated or not, inertial ones nominal."""
+    pelvis: Array
+    """(k, 3) m, its origin."""
+    need: Array
+    """(k, 6) N, N·m about the pelvis: what the motion asks for."""
+    mass_centre: Array
+    """(k, 3) m, of the body, from the pelvis origin."""
+    spread: Array
+    """(k, 6, n) change of `need` with one standard deviation of each of n unknown inertial parameters."""
+    trunk: Array
+    """(k, 6, 2) change of `need` per m of the trunk's mass centre forward and to the right."""
+    trunk_seen: bool
+    """Whether markers determine how the trunk turns."""
+    plates: tuple[PlateForces, ...]
+    feet: IntArray
+    """(plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone."""
+    soles: tuple[Sole, ...]
+    """Where the feet are that stand on the plates."""
+    empty: tuple[float | None, ...]
+    """N, what each plate reads while nobody is on it; None where somebody always is."""
+    weight: float
+    """N, of the subject."""
+    height: float
+    """m."""
+    missing: float = 0.0
+    """Share of the samples of markers that the trial shows at all which are not there."""
+    doubtful: bool = False
+    """Whether markers leave open how a leg moves: one alone follows a segment, or they contradict each other."""
+
+    @property
+    def weight_of_model(self) -> float:
+        """N, of the model's segments together."""
+        return float(self.parameters.mass * GRAVITY)
+
+    @property
+    def bwh(self) -> float:
+        """N·m, body weight times height."""
+        return self.weight * self.height
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """(plates, k, 6) about the laboratory origin, as measured."""
+        return np.stack([plate.wrench for plate in self.plates])
+
+    def residual(self, wrenches: Array, need: Array | None = None) -> Array:
+        """(k, 6) what plates with wrenches (plates, k, 6) leave unexplained at the pelvis."""
+        total = wrenches.sum(axis=0)
+        about_pelvis = total[:, 3:] - cross(self.pelvis, total[:, :3])
+        out: Array = (self.need if need is None else need) - np.hstack([total[:, :3], about_pelvis])
+        return out
+
+    @cached_property
+    def usual(self) -> Array:
+        """(n,) z of the same with the plates as measured."""
+        return self.witnesses(self.wrenches, np.zeros(len(self.plates)))
+
+    def witnesses(self, wrenches: Array, taken_away: Array) -> Array:
+        """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken away."""
+        heights = np.array([plate.middle[1] for plate in self.plates])
+        feet = under_feet(wrenches, self.soles, heights, self.weight)
+        known = [(b - x) / EMPTY_N for b, x in zip(self.empty, taken_away, strict=True) if b is not None]
+        return np.concatenate([feet, known])
+
+
+def force_evidence(
+    trial: StudyTrial,
+    recording: Recording,
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    reactions: GroundReactions,
+) -> ForceEvidence | None:
+    """The evidence of a whole-body motion over force plates; None where too few frames can be told.
+
+    Parameters
+    ----------
+    trial : as the study has it, in the axes of its file.
+    recording : the same as tracked, turned so that x is forward.
+    parameters : the motion's; their inertial parameters are those of tables, which no force has touched.
+    reactions : of the same motion; their frames count unless forces so wrong that no foot fits them left too few.
+    """
+    weight, time = model.subject.weight, motion.time
+    plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
+    if not plates:
+        return None
+    seen = as_walked_on(plates, time, weight)
+    feet = np.array([standing_feet(plate, time, reactions.resting) for plate in seen])
+    frames = _chosen(time, reactions.valid)
+    points = foot_points(model, motion, parameters)
+    if seen is not plates or off_feet(seen, feet, time, points):
+        by_time = {
+            p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := side_carried(row)) is not None
+        }
+        assigned = {**by_time, **trial.plates}
+        for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
+            again = replace(recording, plates=known)
+            retimed = reactions_of_motion(model, parameters, motion, again, assigned, motion.cutoff_hz)
+            frames = _chosen(time, retimed.valid)
+            if len(frames) >= FEWEST_FRAMES:
+                break
+    if len(frames) < FEWEST_FRAMES:
+        return None
+    loads = [float(np.abs(np.nan_to_num(resample_wrench(p, time[frames]))[:, 1]).max()) for p in plates]
+    heavy = [i for i, load in enumerate(loads) if load > LIGHT * max(loads)]
+    if not heavy:
+        return None
+    standing = feet[heavy][:, frames]
+    soles = soles_of(standing, frames, points)
+    q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
+    dynamics = Dynamics(parameters)
+    need = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
+    spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
+    return ForceEvidence(
+        name=trial.name,
+        room=_room(trial.recording, recording),
+        time=time[frames],
+        q=q,
+        parameters=parameters,
+        pelvis=q[:, :3],
+        need=need,
+        mass_centre=_mass_centre(dynamics, q) - q[:, :3],
+        spread=spread,
+        trunk=trunk,
+        trunk_seen=not any(name.startswith("lumbar") for name in motion.guessed),
+        plates=tuple(_plate_forces(plates[i], motion, frames, _under(soles, k)) for k, i in enumerate(heavy)),
+        feet=standing,
+        soles=soles,
+        empty=tuple(empty_reading(plates[i], weight) for i in heavy),
+        weight=weight,
+        height=model.subject.height,
+        missing=_missing(recording, model),
+    )
+
+
+def _missing(recording: Recording, model: SubjectModel) -> float:
+    """Of the markers of the model that are seen in some frames."""
+    known = [i for i, label in enumerate(recording.labels) if label in model.markers.labels]
+    gone = np.isnan(recording.markers[:, known, 0])
+    seen = ~np.all(gone, axis=0)
+    return float(gone[:, seen].mean()) if seen.any() else 0.0
+
+
+def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[Array, Array]:
+    """Change of the pelvis' wrench with one standard deviation of the inertial parameters (84,), total mass held.
+
+    Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to the right;
+    `regressor` (k, 6, 12, 10) as `Dynamics.root_regressor` gives it.
+    """
+    by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, dynamic_jacobian(inertial))
+    rows = table(inertial)
+    variance = (MASS_SHARE * rows[:, 0]) ** 2
+    # given their sum, independent masses have the covariance D - d d^T / sum d
+    values, vectors = np.linalg.eigh(np.diag(variance) - np.outer(variance, variance) / variance.sum())
+    columns = [by_parameter[..., 0] @ (vectors * np.sqrt(np.clip(values, 0.0, None)))[:, 1:]]
+    for i, segment in enumerate(MASSIVE_SEGMENTS):
+        centre = CENTRE_M.get(segment.removesuffix("_r").removesuffix("_l"), CENTRE_OTHER_M)
+        columns.append(by_parameter[:, :, i, 1:4] * centre * height / CENTRE_HEIGHT_M)
+        columns.append(by_parameter[:, :, i, 4:7] * MOMENT_SHARE * rows[i, 4:7])
+    trunk = by_parameter[:, :, MASSIVE_SEGMENTS.index("head_trunk"), [1, 3]]
+    return np.concatenate(columns, axis=2), trunk
+
+
+def _room(measured: Recording, turned: Recording) -> Array:
+    """(3, 3) the quarter turn about y from one recording to the other, which may lack markers that were far away."""
+    shared = [label for label in turned.labels if label in measured.labels]
+    columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
+    markers = [r.markers[:, own] for r, own in zip((measured, turned), columns, strict=True)]
+    seen = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
+    places = [m[seen] for m in markers]
+    turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
+    return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
+
+
+def _chosen(time: Array, valid: BoolArray) -> IntArray:
+    """Valid frames at least `STEP_S` apart, evenly fewer where there are too many."""
+    chosen: list[int] = []
+    for frame in np.flatnonzero(valid):
+        if not chosen or time[frame] - time[chosen[-1]] >= 0.99 * STEP_S:
+            chosen.append(int(frame))
+    every = -(-len(chosen) // MOST_FRAMES) if chosen else 1
+    return np.array(chosen[::every], dtype=np.int64)
+
+
+def _mass_centre(dynamics: Dynamics, q: Array) -> Array:
+    """(k, 3) m."""
+    model = dynamics.linkage.model
+    data = model.createData()
+    return np.array([pin.centerOfMass(model, data, row) for row in with_reactions(dynamics.linkage, q)])
+
+
+def _under(soles: tuple[Sole, ...], plate: int) -> Array | None:
+    """(3,) m, on the floor, the middle of the feet on a plate; None where none is told to stand on it."""
+    points = [0.5 * (sole.heel + sole.toe) for sole in soles if sole.plate == plate]
+    if not points:
+        return None
+    x, z = np.concatenate(points).mean(axis=0)
+    return np.array([x, 0.0, z])
+
+
+def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foot: Array | None) -> PlateForces:
+    """The plate filtered as the motion is; its middle that of its corners, or else of the feet on it."""
+    hz = motion.cutoff_hz
+    smooth = filter_plate(plate, hz) if filterable(plate, hz) else plate
+    until = float(plate.time[0]), float(plate.time[-1])
+    grid = np.linspace(*until, max(4, round((until[1] - until[0]) / GRID_S) + 1))
+    path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
+    corners = plate.corners
+    place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
+    middle = under_foot if place is None else place
+    return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)

@@ -1,0 +1,263 @@
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gaitcal.codes import Code
+from gaitcal.errors import alike
+from gaitcal.faults.evidence import LIGHT, TrialEvidence
+from gaitcal.findings import Finding, Severity, listed
+from gaitcal.io.intervals import duration, runs, spans
+from gaitcal.io.recording import marker_gaps, seen_mask
+from gaitcal.model.landmarks import one_psis, sacrum_words
+from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of, joint_segments
+from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
+
+SAME_M = 1e-4
+"""Two markers always nearer than this are one trajectory under two names."""
+LONG_S = 0.2
+"""A gap longer than this hides a part of a step."""
+HALF = 0.5
+"""Share of the frames, or of the markers."""
+
+
+def strays(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers metres away from the body, which take no part there."""
+    if not trial.strays:
+        return
+    names = listed([f"'{stray.label}'" for stray in trial.strays])
+    weighed = any(trial.weight(stray.label) > LIGHT for stray in trial.strays)
+    yield trial.finding(
+        Severity.WARNING if weighed else Severity.INFO,
+        "strays",
+        listed([stray.words for stray in trial.strays]),
+        "they take no part there; label the trial again if they are needed",
+        cause=f"{names} {'is' if len(trial.strays) == 1 else 'are'} metres away from the body",
+        code=Code.STRAY_MARKER,
+    )
+
+
+def missing(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers of the set that the trial lacks, with the label that may be meant; and segments that lose too many."""
+    absent = [label for label in trial.expected if label not in trial.place]
+    if not absent:
+        return
+    strangers = unknown_labels(trial)
+    names = []
+    for label in absent:
+        close = alike(label, strangers)
+        names.append(f"'{label}' (is it '{close[0]}'?)" if close else f"'{label}'")
+    cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
+    found = f"{len(absent)} markers of the set are not in the file: {listed(names, 8)}"
+    harmless = trial.is_isolated or all(trial.weight(label) <= LIGHT for label in absent)
+    yield trial.finding(
+        Severity.INFO if harmless else Severity.WARNING, "labels", found, cure, code=Code.MISSING_MARKERS
+    )
+
+
+def too_few(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the first segment of the part that is fitted has three markers: the pelvis, or what carries it."""
+    if trial.is_static or trial.model is None:
+        return
+    shown = _pulling(trial, "pelvis")
+    carrier = carrier_of(trial.trial.joint)
+    if carrier in ("", "pelvis"):
+        if len(shown) < FEWEST_MARKERS:
+            yield _too_few(trial, "the pelvis", shown)
+        return
+    carrying = _pulling(trial, carrier)
+    if len(carrying) < FEWEST_MARKERS:
+        yield _too_few(trial, f"{carrier}, which carries {trial.trial.joint},", carrying)
+    elif _share_of_three(trial, shown) < CARRIES_ITSELF:
+        yield trial.info(
+            "labels",
+            f"the pelvis does not show three markers in half of the frames: {carrier} carries the body, the joints "
+            "between them are held straight",
+            code=Code.PELVIS_CARRIED,
+        )
+
+
+def _too_few(trial: TrialEvidence, of: str, shown: list[str]) -> Finding:
+    return trial.error(
+        "labels",
+        f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); allowed: at least "
+        f"{FEWEST_MARKERS}",
+        "label them in this trial, or name others of that segment in the marker set",
+        code=Code.FEW_MARKERS,
+    )
+
+
+def _pulling(trial: TrialEvidence, segment: str) -> list[str]:
+    """Markers of a segment of the model that this trial shows and that have weight."""
+    labels, _ = trial.templates.get(segment, ((), np.empty((0, 3))))
+    return [m for m in labels if trial.weight(m) > 0 and trial.ever_seen(m)]
+
+
+def _share_of_three(trial: TrialEvidence, labels: list[str]) -> float:
+    """Share of the frames in which three of these markers are seen."""
+    return shown_share(trial.seen[:, [trial.place[m] for m in labels]].T.astype(float))
+
+
+def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers whose label is in the file without a single position: as if it had no such label.
+
+    An error where pelvis or leg lose all that they have, in an isolated trial the segments of its joint: then somebody
+    meant these columns.
+    """
+    empty = [m for m in trial.present if not trial.ever_seen(m)]
+    if not empty:
+        return
+    segment_of = trial.marker_set.segment_of
+    left = {segment_of[m]: 0 for m in empty}
+    for label in trial.present:
+        if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
+            left[segment_of[label]] += 1
+    joint = trial.trial.joint
+    needed = joint_segments(joint) if joint else ("pelvis", *LEG_SEGMENTS)
+    lost = [s for s in left if s in needed and not left[s]]
+    harmless = trial.is_isolated or all(
+        trial.weight(m) <= LIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty
+    )
+    severity = Severity.ERROR if lost else Severity.INFO if harmless else Severity.WARNING
+    found = f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of {len(trial.seen)} frames"
+    yield trial.finding(
+        severity,
+        "labels",
+        f"{found}; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker" if lost else found,
+        f"label {'it' if len(empty) == 1 else 'them'}, where worn in this trial",
+        code=Code.NEVER_SEEN,
+    )
+
+
+def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
+    """A static trial in which one posterior spine of two is marked: the model's pelvis stands on its mirror image."""
+    if not trial.is_static or trial.model is None:
+        return
+    for label in one_psis(trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]):
+        yield trial.warning(
+            "landmarks",
+            f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the pelvis by 2 deg",
+            "record the static trial again with both, or give one marker midway between the two",
+            cause="one posterior spine alone tells where the sacrum is",
+            code=Code.ONE_POSTERIOR_SPINE,
+        )
+
+
+def unknown(trial: TrialEvidence) -> Iterator[Finding]:
+    """Labels that the marker set does not know: they are not used."""
+    strangers = unknown_labels(trial)
+    if strangers:
+        cure = "nothing, if they are meant to be left out"
+        yield trial.info(
+            "labels", f"{len(strangers)} labels unknown to the set: {listed(strangers)}", cure, code=Code.UNKNOWN_LABELS
+        )
+
+
+def unknown_labels(trial: TrialEvidence) -> list[str]:
+    """Labels of the file that the marker set does not know."""
+    known = {*trial.marker_set.labels, *trial.marker_set.devices}
+    return [label for label in trial.recording.labels if label not in known]
+
+
+def doubled(trial: TrialEvidence) -> Iterator[Finding]:
+    """Labels that occur twice, and trajectories that have two names."""
+    twice = [label for label in trial.recording.labels if "#" in label and label.rpartition("#")[0] in trial.place]
+    if twice:
+        yield trial.warning(
+            "labels",
+            f"labels that occur twice: {listed([label.rpartition('#')[0] for label in twice])}; the first was taken",
+            "give every marker a label of its own",
+            code=Code.LABEL_TWICE,
+        )
+    same = list(_one_trajectory(trial))
+    if same:
+        yield trial.error(
+            "labels",
+            f"one trajectory under two labels: {listed(same)}",
+            "one of the two is wrong: label the trial again, or give it no weight",
+            code=Code.ONE_TRAJECTORY,
+        )
+
+
+def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
+    if not trial.is_gait or trial.model is None:
+        return
+    seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
+    markers = trial.model.markers
+    wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
+    for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
+        if weight > 0:
+            wanted.setdefault(segment, []).append(label)
+    bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
+    if bare:
+        sides = {segment[-1] for segment in bare if segment in LEG_SEGMENTS}
+        leg = next(iter(sides)) if len(sides) == 1 and set(bare) <= set(LEG_SEGMENTS) else ""
+        torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
+        yield trial.warning(
+            "labels",
+            f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
+            "label them in this trial, or see [markers] rename and weights of the study",
+            leg=leg,
+            code=Code.BARE_SEGMENT,
+        )
+
+
+def _one_trajectory(trial: TrialEvidence) -> Iterator[str]:
+    """Pairs of markers that lie on each other in some twenty frames of the trial."""
+    labels = [label for label in trial.marker_set.labels if label in trial.place and trial.weight(label) > 0]
+    some = slice(None, None, max(1, len(trial.seen) // 20))
+    paths = trial.recording.markers[some][:, [trial.place[label] for label in labels]]
+    for i, label in enumerate(labels):
+        apart = np.abs(paths[:, i, None] - paths[:, :i])
+        both = seen_mask(apart)
+        farthest = np.where(both[:, :, None], apart, 0.0).max(axis=(0, 2), initial=0.0)
+        for k in np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M)):
+            yield f"'{labels[k]}' and '{label}'"
+
+
+def gaps(trial: TrialEvidence) -> Iterator[Finding]:
+    """Long gaps, and markers that are missing most of the time."""
+    used = {m for m in trial.present if trial.ever_seen(m)}
+    markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
+    rare = [f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF]
+    if rare:
+        cure = "they say little of this trial; label it further, or look at the camera setup"
+        yield trial.warning("gaps", f"seen in less than half of the frames: {listed(rare)}", cure, code=Code.GAPS)
+    long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > LONG_S), key=lambda g: -g.longest_gap)
+    if long:
+        longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
+        cure = "gaps get no weight and are not filled; the rest of the segment carries it"
+        yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure, code=Code.GAPS)
+    yield from _pelvis_lost(trial)
+
+
+def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
+    """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
+    pelvis, time = trial.pelvis, trial.recording.time
+    if pelvis is None or pelvis.determined.all():
+        return
+    if carrier_of(trial.trial.joint) not in ("", "pelvis") and pelvis.determined.mean() < CARRIES_ITSELF:
+        return
+    lost = ~pelvis.determined
+    lasting = [run for run in runs(lost) if duration(time, run) > LONG_S]
+    share = float(np.mean(lost))
+    words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
+    if not lasting and share <= HALF:
+        yield trial.info(
+            "gaps", f"{words}, never for longer than {LONG_S:g} s: these are bridged", code=Code.PELVIS_LOST
+        )
+        return
+    edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
+    part = f", or keep time = [{time[start]:.2f}, {time[stop - 1]:.2f}]" if lasting and stop - start > 1 else ""
+    yield trial.warning(
+        "gaps",
+        f"{words} ({spans(time, lasting or runs(lost))})",
+        f"label or fill the markers of the pelvis there{part}",
+        code=Code.PELVIS_LOST,
+    )

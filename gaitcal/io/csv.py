@@ -1,0 +1,356 @@
+"""Our own CSV tables: y up, metres, seconds, N, N·m. No number is converted on reading; markers or forces that clearly
+have another axis up are turned by quarters, as their other files are.
+
+    NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
+    NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
+    NAME_plates.csv  corners   plate,corner,x,y,z
+
+The corners have no place in the table of forces, and without them nobody can tell whether a foot was wholly on its
+plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
+with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events:
+
+    #: mass = 66.5                                 kg, m, rad, as in `metadata.Facts`; without name and doubts
+    #: knee_width = {"r": 0.105, "l": 0.107}       values as JSON writes them
+    #: event = [1.23, "r", "foot strike"]          s
+
+Computed points are columns of the table itself: `computed:RKNE_x`.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.io.atomic import atomic_file
+from gaitcal.io.axes import UP_TO_Y, Turn, body_vertical, turn_up
+from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
+from gaitcal.io.labels import axes_points, clean, unique
+from gaitcal.io.metadata import ComputedPoints, Facts, FootEvent, FootMoment
+from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.io.text_file import NumberTable, number_lines, parse_rows, read_lines, require_increasing
+
+MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
+FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
+QUANTITIES = {"f": "force", "p": "point", "t": "moment"}
+CORNER_HEADER = ["plate", "corner", "x", "y", "z"]
+CORNERS = 4
+
+
+def read_markers_csv(path: Path) -> Recording:
+    """Markers of a wide table, every number as written."""
+    lines = read_lines(path)
+    names, start = _header(path, lines)
+    if is_force_header(names):
+        raise InputError(
+            "this is a table of forces; give it as the forces of a trial", source=path, code=Code.FILE_FORMAT
+        )
+    table = parse_rows(lines, start, 1 + len(names), source=path, separator=",")
+    facts, events = told_by(lines[:start], path)
+    places: dict[tuple[str, int], dict[int, int]] = {}
+    for column, name in enumerate(names):
+        match = MARKER_COLUMN.fullmatch(name)
+        if match is None:
+            raise InputError(
+                f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed",
+                source=path,
+                code=Code.FILE_FORMAT,
+            )
+        axis, repeat = "xyz".index(match["axis"]), 0
+        while axis in places.setdefault((match["name"], repeat), {}):
+            repeat += 1
+        places[match["name"], repeat][axis] = column
+    for (name, _), columns in places.items():
+        if len(columns) < 3:
+            axes = ", ".join("xyz"[axis] for axis in sorted(columns))
+            raise InputError(
+                f"found only {axes}; x, y and z are needed",
+                source=path,
+                field=f"marker {name[:40]}",
+                code=Code.FILE_FORMAT,
+            )
+    if not places:
+        raise InputError(
+            "found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path, code=Code.FILE_FORMAT
+        )
+    of_models = {name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)}
+    places = {key: columns for key, columns in places.items() if key[0] not in of_models}
+    labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
+    markers, gap_notes = zeros_to_missing(_points(table, places.values()))
+    modelled = tuple(clean(name.removeprefix(COMPUTED)) or "?" for name in of_models)
+    recording = Recording(
+        source=str(path),
+        time=_time(path, table),
+        labels=labels,
+        markers=markers,
+        notes=repetition_notes + gap_notes,
+        events=events,
+        facts=facts,
+        computed=ComputedPoints(modelled, _points(table, of_models.values())) if of_models else None,
+    )
+    vertical = body_vertical(markers)
+    return recording if vertical is None or vertical.axis == 1 else turn_up(recording, vertical)
+
+
+def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
+    """(nf, np, 3) m of the columns (axis -> column after time) of points."""
+    order = [of_point[axis] for of_point in columns for axis in range(3)]
+    return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
+
+
+def read_forces_csv(path: Path) -> Forces:
+    """Plates of a wide table, every number as written."""
+    names, table = _table(path)
+    columns_of: dict[str, PlateColumns] = {}
+    for column, name in enumerate(names):
+        match = FORCE_COLUMN.fullmatch(name)
+        if match is None:
+            raise InputError(
+                f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed",
+                source=path,
+                code=Code.FILE_FORMAT,
+            )
+        columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
+        axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
+        if axis in axes:
+            raise InputError(f"found the column '{name[:40]}' twice", source=path, code=Code.FILE_FORMAT)
+        axes[axis] = column
+        columns.names.append(name)
+    if not columns_of:
+        raise InputError(
+            "found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path, code=Code.FILE_FORMAT
+        )
+    time = _time(path, table)
+    plates: list[ForcePlate] = []
+    notes: tuple[str, ...] = ()
+    for name, columns in columns_of.items():
+        plate, plate_notes = build_plate(name, time, table.values[:, 1:], columns, path)
+        plates.append(plate)
+        notes += plate_notes
+    ready, turn, turn_notes = standing(plates)
+    return Forces(str(path), ready, notes + turn_notes, turn)
+
+
+def is_force_header(names: list[str]) -> bool:
+    """True where every column is one of a plate."""
+    return bool(names) and all(FORCE_COLUMN.fullmatch(name) for name in names)
+
+
+def read_header(path: Path) -> list[str]:
+    """Column names after time."""
+    return _header(path, read_lines(path))[0]
+
+
+def write_markers_csv(path: Path, recording: Recording) -> None:
+    """Markers as a wide table that reads back bit for bit."""
+    require_plain_labels(recording, path)
+    labels, values = list(recording.labels), recording.markers
+    if recording.computed is not None and (kept := computed_kept(recording.computed)):
+        at = [recording.computed.labels.index(label) for label in kept]
+        labels += [COMPUTED + label for label in kept]
+        values = np.concatenate([values, recording.computed.points[:, at]], axis=1)
+    names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
+    _write(path, names, recording.time, values.reshape(len(recording.time), -1), told_lines(recording))
+
+
+def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
+    """Plates with one common time as a wide table that reads back bit for bit."""
+    time, values = on_one_time(plates, path)
+    names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
+    _write(path, names, time, values)
+
+
+def _write(path: Path, names: list[str], time: Array, values: Array, comments: Sequence[str] = ()) -> None:
+    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(f"{line}\n" for line in comments)
+        csv.writer(file, lineterminator="\n").writerow(["time", *names])
+        file.write(number_lines(np.column_stack([time, values]), ","))
+
+
+def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
+    """Column names after time, and the index of the first line of numbers."""
+    start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    if start == len(lines):
+        raise InputError("found only comments; a header line is needed", source=path, code=Code.FILE_FORMAT)
+    try:
+        cells = next(csv.reader([lines[start]]))
+    except csv.Error as error:
+        raise InputError(
+            f"damaged header ({error})", source=path, field=f"line {start + 1}", code=Code.FILE_FORMAT
+        ) from None
+    if not cells or cells[0].strip().lower() != "time":
+        hint = " (this one is separated by ';')" if ";" in lines[start] else ""
+        raise InputError(
+            f"found '{lines[start][:40]}'; a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}",
+            source=path,
+            field=f"line {start + 1}",
+            code=Code.FILE_FORMAT,
+        )
+    return [cell.strip() for cell in cells[1:]], start + 1
+
+
+def _table(path: Path) -> tuple[list[str], NumberTable]:
+    lines = read_lines(path)
+    names, start = _header(path, lines)
+    return names, parse_rows(lines, start, 1 + len(names), source=path, separator=",")
+
+
+def _time(path: Path, table: NumberTable) -> Array:
+    time = np.ascontiguousarray(table.values[:, 0])
+    require_increasing(time, path, table.lines)
+    return time
+
+
+def plates_file(forces: Path) -> Path:
+    """NAME_plates.csv beside NAME_forces.csv (or beside NAME.csv)."""
+    return forces.with_name(f"{forces.stem.removesuffix('_forces')}_plates.csv")
+
+
+def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
+    """The corners of all plates that have some; reads back bit for bit."""
+    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(CORNER_HEADER)
+        for plate in plates:
+            for k, corner in enumerate([] if plate.corners is None else plate.corners.tolist()):
+                rows.writerow([plate.name, k + 1, *map(repr, corner)])
+
+
+def with_corners(
+    plates: tuple[ForcePlate, ...], forces: Path, turn: Turn = UP_TO_Y[1, 1]
+) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
+    """The plates with the corners of the table beside `forces`, if there is one; and a note that says so.
+
+    `turn`: from the axes of the files to those of the plates.
+
+    InputError where that table is damaged or names a plate that the forces lack.
+    """
+    path = plates_file(forces)
+    if not path.is_file():
+        return plates, ()
+    corners = {name: turn.apply(of_plate) for name, of_plate in _read_corners(path).items()}
+    names = [plate.name for plate in plates]
+    for name in corners:
+        if name not in names:
+            allowed = ", ".join(names)
+            raise InputError(
+                f"found the plate '{name[:20]}'; {forces.name} has {allowed}", source=path, code=Code.FILE_FORMAT
+            )
+    placed = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in plates)
+    return placed, (f"Corners of plates {', '.join(corners)} from {path.name}.",)
+
+
+def _read_corners(path: Path) -> dict[str, Array]:
+    """Plate -> corners (4, 3) m, from a table of corners in any order."""
+    rows = list(csv.reader(line for line in read_lines(path) if line.strip() and not line.startswith("#")))
+    if not rows or [cell.strip().lower() for cell in rows[0]] != CORNER_HEADER:
+        raise InputError(f"a header '{','.join(CORNER_HEADER)}' is needed", source=path, code=Code.FILE_FORMAT)
+    corners: dict[str, Array] = {}
+    for number, row in enumerate(rows[1:], start=1):
+        field = f"row {number}"
+        try:
+            name, corner, values = row[0].strip(), int(row[1]), [float(cell) for cell in row[2:]]
+        except (ValueError, IndexError):
+            shown = ",".join(row)[:60]
+            raise InputError(
+                f"found '{shown}'; plate,corner,x,y,z are needed", source=path, field=field, code=Code.FILE_FORMAT
+            ) from None
+        if not 1 <= corner <= CORNERS or len(values) != 3 or not all(map(math.isfinite, values)):
+            raise InputError(
+                f"found '{','.join(row)[:60]}'; a corner of 1 to {CORNERS} and three numbers are needed",
+                source=path,
+                field=field,
+                code=Code.FILE_FORMAT,
+            )
+        of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
+        if not np.isnan(of_plate[corner - 1, 0]):
+            raise InputError(
+                f"found corner {corner} of plate '{name[:20]}' twice", source=path, field=field, code=Code.FILE_FORMAT
+            )
+        of_plate[corner - 1] = values
+    for name, of_plate in corners.items():
+        if np.isnan(of_plate).any():
+            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
+            raise InputError(
+                f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path, code=Code.FILE_FORMAT
+            )
+    return corners
+
+
+# ------------------------------------------------------------------------------ what a C3D file says beside its samples
+
+MARK: Final = "#: "
+COMPUTED: Final = "computed:"
+EVENT: Final = "event"
+_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
+_MOMENTS: Final = {moment.value: moment for moment in FootMoment}
+
+
+def told_lines(recording: Recording) -> list[str]:
+    """Comment lines that `told_by` reads back to the same numbers."""
+    told = {name: getattr(recording.facts, name) for name in _NAMES}
+    lines = [f"{MARK}{name} = {json.dumps(value)}" for name, value in told.items() if value not in (None, {})]
+    events = ([e.time, e.side, e.moment.value] for e in recording.events)
+    return lines + [f"{MARK}{EVENT} = {json.dumps(event)}" for event in events]
+
+
+def told_by(lines: Iterable[str], path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
+    """Facts and events of the comment lines before a table; InputError for one that says neither."""
+    facts: dict[str, Any] = {}
+    events: list[FootEvent] = []
+    for line in lines:
+        if not line.startswith(MARK):
+            continue
+        try:
+            name, _, text = line.removeprefix(MARK).partition(" = ")
+            value = json.loads(text)
+            if name == EVENT:
+                time, side, moment = value
+                events.append(FootEvent(_MOMENTS[moment], {"r": "r", "l": "l"}[side], _number(time)))
+            else:
+                facts[name] = _checked(name, value)
+        except (ValueError, TypeError, KeyError, RecursionError):
+            allowed = ", ".join((*_NAMES, EVENT))
+            raise InputError(
+                f"found '{line[:60]}'; allowed after '#:': {allowed}", source=path, code=Code.FILE_FORMAT
+            ) from None
+    return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
+
+
+def computed_kept(computed: ComputedPoints | None) -> tuple[str, ...]:
+    """Labels of the computed points that a table takes: all but the four of each segment's axes."""
+    if computed is None:
+        return ()
+    left_out = axes_points(computed.labels)
+    return tuple(label for label in computed.labels if label not in left_out)
+
+
+def _checked(name: str, value: Any) -> Any:
+    """A fact of the right kind; ValueError or KeyError else."""
+    if name not in _NAMES:
+        raise KeyError(name)
+    if name == "marker_set":
+        return str(value)
+    if name == "is_static":
+        return bool(value)
+    if isinstance(value, dict):
+        if not set(value) <= {"r", "l"}:
+            raise ValueError(name)
+        return {side: _number(number) for side, number in value.items()}
+    return _number(value)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ValueError(value)
+    return float(value)

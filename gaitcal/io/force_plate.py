@@ -1,0 +1,218 @@
+"""From the channels of a force plate to the wrench on the body, and from there to the centre of pressure.
+
+A wrench (F, M) about the laboratory origin is a force at a point p with the moment T = M - p x F about it; p is the
+centre of pressure in the plane y = h where T has no part along x and z. Plates tell their wrench in a frame of their
+own.
+
+Plate frame (C3D user guide, FORCE_PLATFORM): origin in the middle of the top surface; corners 1 to 4 lie in the
+quadrants (+x,+y), (-x,+y), (-x,-y), (+x,-y); z points **down**. Channels give the reaction, so Fz < 0 under load.
+With the force F, the moment M_o about the sensor origin, and the vector r = ORIGIN from there to the middle of the
+surface (r_z < 0; some programs write its negative):
+
+    M = M_o - r x F                                     moment about the middle of the surface
+    p = n x M / (n . F),   T = n (M . F) / (n . F)      centre of pressure from the middle, free moment; n the normal
+
+so that M = p x F + T with p in the surface and T along its normal.
+
+Type 1: Fx Fy Fz Px Py Tz.  Types 2, 4: Fx Fy Fz Mx My Mz (4: after a calibration matrix).  Type 3: Fx12 Fx34 Fy14
+Fy23 Fz1 Fz2 Fz3 Fz4 with ORIGIN = (a, b, az0), the sensors at (+-a, +-b) (Kistler).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray, cross
+from gaitcal.io.intervals import runs
+from gaitcal.io.recording import ForcePlate
+from gaitcal.records import dataclass
+
+UP = np.array([0.0, 1.0, 0.0])
+LOADED_N = 20.0
+"""Vertical force above which a plate or a foot counts as loaded and a centre of pressure is given: below it, 1 N·m of
+noise moves the centre by over 5 cm."""
+BODY_N = 50.0
+"""Vertical force that only a body on the plate makes; unloaded plates read up to about 30 N."""
+UNLOADED_N = 60.0
+"""Vertical readings below this may be the offset of an empty plate."""
+QUIET_N = 10.0
+"""An empty plate's reading stays this close to its own median."""
+QUIET_S = 0.1
+"""Shortest stretch taken as empty; EDGE_S at either end of it is left out, where a foot may be landing or leaving."""
+EDGE_S = 0.02
+OFFSET_TOLD_N = 0.1
+"""An offset smaller than this is left alone."""
+SIDE_M = (0.1, 6.0)
+"""Sides of a plate, m; instrumented treadmills are the long ones."""
+TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
+"""Note on a plate that `turned_round` has changed."""
+OUTSIDE_M = 0.05
+"""How far a centre of pressure may lie outside the corners before they are doubted."""
+
+
+@dataclass(frozen=True)
+class PlateFrame:
+    """Where a plate lies: its frame in the axes of the file, after its corners."""
+
+    rotation: Array
+    """(3, 3) columns are the plate's x, y, z axes."""
+    centre: Array
+    """(3,) m, middle of the surface."""
+    corners: Array
+    """(4, 3) m."""
+
+    @property
+    def up(self) -> Array:
+        """(3,) unit normal on the side where the body stands, by the convention that z points down."""
+        return -self.rotation[:, 2]
+
+    @property
+    def half_sides(self) -> Array:
+        """(2,) m along x and y."""
+        local = (self.corners - self.centre) @ self.rotation
+        return np.asarray(np.abs(local[:, :2]).max(axis=0))
+
+
+def plate_frame(corners: Array) -> PlateFrame:
+    """The frame of a plate with `corners` (4, 3) m; ValueError, with the reason, where they make no rectangle."""
+    if corners.shape != (4, 3) or not np.all(np.isfinite(corners)):
+        raise ValueError("its corners are not twelve numbers")
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    if not (np.all(sides > SIDE_M[0]) and np.all(sides < SIDE_M[1])):
+        raise ValueError(
+            f"its sides measure {sides.min():.3g} to {sides.max():.3g} m; allowed are {SIDE_M[0]} to {SIDE_M[1]} m"
+        )
+    gap = float(np.linalg.norm(corners[0] - corners[1] + corners[2] - corners[3]))
+    x, y = corners[0] - corners[1], corners[0] - corners[3]
+    skew = abs(float(x @ y)) / float(np.linalg.norm(x) * np.linalg.norm(y))
+    if gap > 0.1 * sides.min() or skew > 0.1:
+        raise ValueError(f"its corners make no rectangle (off by {1e3 * gap:.0f} mm, sides skewed by {skew:.2f})")
+    z = cross(x, y)
+    z /= np.linalg.norm(z)
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
+
+
+def sensor_origin(origin: Array) -> Array:
+    """ORIGIN as the guide means it: from the sensor origin up to the surface, so z is not positive."""
+    return -origin if origin[2] > 0 else origin
+
+
+def about_surface(force: Array, moment: Array, origin: Array) -> Array:
+    """(ns, 3) moment about the middle of the surface, from that about the sensor origin."""
+    return moment - cross(origin, force)
+
+
+def wrench_type_1(channels: Array) -> tuple[Array, Array]:
+    """Force and moment about the middle of the surface from Fx Fy Fz Px Py Tz; (6, ns) N, m, N·m."""
+    force = channels[:3].T.copy()
+    loaded = np.abs(force[:, 2]) > LOADED_N  # the centre of an unloaded plate is noise divided by noise
+    point = np.zeros_like(force)
+    point[loaded, :2] = channels[3:5].T[loaded]
+    moment = cross(point, force)
+    moment[:, 2] += channels[5]
+    return force, moment
+
+
+def wrench_type_3(channels: Array, origin: Array) -> tuple[Array, Array]:
+    """Force and moment about the middle of the surface from a Kistler plate's eight channels; (8, ns) N."""
+    x12, x34, y14, y23, z1, z2, z3, z4 = channels
+    a, b = np.abs(origin[:2])
+    force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+    moment = np.column_stack([b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (x34 - x12) + a * (y14 - y23)])
+    return force, about_surface(force, moment, np.array([0.0, 0.0, -abs(origin[2])]))
+
+
+def empty_samples(vertical: Array, rate: float) -> BoolArray:
+    """(ns,) bool: where nothing stands on the plate, by a steady small reading of `vertical` (ns,) N."""
+    quiet = np.abs(vertical) < UNLOADED_N
+    if not quiet.any():
+        return quiet
+    quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
+    empty = np.zeros(len(vertical), dtype=bool)
+    edge = round(EDGE_S * rate)
+    for run in runs(quiet):
+        if run.stop - run.start >= max(3, QUIET_S * rate):
+            empty[run.start + edge : run.stop - edge] = True
+    return empty
+
+
+def offset(force: Array, moment: Array, rate: float) -> tuple[Array, bool]:
+    """(6,) median wrench of the empty plate, and whether it was ever empty."""
+    empty = empty_samples(force[:, 2], rate)
+    if not empty.any():
+        return np.zeros(6), False
+    return np.median(np.hstack([force, moment])[empty], axis=0), True
+
+
+def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
+    """(..., 3) m from the point about which `moment` is given, in the plane through it across `normal`."""
+    return cross(normal, moment) / (force @ normal)[..., None]
+
+
+def centre_on_ground(wrench: Array, height: float = 0.0) -> Array:
+    """(..., 3) m, centre of pressure in the plane y = `height` (m) of loaded wrenches (..., 6) about the origin."""
+    origin = np.array([0.0, height, 0.0])
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    return origin + centre_of_pressure(force, moment - cross(origin, force), UP)
+
+
+def point_and_torque(wrench: Array) -> tuple[Array, Array]:
+    """Point of application (nf, 3), m, and moment about it (nf, 3), N·m, of wrenches (nf, 6) about the origin.
+
+    Where the foot is loaded the point is the centre of pressure in the plane y = 0, and only the free moment about the
+    vertical remains. Where it is not, the point stays where it was in the nearest loaded frame and the moment takes
+    what is left, so that the wrench is the same in every frame and no point jumps.
+    """
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    loaded = np.flatnonzero(np.abs(force[:, 1]) >= LOADED_N)
+    point = np.zeros_like(force)
+    if len(loaded):
+        frames = np.arange(len(force))
+        after = np.clip(np.searchsorted(loaded, frames), 0, len(loaded) - 1)
+        before = np.maximum(after - 1, 0)
+        nearer_before = np.abs(loaded[before] - frames) < np.abs(loaded[after] - frames)
+        point = centre_on_ground(wrench[loaded])[np.where(nearer_before, before, after)]
+    return point, moment - cross(point, force)
+
+
+def outside_share(force: Array, moment: Array, frame: PlateFrame) -> float:
+    """Share of the loaded samples whose centre of pressure lies outside the plate; in the plate frame, NaN if none."""
+    loaded = np.abs(force[:, 2]) > BODY_N
+    if not loaded.any():
+        return float("nan")
+    point = centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
+    return float(np.mean(np.any(np.abs(point[:, :2]) > frame.half_sides + OUTSIDE_M, axis=1)))
+
+
+def plate_from_moment(
+    name: str, time: Array, force: Array, moment: Array, centre: Array, normal: Array, corners: Array | None
+) -> ForcePlate:
+    """A plate from its wrench about `centre` (3,) on its surface with unit `normal` (3,) pointing up.
+
+    Where the force along the normal exceeds LOADED_N, `point` is the centre of pressure and `moment` the free moment;
+    elsewhere `centre` and the full moment about it.
+    """
+    point = np.tile(centre, (len(time), 1))
+    moment = moment.copy()
+    with np.errstate(invalid="ignore"):
+        loaded = force @ normal > LOADED_N
+    lever = centre_of_pressure(force[loaded], moment[loaded], normal)
+    point[loaded] += lever
+    moment[loaded] -= cross(lever, force[loaded])
+    return ForcePlate(name=name, time=time, force=force, point=point, moment=moment, corners=corners)
+
+
+def pushes_down(force: Array, up: Array) -> bool:
+    """True where the force under load points against `up`: the reaction on the plate, not on the body."""
+    vertical = force @ up
+    loaded = np.abs(vertical) > BODY_N
+    return bool(loaded.any() and np.median(vertical[loaded]) < 0)
+
+
+def turned_round(plate: ForcePlate) -> ForcePlate:
+    """The opposite wrench at the same points."""
+    return replace(plate, force=-plate.force, moment=-plate.moment)

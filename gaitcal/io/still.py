@@ -1,0 +1,172 @@
+"""The stillest stretch of a static trial, which may hold walking before and after.
+
+The speed of a stretch is the RMS, over its frames and markers, of displacement across LAG_S divided by LAG_S. The lag
+keeps measurement noise out: 0.2 mm of it would read as 28 mm/s from one 100 Hz frame to the next, and so as 3 mm/s.
+Where noise is so large that no stretch looks still, paths are first averaged over SMOOTH_S: 3 mm of white noise reads
+as 73 mm/s across the lag at 100 Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the speed.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.records import dataclass
+
+LAG_S = 0.1
+STILL_M_S = 0.05
+"""Quiet standing sways at up to 0.02 m/s at the height of the head; the slowest walk moves a body at over 0.2 m/s. In a
+window of 0.5 s at this speed a marker strays by 12 mm from its mean, at worst."""
+RESTLESS_M_S = 0.1
+"""Most of a window that is used with a doubt, where none is still: half of the slowest walk. The mean of a marker over
+0.5 s is within 12 mm of where it was for half of the time."""
+WALKS_M_S = 0.3
+"""The slowest walk moves a body at over 0.2 m/s, and noise of 1 mm moves two frames at 100 Hz at 0.2 m/s."""
+SMOOTH_S = 0.2
+SEEN = 0.7
+"""Share of the frames averaged in which a marker must be seen: the mean of a part of a movement lies elsewhere."""
+DURATION_S = 0.5
+
+
+@dataclass(frozen=True)
+class StillWindow:
+    """Where a subject stood still."""
+
+    frames: slice
+    """Frames of the recording."""
+    speed: float
+    """m/s, RMS over frames and markers of the averaged paths; of a recording shorter than LAG_S the median over its
+    markers; 0 for a single frame, which has none."""
+    start: float
+    """s."""
+    stop: float
+    """s, time of the last frame."""
+    scatter: float = 0.0
+    """m, RMS distance of the markers from their means over the window: how far a landmark of this posture is uncertain
+    because the person moved."""
+
+
+def still_window(recording: Recording, labels: Iterable[str], duration: float = DURATION_S) -> StillWindow:
+    """The window of `duration` s in which most of the markers `labels` are seen, and of those the stillest.
+
+    Without a still one, the stillest that is merely restless. A recording shorter than `duration` is taken whole, one
+    shorter than LAG_S even where it moves a little: noise moves it, too.
+    InputError where none of the labels is ever seen, or where no window is slower than RESTLESS_M_S; it tells the
+    smallest speed found.
+    """
+    wanted = list(dict.fromkeys(labels))
+    places = [recording.labels.index(label) for label in wanted if label in recording.labels]
+    seen = seen_mask(recording.markers[:, places])
+    if not places or not seen.any():
+        some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
+        raise InputError(
+            f"none of the markers {some} is seen",
+            source=recording.source,
+            field="static trial",
+            code=Code.TOO_LITTLE_SEEN,
+        )
+    frames = len(recording.time)
+    if recording.time[-1] - recording.time[0] < LAG_S:
+        return _whole(recording, recording.markers[:, places])
+    length = min(frames, max(2, round(duration * recording.rate) + 1))
+    lag = min(length - 1, max(1, round(LAG_S * recording.rate)))
+    markers = recording.markers[:, places]
+    speeds = _speeds(recording.time, markers, lag, length)
+    wide = max(1, min(round(SMOOTH_S * recording.rate), length - lag))
+    smooth = _speeds(*_averaged(recording.time, markers, wide), lag, length - wide + 1)
+    ranked = ((speeds, STILL_M_S), (smooth, STILL_M_S), (smooth, RESTLESS_M_S))
+    found = next(((by, by <= limit) for by, limit in ranked if (by <= limit).any()), None)
+    if found is None:
+        reason = f"the stillest {length / recording.rate:.2g} s move at {np.nanmin([*smooth, np.inf]):.3g} m/s RMS"
+        if np.isnan(smooth).all():
+            reason = "no marker is seen twice within a window"
+        raise InputError(
+            f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed",
+            source=recording.source,
+            field="static trial",
+            code=Code.NO_STILL_WINDOW,
+        )
+    by, still = found
+    coverage = _coverage(seen_mask(markers), length)
+    most_seen = still & (coverage == coverage[still].max())
+    start = int(np.argmin(np.where(most_seen, by, np.inf)))
+    window = slice(start, start + length)
+    times = recording.time[window]
+    speed = smooth[start] if np.isfinite(smooth[start]) else speeds[start]
+    return StillWindow(window, float(speed), float(times[0]), float(times[-1]), _scatter(markers[window]))
+
+
+def _whole(recording: Recording, markers: Array) -> StillWindow:
+    """All frames of a recording too short to tell noise from movement, unless it moves beyond all noise."""
+    time, half = recording.time, len(recording.time) // 2
+    speed = 0.0
+    if half > 0:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a marker seen in one half alone says nothing
+            way = np.nanmean(markers[half:], axis=0) - np.nanmean(markers[:half], axis=0)
+        lasts = float(time[half:].mean() - time[:half].mean())
+        ways = np.linalg.norm(way[np.isfinite(way).all(axis=1)], axis=1)
+        # Over so few frames a single marker that jumps would make the RMS of all look like a walk.
+        speed = float(np.median(ways)) / lasts if len(ways) else 0.0
+    if speed > WALKS_M_S:
+        raise InputError(
+            f"no still window: {len(time)} frames in all, half of the markers move at {speed:.3g} m/s or more; at most "
+            f"{WALKS_M_S:g} m/s is allowed where there are so few",
+            source=recording.source,
+            field="static trial",
+            code=Code.NO_STILL_WINDOW,
+        )
+    return StillWindow(slice(0, len(time)), speed, float(time[0]), float(time[-1]), _scatter(markers))
+
+
+def _scatter(markers: Array) -> float:
+    """m, RMS distance of markers (nf, nm, 3) from their means over the frames; those seen once say nothing."""
+    seen = seen_mask(markers)
+    often = seen.sum(axis=0) > 1
+    kept = np.where(seen[:, often, None], markers[:, often], 0.0)
+    count = seen[:, often].sum(axis=0)
+    away = np.where(seen[:, often, None], markers[:, often] - kept.sum(axis=0) / count[:, None], 0.0)
+    return float(np.sqrt((away**2).sum() / max(int(count.sum()), 1)))
+
+
+def _averaged(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:
+    """Times and paths (nf - wide + 1, nm, 3), each the mean over `wide` frames; NaN where a marker is seldom seen."""
+    known: BoolArray = np.asarray(np.isfinite(markers).all(axis=2))
+    count = _moving_sum(known.astype(np.float64), wide)
+    total = _moving_sum(np.where(known[..., None], markers, 0.0), wide)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count[..., None]
+    mean[count < SEEN * wide] = np.nan
+    return _moving_sum(time, wide) / wide, mean
+
+
+def _speeds(time: Array, markers: Array, lag: int, length: int) -> Array:
+    """RMS speed of each window of `length` frames, m/s; NaN where unknown."""
+    steps = (time[lag:] - time[:-lag])[:, None]
+    squares = np.sum((markers[lag:] - markers[:-lag]) ** 2, axis=2) / steps**2
+    known = np.isfinite(squares)
+    per_window = length - lag
+    total = _moving_sum(np.where(known, squares, 0.0).sum(axis=1), per_window)
+    count = _moving_sum(known.sum(axis=1).astype(np.float64), per_window)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speeds: Array = np.sqrt(np.maximum(total, 0.0) / count)
+    speeds[count < 0.5] = np.nan
+    return speeds
+
+
+def _coverage(seen: BoolArray, length: int) -> Array:
+    """How many of the markers are seen in each window of `length` frames."""
+    out: Array = (_moving_sum(seen.astype(np.float64), length) > 0.5).sum(axis=1)
+    return out
+
+
+def _moving_sum(values: Array, length: int) -> Array:
+    """Sums over `length` successive values (n, ...), one for each start."""
+    cumulative = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    return np.asarray(cumulative[length:] - cumulative[:-length])

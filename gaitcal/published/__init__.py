@@ -1,0 +1,1 @@
+"""The published study: its protocol, Monte Carlo of parameters and noise, its tables."""

@@ -1,0 +1,221 @@
+"""One draw: disturb the model or the markers, fit the motion anew, compare the torques of both legs.
+
+A draw is a pure function of the context (case and settings), its set, its level and its number. This is where the
+study's randomness enters: every draw has a `numpy.random.Generator` of its own, spawned from the seed by (set, level,
+number), so that draws can be made in any order and anywhere. Disturbances are uniform within the bounds; noise is one
+sinusoid per marker coordinate (method, sections 5 and 6).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.model.chain import ChainConstants
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.banded import BandFactor
+from gaitcal.motion.descent import DescentSettings, Ending
+from gaitcal.motion.marker_residual import MarkerData
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.published.context import MonteCarloContext
+from gaitcal.published.leg_torques import LEG_TORQUES
+from gaitcal.published.settings import ReactionFrame, RefitSettings, Varied
+from gaitcal.records import dataclass
+from gaitcal.runtime import with_one_blas_thread
+from gaitcal.synthetic.measurements import marker_noise
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What one draw changes; None where its set leaves something alone."""
+
+    joint: Array | None
+    """(np,) m, rad added to the joint parameters that vary."""
+    inertial: Array | None
+    """(36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more."""
+    noise: Array | None
+    """(nm, 3, nf) m added to the markers, in the order of the context's data."""
+
+
+def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
+    """What draw `number` (0, 1, ...) of a set at a level (per cent of the bounds) changes."""
+    settings, part = context.settings, level / 100.0
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number)))
+    joint = inertial = noise = None
+    if varied.joint:
+        bounds = settings.joint_bounds
+        joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
+    if varied.inertial:
+        names = context.inertial_set.names
+        inertial = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, len(names))
+    if varied is Varied.NOISE:
+        time, markers = context.case.time, len(context.data.segment)
+        waves = marker_noise(time - time[0], markers, rng, amplitude=part * 1e-3 * settings.noise_mm)
+        noise = np.ascontiguousarray(waves.transpose(1, 2, 0))
+    return Disturbance(joint, inertial, noise)
+
+
+def torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
+    """Name of a torque error in tables: `hip_flexion_l.lab.rms`; measures `rms` and `mean`, %BW*H."""
+    return f"{torque}.{frame.value}.{measure}"
+
+
+def marker_column(side: str, measure: str) -> str:
+    """Name of a marker distance in tables: `markers_l.rms`; measures `rms` and `mean`, mm."""
+    return f"markers_{side}.{measure}"
+
+
+MEASURES = ("rms", "mean")
+COLUMNS: tuple[str, ...] = (
+    *(torque_column(t, frame, m) for frame in ReactionFrame for m in MEASURES for t in LEG_TORQUES),
+    *(marker_column(side, m) for m in MEASURES for side in SIDES),
+)
+"""What a draw records: torque errors in %BW*H (mean: signed), marker distances in mm."""
+
+
+@dataclass(frozen=True)
+class DrawResult:
+    """The record of one draw."""
+
+    values: Array
+    """(60,) in the order of `COLUMNS`; NaN where the draw failed before there was anything to measure."""
+    evaluations: int
+    """Of the gradient in the re-fit; 0 without one."""
+    failure: str
+    """Why the motion could not be fitted; empty where it could. The values are then those of the last motion tried."""
+
+
+@with_one_blas_thread
+def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) -> DrawResult:
+    """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
+    change = disturb(context, varied, level, number)
+    try:
+        return _without_refit(context, change) if varied is Varied.IP else _with_refit(context, change)
+    except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+        return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The end of a re-fit."""
+
+    nodes: Array
+    """(nn, nq) m, rad."""
+    evaluations: int
+    """Steps taken, each with an evaluation of the gradient."""
+    failure: str
+    """Why it did not converge; empty where it did."""
+
+
+def refit(
+    problem: TrialProblem,
+    constants: ChainConstants,
+    start: Array,
+    settings: RefitSettings,
+    known: BandFactor | None = None,
+) -> Refit:
+    """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq).
+
+    The iteration is that of tracking (`motion/descent.py`), made for many small problems of one kind: it starts on a
+    Gauss-Newton factor, keeps it however long the steps are, and where they no longer shrink tenfold goes on with
+    Newton's. The end is told by the size of the step, so that every draw is solved as far as every other.
+
+    Parameters
+    ----------
+    problem : the markers to fit; no joint parameter is free.
+    constants : of the disturbed linkage.
+    known : the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
+    """
+    rule = DescentSettings(
+        gain=0.0,
+        shortest_step=settings.tolerance,
+        most_steps=settings.most_evaluations,
+        keep_within=np.inf,
+        curved=True,
+    )
+    factor = known or BandFactor(problem.equations(start, constants).band)
+    tracked = track_nodes(problem, constants, start, rule, factor)
+    if tracked.ending is Ending.MOST_STEPS:
+        return Refit(tracked.nodes, tracked.steps, f"{tracked.steps} evaluations did not settle it")
+    return Refit(tracked.nodes, tracked.steps, "" if tracked.converged else tracked.ending.value)
+
+
+def _inertial(context: MonteCarloContext, change: Disturbance) -> Array:
+    """(84,) disturbed inertial parameters, SI."""
+    undisturbed = context.case.parameters.inertial
+    if change.inertial is None:
+        return undisturbed
+    out: Array = undisturbed * (1.0 + context.inertial_set.selection @ change.inertial)
+    return out
+
+
+def _without_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+    """Inertial parameters move no marker: the motion stays, and torques are linear in them."""
+    errors = context.inertial_change(_inertial(context, change))
+    return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
+
+
+@dataclass(frozen=True)
+class DisturbedModel:
+    """The case after a disturbance, its motion not yet fitted."""
+
+    parameters: Parameters
+    problem: TrialProblem
+    """The markers that the motion is to be fitted to."""
+    constants: ChainConstants
+    start: Array
+    """(nn, nq) m, rad: the undisturbed motion and what it changes by to first order."""
+    factor: BandFactor | None
+    """Of the Gauss-Newton matrix at the start; None where it must be formed."""
+
+
+def disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
+    """What a draw changes, put into the case."""
+    case = context.case
+    parameters, start, problem = case.parameters, case.nodes, context.problem
+    if change.joint is not None:
+        parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
+        start = start + context.sensitivity @ change.joint
+    if change.inertial is not None:
+        parameters = parameters.with_inertial(_inertial(context, change))
+    if change.noise is not None:
+        problem = problem.with_measured(problem.data.measured + change.noise)
+    known = None if change.joint is not None else context.undisturbed_factor
+    return DisturbedModel(parameters, problem, problem.constants(parameters), start, known)
+
+
+def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -> Array:
+    """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
+    placed = model.problem.positions(nodes, model.constants)
+    leg_constants = context.legs.disturb(model.parameters)
+    torques = context.legs.torques(leg_constants, context.basis, nodes, context.case.wrench, context.feet)
+    errors = (torques[0] - context.torques, torques[1] - context.torques)
+    return _record(context, errors, _distance(model.problem.data, placed))
+
+
+def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
+    model = disturbed_model(context, change)
+    fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+    return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
+
+
+def _distance(data: MarkerData, placed: Array) -> Array:
+    """(nm, nf) m between measured and placed markers."""
+    apart = placed - data.measured
+    out: Array = np.sqrt((apart * apart).sum(axis=1))
+    return out
+
+
+def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: Array) -> Array:
+    """(60,) from torque errors (nf, 14) N·m in both frames and marker distances (nm, nf) m."""
+    valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
+    out: list[Array] = []
+    for error in errors:
+        kept = to_percent * error[valid]
+        out += [np.sqrt((kept * kept).mean(axis=0)), kept.mean(axis=0)]
+    of_legs = [1e3 * distance[markers] for markers in context.leg_markers]
+    out.append(np.array([np.sqrt((d * d).mean()) if d.size else np.nan for d in of_legs]))
+    out.append(np.array([d.mean() if d.size else np.nan for d in of_legs]))
+    return np.concatenate(out)

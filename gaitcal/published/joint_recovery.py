@@ -1,0 +1,229 @@
+"""Phase 1 on synthetic data: the four published problems, everything starting at absolute zero.
+
+Three isolated trials, each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then
+gait with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no prior, no bounds.
+Variable projection solves each motion fully for the joint parameters of the moment; where those are absurd (all zero)
+that motion folds up and leads into a valley of its own. From zero, nodes and joint parameters therefore step together
+(`step_together`): damped, they move both a little. Variable projection, as in any calibration, finishes.
+
+Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters, positions (mm) and
+orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import TypeVar
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.joint_calibration import JointSearch
+from gaitcal.io.recording import Recording
+from gaitcal.model.joint_parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_TO_SI,
+    Kind,
+    gait_parameters,
+    isolated_parameters,
+    leg_parameters,
+)
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.arrow import ArrowFactor, SharedTrials
+from gaitcal.motion.descent import Descent, DescentSettings, descend
+from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.motion import motion_of
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.published.published import SIDE
+from gaitcal.records import dataclass
+from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
+
+LEG = leg_parameters(SIDE)
+DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
+"""Every step on its own matrix: far away none serves twice."""
+
+
+def rms(values: Array | Sequence[float]) -> float | None:
+    """Root mean square; None of nothing."""
+    array = np.asarray(values, dtype=float)
+    return float(np.sqrt(np.mean(array**2))) if array.size else None
+
+
+def joint_errors(estimate: Parameters, truth: Parameters, names: Sequence[str]) -> Array:
+    """(n,) estimate - true, mm and deg."""
+    index = _index(names)
+    out: Array = (estimate.joint[index] - truth.joint[index]) / JP_TO_SI[index]
+    return out
+
+
+def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
+    """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
+    position = np.array([JOINT_PARAMETERS[k].kind is Kind.POSITION for k in _index(names)], dtype=bool)
+    return rms(errors[position]), rms(errors[~position])
+
+
+def _index(names: Sequence[str]) -> list[int]:
+    return [JP_INDEX[name] for name in names]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundFromZero:
+    """One of the four problems, solved."""
+
+    names: tuple[str, ...]
+    """The joint parameters whose errors count: the joint's, or the leg's 27."""
+    errors: Array
+    """(n,) found - true, mm and deg."""
+    marker_mm: float
+    """RMS distance of markers, mm."""
+    largest_mm: float
+    """Largest distance of any marker in any frame, mm."""
+    cost: float
+    """m^2."""
+    steps: int
+    """From zero: steps of the far start and evaluations of the end game."""
+    seconds: float
+    """Of the processor, as the published times."""
+    converged: bool
+    parameters: Parameters
+    """All of the linkage, with what was found."""
+    nodes: Array
+    """(20, 27) m, rad."""
+
+    @property
+    def position_mm(self) -> float:
+        """RMS position error, mm."""
+        return joint_rms(self.errors, self.names)[0] or 0.0
+
+    @property
+    def orientation_deg(self) -> float | None:
+        """RMS orientation error, deg; None for the hip, which has none."""
+        return joint_rms(self.errors, self.names)[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointRecovery(FoundFromZero):
+    """One of the four problems, solved, and compared with a search that knows the truth."""
+
+    cost_at_truth: float
+    """m^2: with the true joint parameters, the motion fitted."""
+    cost_from_truth: float
+    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
+
+
+@cache
+def true_model() -> SubjectModel:
+    """The truth: the published nominal subject with its 41 tracking markers."""
+    return published_model()
+
+
+@cache
+def true_motion(problem: str, isolated_hz: float = RATE) -> TrueMotion:
+    """The true motion of one of `PROBLEMS`; isolated trials have 1200 frames, `isolated_hz` of them a second.
+
+    The nodes are the same at every rate.
+    """
+    return gait_motion() if problem == "full leg" else isolated_motion(f"{problem}_{SIDE}", rate=isolated_hz)
+
+
+def free_parameters(problem: str) -> tuple[str, ...]:
+    """What one of `PROBLEMS` solves for."""
+    return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
+
+
+def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> TrialProblem:
+    """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
+    model, motion = true_model(), true_motion(problem, isolated_hz)
+    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    if noise is not None:
+        markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
+    recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
+    # as published: markers alone, no prior on any coordinate
+    return replace(trial_problem(problem, model, recording, NodeRule(fixed=NODES)), priors=())
+
+
+def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
+    """Solve all four; gait starts from what the isolated trials found for the parameters that it leaves alone."""
+    return _in_order(problems, solve)
+
+
+def find_joints(problems: Mapping[str, TrialProblem]) -> dict[str, FoundFromZero]:
+    """As `recover_joints`, without the comparison."""
+    return _in_order(problems, solve_from_zero)
+
+
+_Found = TypeVar("_Found", bound=FoundFromZero)
+
+
+def _in_order(
+    problems: Mapping[str, TrialProblem], solved: Callable[[str, TrialProblem, Parameters], _Found]
+) -> dict[str, _Found]:
+    out: dict[str, _Found] = {}
+    for problem, markers in problems.items():
+        held = _held(out) if problem == "full leg" else true_model().parameters
+        out[problem] = solved(problem, markers, held)
+    return out
+
+
+def _held(isolated: Mapping[str, FoundFromZero]) -> Parameters:
+    """The truth, but for the leg, which has what the isolated trials found."""
+    parameters = true_model().parameters
+    for recovery in isolated.values():
+        values = recovery.parameters.joint
+        parameters = parameters.with_joint(recovery.names, values[_index(recovery.names)])
+    return parameters
+
+
+def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecovery:
+    """One problem from absolute zero; `held` gives the joint parameters that are not free."""
+    found = solve_from_zero(problem, markers, held)
+    truth, motion, free = true_model().parameters, true_motion(problem), free_parameters(problem)
+    at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
+    from_truth = JointSearch([markers], held, free, [at_truth.nodes]).run(truth.joint[_index(free)])
+    # Not asdict, which would copy the parameters into dictionaries.
+    fields = {name: getattr(found, name) for name in FoundFromZero.__dataclass_fields__}
+    return JointRecovery(**fields, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
+
+
+def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> FoundFromZero:
+    """As `solve`, without the comparison."""
+    free = free_parameters(problem)
+    began = time.process_time()
+    zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
+    p, nodes, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
+    fit = JointSearch([markers], held.with_joint(free, p), free, nodes).run()
+    seconds = time.process_time() - began
+    names = LEG if problem == "full leg" else free
+    distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
+    return FoundFromZero(
+        names=names,
+        errors=joint_errors(fit.parameters, true_model().parameters, names),
+        marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
+        largest_mm=1e3 * float(distance.max()),
+        cost=fit.state.cost,
+        steps=near.steps + fit.iterations,
+        seconds=seconds,
+        converged=near.converged and fit.converged,
+        parameters=fit.parameters,
+        nodes=fit.nodes[0],
+    )
+
+
+def step_together(
+    problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
+) -> tuple[Array, list[Array], Descent[Evaluation, ArrowFactor]]:
+    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
+    where both end, and how.
+    """
+    shared = SharedTrials(problems, parameters, free)
+    end = descend(shared, shared.joined(p, starts), DAMPED)
+    return *shared.parted(end.x), end

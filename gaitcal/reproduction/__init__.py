@@ -1,1 +1,0 @@
-"""The published study, table by table: synthetic truth, recovered parameters, ours beside the printed figures."""

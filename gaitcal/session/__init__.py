@@ -1,0 +1,1 @@
+"""The main job: from a folder or a study to a calibrated person."""

@@ -1,0 +1,279 @@
+"""From a folder as it was read to the study that follows: marker set, session, roles, forces, person."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from gaitcal.errors import InputError
+from gaitcal.io.metadata import Facts
+from gaitcal.io.recording import Recording
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.nominal import nominal_model
+from gaitcal.model.subject_model import Subject
+from gaitcal.records import dataclass
+from gaitcal.session.draft import Draft, DraftTrial
+from gaitcal.session.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
+from gaitcal.session.force_files import ForceChoice, pair_forces
+from gaitcal.session.impossible_mass import mass_fault
+from gaitcal.session.marker_sets import SetChoice, choose_set, explained, respelt
+from gaitcal.session.movement import Movement, Shows, movement
+from gaitcal.session.people import Session, session_of
+from gaitcal.session.person_facts import Options, figures_in_doubt, person_of, weighed
+from gaitcal.session.placing import same_recording
+from gaitcal.session.refusals import no_set, nothing_here, refused, several_people
+from gaitcal.session.seen import Roles, rows_of
+from gaitcal.session.standing import standing
+from gaitcal.session.trial_names import name_contradicts, trial_names
+
+MOST_BELOW = 60
+"""Recordings in subfolders that are read to see whether they are of one person's session."""
+
+
+def draft_of(folder: Folder, options: Options) -> Draft:
+    """The study of a folder; its subfolders are looked into where it is not whole without them and they are of one
+    person.
+    """
+    draft = draft_study(folder, options)
+    below = sum(count for _, count in folder.subfolders)
+    if folder.deep or not 0 < below <= MOST_BELOW or (draft.moves and not draft.fault):
+        return draft
+    deep = draft_study(read_folder(folder.path, deep=True), options)
+    return draft if deep.fault or deep.strangers or not deep.moves else deep
+
+
+def draft_study(folder: Folder, options: Options) -> Draft:
+    """The study that follows from a folder; where none does, what was seen and `fault`."""
+    files = folder.of_kind(FileKind.RECORDING)
+    recordings = [file.recording for file in files if file.recording is not None]
+    if not recordings:
+        return refused(folder, nothing_here(folder), {})
+    own = [(str(f.path), f.marker_set) for f in _own_sets(folder) if f.marker_set is not None]
+    choices = _choices(recordings, own)
+    if not choices:
+        return refused(folder, no_set(recordings, own), {})
+    if choices[0].people:
+        return refused(folder, *several_people(files, choices[0].people))
+    for choice in choices:
+        spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
+        session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
+        if session is not None:
+            draft = _Drafting(folder, files, choice, spelt, session, options).draft()
+            other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
+            return replace(draft, problem=other or draft.problem) if draft.moves else draft
+    told, parts, scales = {}, [], []
+    for i in choices[0].members:
+        posture, why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)
+        nobody = f"nobody stands in it: {why}"
+        if posture is not None:
+            nobody = f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves otherwise"
+            parts.append(files[i].name)
+        elif "times too small" in why:
+            scales.append(f"{files[i].name}: {why}")
+        told[files[i].name] = f"of marker set {choices[0].entry}; {nobody}"
+    message = "in no recording does the person only stand still, upright, on both feet: a static trial is needed"
+    if scales:
+        message += f"; {scales[0]}"
+    elif parts:
+        message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
+    return refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
+    """That recordings which are left over show a whole session of their own; empty where they do not."""
+    found = {i: recording for i in rest if (recording := files[i].recording) is not None}
+    for choice in _choices(list(found.values()), own):
+        numbers = [list(found)[k] for k in choice.members]
+        spelt = {i: _spelt(found[i], choice) for i in numbers}
+        session = session_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
+        if session is None:
+            continue
+        reference = session.posture(session.statics[0]).stance
+        shown = (movement(spelt[i], session.worn, session.postures.get(i), reference) for i in session.members)
+        if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT) for found in shown):
+            names = ", ".join(files[i].name for i in session.members)
+            return (
+                f"two people, or two sessions, lie in one folder; {names} are the other one, static trial "
+                f"{files[session.statics[0]].name}: put each into a folder of its own"
+            )
+    return ""
+
+
+def _choices(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
+    """The marker sets that the recordings may be of; none of no recordings."""
+    return choose_set([r.labels for r in recordings], own, [_computed(r) for r in recordings]) if recordings else []
+
+
+def _computed(recording: Recording) -> tuple[str, ...]:
+    return () if recording.computed is None else recording.computed.labels
+
+
+def _spelt(recording: Recording, choice: SetChoice) -> Recording:
+    """A recording with the labels of the set."""
+    return choice.marker_set.renamed(replace(recording, labels=respelt(recording.labels, choice.rename)))
+
+
+def _own_sets(folder: Folder) -> tuple[FolderFile, ...]:
+    return folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
+
+
+@dataclass(frozen=True)
+class _Drafting:
+    """What a draft is made of, once marker set and static trial are found."""
+
+    folder: Folder
+    files: tuple[FolderFile, ...]
+    choice: SetChoice
+    spelt: Mapping[int, Recording]
+    """Recording -> with the labels of the set."""
+    session: Session
+    options: Options
+
+    def draft(self) -> Draft:
+        """Roles, forces and person."""
+        out, moves = dict(self.session.others), self._movements()
+        statics = [i for i in self.session.statics if self._is_static(i, moves)]
+        for i, j in self._copies(statics):
+            out[i] = f"the same recording as {self.files[j].name}"
+        statics = [i for i in statics if i not in out]
+        statics = self._with_model(statics)
+        roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
+        for i, found in moves.items():
+            if i in roles or i in out:
+                continue
+            if found.shows is Shows.WALKS:
+                roles[i] = ("gait", "")
+            elif found.shows is Shows.ONE_JOINT:
+                roles[i] = ("joint", found.joint)
+            else:
+                out[i] = f"{found.shows.value}: {found.evidence}; neither standing, walking, nor one joint alone"
+        forces, unpaired = self._forces(roles)
+        order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
+        names = trial_names([self.files[i].path.stem for i in order])
+        trials = tuple(
+            self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
+            for i, name in zip(order, names, strict=True)
+        )
+        moving = any(trial.role != "static" for trial in trials)
+        problem = "" if moving else self._nothing_moves(out)
+        plates = self._weighed(statics)
+        facts = self._facts([*statics, *(i for i in order if i not in statics)])
+        person = person_of(self.folder.name, self.options, facts, plates)
+        problem = problem or mass_fault(person, self.options, plates)
+        seen = rows_of(
+            self.folder, self.files, self.choice, Roles(roles, out, moves, forces, unpaired, frozenset(self.spelt))
+        )
+        return Draft(
+            folder=self.folder,
+            choice=self.choice,
+            person=person,
+            trials=trials,
+            seen=seen,
+            strangers=bool(self.session.others),
+            problem=problem,
+            doubts=figures_in_doubt(facts),
+        )
+
+    def _nothing_moves(self, out: Mapping[int, str]) -> str:
+        """That no trial moves, and why the recordings are left out that may."""
+        why = [f"{self.files[i].name} is not used: {reason}" for i, reason in sorted(out.items())]
+        more = f" (and {len(why) - 2} more)" if len(why) > 2 else ""
+        used = "no recording that is used shows walking, or one joint that moves alone"
+        return "; ".join([used, *why[:2]]) + more
+
+    def _movements(self) -> dict[int, Movement]:
+        """Recording of the session -> what it shows."""
+        reference = self.session.posture(self.session.statics[0]).stance
+        return {
+            i: movement(self.spelt[i], self.session.worn, self.session.postures.get(i), reference)
+            for i in self.session.members
+        }
+
+    def _is_static(self, i: int, moves: Mapping[int, Movement]) -> bool:
+        """What only stands; without any such, the one recording that is declared as static, of which a part stands."""
+        return moves[i].shows is Shows.STANDS or i == self.session.statics[0]
+
+    def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
+        """Recordings that are another one again, and which; the one with plates is kept, then the longest."""
+
+        def worth(i: int) -> tuple[object, ...]:
+            recording = self.spelt[i]
+            rank = statics.index(i) if i in statics else 0
+            strange = len(explained(self.choice.marker_set, recording.labels).left_over)
+            return (i not in statics, not recording.plates, -len(recording.time), strange, rank, i)
+
+        kept: list[int] = []
+        copies = []
+        for i in sorted(self.session.members, key=worth):
+            twin = next((j for j in kept if same_recording(self.spelt[i], self.spelt[j])), None)
+            if twin is None:
+                kept.append(i)
+            else:
+                copies.append((i, twin))
+        return copies
+
+    def _with_model(self, statics: list[int]) -> list[int]:
+        """Static trials, one that gives a model by itself first; where none does, the study's other trials may help."""
+        person = person_of("", self.options, self._facts(statics), None)
+        if len(statics) < 2 or "height_m" not in person:
+            return statics
+        subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "female")
+        for i in statics:
+            try:
+                nominal_model(self.spelt[i], self.choice.marker_set, subject)
+            except InputError:
+                continue
+            return [i, *(j for j in statics if j != i)]
+        return statics
+
+    def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
+        rest = [i for i in self.session.members if i not in order]
+        return [(self.files[i].name, self.spelt[i].facts) for i in (*order, *rest)]
+
+    def _weighed(self, statics: Sequence[int]) -> tuple[str, float] | None:
+        """Static trial, and the mass (kg) that plates weigh in it."""
+        for i in statics:
+            mass = weighed(self.spelt[i], self.choice.marker_set, self.session.posture(i))
+            if mass is not None:
+                return self.files[i].name, mass
+        return None
+
+    def _forces(self, roles: Mapping[int, tuple[str, str]]) -> tuple[dict[int, ForceChoice], dict[str, str]]:
+        """Forces of the walks that have no plates of their own."""
+        wanted = {
+            i: (self.files[i].path.stem, self.spelt[i])
+            for i, (role, _) in roles.items()
+            if role == "gait" and not self.spelt[i].plates
+        }
+        return pair_forces(wanted, self.choice.marker_set, self.folder.files)
+
+    def _trial(
+        self,
+        i: int,
+        name: str,
+        role: tuple[str, str],
+        found: Movement | None,
+        forces: ForceChoice | None,
+        statics: Sequence[int],
+    ) -> DraftTrial:
+        reason = "" if found is None else found.evidence
+        certain = found is not None and found.certain
+        if role[0] == "static":
+            posture = self.session.posture(i)
+            certain = posture.throughout
+            if not certain:
+                reason = (
+                    f"the file is called static, and from {posture.start:.2f} to {posture.stop:.2f} s somebody stands"
+                )
+            elif len(statics) > 1:
+                reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
+            if extra := self.session.worn_standing(i):
+                reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
+        elif said := name_contradicts(self.files[i].path.stem, role):
+            reason, certain = f"{reason}; {said}", False
+        return DraftTrial(
+            name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
+        )
+
+
+_ORDER = {"static": 0, "joint": 1, "gait": 2}

@@ -1,0 +1,191 @@
+"""What a recording shows: standing, walking, one joint that moves alone, or something else.
+
+Walking is told by the feet: seen from the pelvis, along where it faces, one foot goes back while the other goes forth,
+over the ground or on a treadmill. One joint alone is told by how far the joints turn about their mean postures
+(`checks/moving_joint.py`), while pelvis and other leg stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field
+from enum import Enum
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.faults.cluster import clusters_of
+from gaitcal.faults.evidence import LIGHT
+from gaitcal.faults.joint_link import links_of
+from gaitcal.faults.moving_joint import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
+from gaitcal.faults.stance import Stance
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.strays import without_strays
+from gaitcal.records import dataclass
+from gaitcal.session.standing import STAYS_M, Standing, sway
+
+OPPOSITE = -0.4
+"""Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks."""
+TURNING_DEG = 0.5
+"""RMS from which a joint is named among those that turn."""
+SWING_M = 0.05
+"""Standard deviation of a foot's place, forward of the pelvis: 0.15 to 0.25 m in walks, 0.09 m in children's."""
+EVEN = 0.35
+"""The less moving foot's standard deviation as a share of the other's."""
+CLIMB_M = 0.25
+"""Net rise or fall of the pelvis: stairs, or lying down."""
+CROUCH_M = 0.12
+"""Range of the pelvis' height (5th to 95th percentile) in a trial of one joint: more is a squat or sitting down."""
+SHORTEST_S, FEWEST_FRAMES = 0.3, 15
+"""Of a recording in which somebody moves."""
+CLEAR_LEAD = 1.6
+"""How many times the next joint the moving one must turn to be beyond doubt."""
+
+
+class Shows(Enum):
+    """What a recording shows."""
+
+    STANDS = "stands"
+    WALKS = "walks"
+    ONE_JOINT = "moves one joint"
+    OTHER = "moves otherwise"
+    NOTHING = "shows too little"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Movement:
+    """What a recording shows, and by what that was told."""
+
+    shows: Shows
+    joint: str = ""
+    """`hip_r`, ...: of a trial of one joint."""
+    evidence: str
+    """In words, with numbers."""
+    certain: bool = True
+    """Whether the figures are far from the limits."""
+    turns: dict[str, float] = field(default_factory=dict)
+    """Joint -> rad, RMS turn about its mean posture."""
+
+
+def movement(
+    recording: Recording, marker_set: MarkerSet, posture: Standing | None, reference: Stance | None
+) -> Movement:
+    """What a recording shows.
+
+    Parameters
+    ----------
+    posture : the recording's own, where the person stands in it.
+    reference : of the static trial, whose segments turn in this one; None where there is none.
+    """
+    recording, _ = without_strays(recording, marker_set.segment_of)
+    time = recording.time
+    if posture is not None and posture.throughout:
+        words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"
+        return Movement(shows=Shows.STANDS, evidence=words)
+    if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
+        return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
+    links = _links(recording, marker_set, reference)
+    pelvis, feet = (
+        _middle(recording, marker_set, "pelvis"),
+        [_middle(recording, marker_set, f"foot_{side}") for side in SIDES],
+    )
+    walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
+    if walk is not None:
+        return Movement(shows=walk[0], evidence=walk[1], certain=walk[2], turns=links)
+    return _one_joint(pelvis, links, sway(recording, marker_set))
+
+
+def _links(recording: Recording, marker_set: MarkerSet, reference: Stance | None) -> dict[str, float]:
+    """Joint -> RMS turn (rad)."""
+    if reference is None:
+        return {}
+    clusters = clusters_of(recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > LIGHT)
+    return {joint: link.rms for joint, link in links_of(clusters, reference.centres, {}).items()}
+
+
+def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
+    """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of them; else NaN."""
+    labels = (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))
+    columns = [i for i, label in enumerate(recording.labels) if label in labels]
+    seen = np.isfinite(recording.markers[:, columns]).all(axis=2)
+    if not columns or not seen.any():
+        return np.full((len(recording.time), 3), np.nan)
+    shares = seen.mean(axis=0)
+    kept = [c for c, share in zip(columns, shares, strict=True) if share >= 0.8 * shares.max()]
+    out: Array = recording.markers[:, kept].mean(axis=1)
+    return out
+
+
+def _facing(recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array) -> Array | None:
+    """(nf, 2) where the pelvis faces, x and z; without a static trial the way that it goes; None where neither."""
+    if reference is not None:
+        clusters = clusters_of(recording, reference, marker_set.landmarks, lambda m: True)
+        if (cluster := clusters.get("pelvis")) is not None:
+            facing = cluster.rotation[:, [0, 2], 0].copy()
+            facing[~cluster.determined] = np.nan
+            return facing
+    known = np.flatnonzero(np.isfinite(pelvis).all(axis=1))
+    way = pelvis[known[-1], [0, 2]] - pelvis[known[0], [0, 2]] if len(known) else np.zeros(2)
+    return np.tile(way, (len(pelvis), 1)) if np.linalg.norm(way) > TRAVEL_M else None
+
+
+def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows, str, bool] | None:
+    """Walking, or going about otherwise; None where the body stays."""
+    known: BoolArray = np.asarray(np.isfinite(pelvis).all(axis=1))
+    if known.sum() < FEWEST_FRAMES:
+        return None
+    middle = pelvis[known]
+    travel = float(np.linalg.norm(np.ptp(middle[:, [0, 2]], axis=0)))
+    rise = float(middle[-1, 1] - middle[0, 1])
+    if abs(rise) > CLIMB_M:
+        return Shows.OTHER, f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}", True
+    if facing is not None:
+        both = known & np.isfinite(feet[0]).all(axis=1) & np.isfinite(feet[1]).all(axis=1) & np.isfinite(facing[:, 0])
+        if both.sum() >= FEWEST_FRAMES:
+            unit = facing[both] / np.linalg.norm(facing[both], axis=1, keepdims=True)
+            right, left = (np.sum((foot[both] - pelvis[both])[:, [0, 2]] * unit, axis=1) for foot in feet)
+            swing = sorted([float(right.std()), float(left.std())])
+            together = float(np.corrcoef(right, left)[0, 1]) if swing[0] > 1e-6 else 0.0
+            if together < OPPOSITE and swing[1] > SWING_M and swing[0] > EVEN * swing[1]:
+                where = f"over {travel:.1f} m" if travel > TRAVEL_M else "on the spot (treadmill?)"
+                words = f"the feet go to and fro in turn (correlation {together:.2f}), {where}"
+                return Shows.WALKS, words, together < 1.5 * OPPOSITE and swing[0] > 2 * EVEN * swing[1]
+            if travel > TRAVEL_M:
+                return Shows.OTHER, f"the body goes {travel:.1f} m, but not with one foot after the other", False
+    if travel > TRAVEL_M:
+        return Shows.OTHER, f"the body goes {travel:.1f} m, but not both feet can be followed", False
+    return None
+
+
+def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movement:
+    """One joint alone, or something else."""
+    ranked = sorted(turns, key=lambda joint: -turns[joint])
+    degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
+    turning = [joint for joint in ranked[:3] if degrees[joint] >= TURNING_DEG] or ranked[:1]
+    words = ", ".join(f"{joint} {degrees[joint]:.0f}" for joint in turning)
+    said = f"joints turn by {words} deg RMS" if words else "no joint can be followed (markers, or no static trial)"
+    other = Movement(shows=Shows.OTHER, evidence=said, turns=turns)
+    if not ranked:
+        return other
+    first = ranked[0]
+    opposite = "l" if first.endswith("r") else "r"
+    steps = [turns.get(f"{joint}_{opposite}", 0.0) for joint in ("hip", "knee")]
+    heights = pelvis[np.isfinite(pelvis).all(axis=1), 1]
+    crouch = float(np.diff(np.percentile(heights, (5, 95)))[0]) if len(heights) else 0.0
+    lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
+    if crouch > CROUCH_M:
+        return Movement(
+            shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m"
+        )
+    if turns[first] < 2 * MOVES_RAD:
+        return Movement(
+            shows=Shows.OTHER,
+            turns=turns,
+            evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)),
+        )
+    if lead < LEAD or min(steps) > STEPS_RAD:
+        return other
+    return Movement(
+        shows=Shows.ONE_JOINT, joint=first, evidence=said, certain=lead >= CLEAR_LEAD and len(ranked) > 2, turns=turns
+    )

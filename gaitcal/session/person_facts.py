@@ -1,0 +1,200 @@
+"""Who the person is: what the files say, what the plates weigh, what the user says; and what nobody says.
+
+The user's word comes first, then the static trial's file, then the others. Files that contradict each other are told.
+The subject's name is that of the folder: a file's may be the patient's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.io.metadata import Facts
+from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.model.build import GRAVITY
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.records import dataclass
+from gaitcal.session.standing import Standing
+
+MASS_KG = (10.0, 250.0)
+"""Of a person on plates: less is a foot that stands beside them."""
+CONTRADICTS = 0.02
+"""Relative difference of two files' figures from which it is told."""
+WEIGHS_OTHERWISE = 0.05
+STEADY = 0.03
+"""Standard deviation of the force under a standing person as a share of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """One field of the person."""
+
+    value: object
+    reason: str
+    certain: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the user says of the person; None: nothing."""
+
+    mass: float | None = None
+    """kg."""
+    height: float | None = None
+    """m."""
+    sex: str | None = None
+    age: float | None = None
+    """Years."""
+    name: str | None = None
+    session: str | None = None
+    """The day of the recordings, a date or a label."""
+
+
+NOTHING_SAID = Options()
+
+
+def person_of(
+    folder: str, options: Options, files: Sequence[tuple[str, Facts]], plates: tuple[str, float] | None
+) -> dict[str, Known]:
+    """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
+
+    Parameters
+    ----------
+    files : name and facts of every file of the person, the static trial's first.
+    plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
+    """
+    out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
+    if options.session:
+        out["session"] = Known(value=options.session, reason="option")
+    if (mass := _number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
+        if plates is not None and abs(plates[1] / float(str(mass.value)) - 1) > WEIGHS_OTHERWISE:
+            words = f"{mass.reason}; but the plates weigh {plates[1]:.1f} kg in {plates[0]}"
+            mass = Known(value=mass.value, reason=words, certain=False)
+        out["mass_kg"] = mass
+    elif plates is not None:
+        doubts = "".join(f"; {name} says {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful)
+        reason = f"weighed by the plates under {plates[0]}, where no file says it{' in kg' if doubts else ''}{doubts}"
+        out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
+    elif (mass := _doubtful(files, "mass", 2)) is not None:
+        out["mass_kg"] = mass
+    height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(files, "height", 4)
+    if height is not None:
+        out["height_m"] = height
+    if options.sex:
+        out["sex"] = Known(value=options.sex, reason="option")
+    if options.age is not None:
+        out["age_years"] = Known(value=options.age, reason="option")
+    for field, get in (("knee_width_mm", lambda f: f.knee_width), ("ankle_width_mm", lambda f: f.ankle_width)):
+        if (width := _sided(files, get) or _doubtful_sides(files, field.removesuffix("_mm"))) is not None:
+            out[field] = width
+    for field, length in (
+        ("asis_distance_mm", lambda f: f.asis_distance),
+        ("marker_diameter_mm", lambda f: f.marker_diameter),
+    ):
+        if (known := _number(None, files, length, "m", 6)) is not None:
+            out[field] = Known(
+                value=round(1e3 * float(str(known.value)), 2), reason=known.reason, certain=known.certain
+            )
+    return out
+
+
+def _number(
+    said: float | None, files: Sequence[tuple[str, Facts]], get: Callable[[Facts], float | None], unit: str, digits: int
+) -> Known | None:
+    """A number from the user or from the first file that tells it, and the files that tell another."""
+    told = [(name, value) for name, facts in files if (value := get(facts)) is not None]
+    if said is not None:
+        others = [f"{name} {value:.4g} {unit}" for name, value in told if abs(value / said - 1) > CONTRADICTS]
+        return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
+    if not told:
+        return None
+    first, value = told[0]
+    others = [f"{name} {v:.4g} {unit}" for name, v in told[1:] if abs(v / value - 1) > CONTRADICTS]
+    if others:
+        return Known(value=round(value, digits), reason=f"{first} says so, but {', '.join(others[:3])}", certain=False)
+    more = f", and {len(told) - 1} more" if len(told) > 1 else ""
+    return Known(value=round(value, digits), reason=f"{first} says so{more}")
+
+
+def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]) -> Known | None:
+    """Widths in mm from the first file that tells them."""
+    for name, facts in files:
+        if widths := get(facts):
+            value = {side: round(1e3 * widths[side], 1) for side in SIDES if side in widths}
+            return Known(value=value, reason=f"{name} says so")
+    return None
+
+
+def figures_in_doubt(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
+    """What files say of mass, height and widths that can be in no unit they should be in, each figure once."""
+    told = {words: name for name, facts in reversed(files) for words, _ in facts.doubtful.values()}
+    return tuple(f"{name} says {words}" for words, name in sorted(told.items()))
+
+
+def _doubtful(files: Sequence[tuple[str, Facts]], fact: str, digits: int) -> Known | None:
+    """A figure in another unit than its own, where only one unit makes sense of it."""
+    for name, facts in files:
+        words, value = facts.doubtful.get(fact, ("", None))
+        if value is not None:
+            return Known(value=round(value, digits), reason=f"{name} says {words}", certain=False)
+    return None
+
+
+def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | None:
+    """Widths (mm) in another unit."""
+    found = {side: width for side in SIDES if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None}
+    if not found:
+        return None
+    value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
+    return Known(value=value, reason=next(iter(found.values())).reason, certain=False)
+
+
+def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> float | None:
+    """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be said."""
+    total, still = 0.0, 0.0
+    loaded: list[Array] = []
+    for plate in recording.plates:
+        force = _while(plate, posture)
+        if force is None or not len(force):
+            return None
+        mean = float(np.mean(force))
+        if mean > 0.1 * GRAVITY * MASS_KG[0]:
+            if plate.corners is None:
+                return None
+            loaded.append(plate.corners[:, [0, 2]])
+            still = max(still, float(np.std(force)))
+            total += mean
+    mass = total / GRAVITY
+    if not loaded or not MASS_KG[0] <= mass <= MASS_KG[1] or still > STEADY * total:
+        return None
+    inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
+    feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
+    markers = recording.markers[inside][:, feet]
+    places = np.array(
+        [
+            path[np.isfinite(path).all(axis=1)].mean(axis=0)
+            for path in markers.transpose(1, 0, 2)
+            if np.isfinite(path).all(axis=1).any()
+        ]
+    )
+    if len(places) < 4 or not all(any(_inside(p[[0, 2]], corners) for corners in loaded) for p in places):
+        return None
+    return mass
+
+
+def _while(plate: ForcePlate, posture: Standing) -> Array | None:
+    """(n,) N, vertical forces while the person stands."""
+    within = (plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(plate.force[:, 1])
+    out: Array = plate.force[within, 1]
+    return out
+
+
+def _inside(point: Array, corners: Array) -> bool:
+    """Whether a point (2,) lies in the quadrangle of corners (4, 2)."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    away = point - corners
+    sides = edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0]
+    return bool((sides >= 0).all() or (sides <= 0).all())

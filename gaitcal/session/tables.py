@@ -1,0 +1,149 @@
+"""The tables of a calibration: parameters, and trial by trial coordinates, generalised forces and marker errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitcal.arrays import Array
+from gaitcal.gait.moments import moment_of
+from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
+from gaitcal.model.joint_parameters import JOINT_PARAMETERS
+from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
+from gaitcal.motion.motion import Motion
+from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+
+if TYPE_CHECKING:
+    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
+
+COORDINATE_HEADER = (
+    "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
+    "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
+)
+"""Comment lines above the header of every file of coordinates."""
+
+
+def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
+    """Comment lines of a file whose joint angles are counted from the static posture, coordinate -> rad."""
+    off = taken_off(relative_to)
+    static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
+    return (
+        "joint angles are relative: those of the static trial are taken off; pelvis coordinates are as they are",
+        f"static trial, deg: {static}",
+    )
+
+
+def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
+    """Coordinate -> rad of the static posture that is taken off a table's angles: of joints, not of the pelvis."""
+    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
+
+
+MOMENT_HEADER = (
+    "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
+    "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",
+    "frame: about the axis of each coordinate; pelvis translations along the laboratory axes x forward, y up, z right",
+    "knee_adduction: internal reaction moment of the thigh on the shank about the x axis of the knee frame",
+    "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight times height",
+    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use torques of that leg there",
+    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk and arms there",
+)
+"""Comment lines above the header of every moments file."""
+
+
+def parameter_table(calibration: Calibration) -> pd.DataFrame:
+    """One row for each of the 98 joint and 84 inertial parameters, as in `parameters.csv`.
+
+    Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of inertia), `segment` whose
+    axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`, `fitted`, `standard_error` (NaN where none),
+    `status`: `fitted`, `fixed`, or `unidentifiable` (kept, as these trials do not show it).
+    """
+    import pandas as pd
+
+    return pd.DataFrame(parameter_rows(calibration))
+
+
+def parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
+    """The rows of `parameter_table`, by the names of its columns; `standard_error` is None where there is none."""
+    nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
+    joint_free = set(calibration.joint.free) if calibration.joint else set()
+    inertial_free = _free_inertial(calibration)
+    errors, unseen = calibration.standard_errors, set(calibration.unidentifiable)
+    rows: list[dict[str, Any]] = []
+    for i, p in enumerate(JOINT_PARAMETERS):
+        place = {"name": p.name, "kind": f"joint {p.kind.value}", "segment": p.segment, "joint": p.joint}
+        figures = _figures(nominal.joint[i], fitted.joint[i], errors.get(p.name), p.kind.to_si)
+        rows.append({**place, "unit": p.kind.unit, **figures, "status": _status(p.name, joint_free, unseen)})
+    for i, name in enumerate(IP_NAMES):
+        segment, quantity = name.split(".", 1)
+        kind = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}[quantity.split(".")[0]]
+        place = {"name": name, "kind": kind, "segment": segment, "joint": ""}
+        figures = _figures(nominal.inertial[i], fitted.inertial[i], errors.get(name), IP_TO_SI[i])
+        rows.append({**place, "unit": IP_UNITS[i], **figures, "status": _status(name, inertial_free, unseen)})
+    return rows
+
+
+def _figures(nominal: float, fitted: float, error: float | None, to_si: float) -> dict[str, object]:
+    """The figures of one parameter in the unit of the table, from SI."""
+    return {
+        "nominal": float(nominal / to_si),
+        "fitted": float(fitted / to_si),
+        "standard_error": None if error is None else float(error / to_si),
+    }
+
+
+def _status(name: str, free: set[str], unseen: set[str]) -> str:
+    """`free`: parameters that were fitted; `unseen`: such as the trials do not show."""
+    return "unidentifiable" if name in unseen else "fitted" if name in free else "fixed"
+
+
+def _free_inertial(calibration: Calibration) -> set[str]:
+    if calibration.inertial is None or not calibration.inertial.moved:
+        return set()
+    moved = np.abs(calibration.inertial.jacobian).sum(axis=1) > 0
+    return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}
+
+
+def coordinate_table(
+    motion: Motion, errors: Array | None = None, relative_to: Mapping[str, float] | None = None
+) -> dict[str, Array]:
+    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error.
+
+    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
+    """
+    names = [name for name in FILE_COORDINATES if name in motion.coordinates]
+    order = [motion.coordinates.index(name) for name in names]
+    scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
+    static = taken_off(relative_to)
+    still = np.array([static.get(name, 0.0) for name in motion.coordinates])
+    parts = {"": motion.q - still, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
+    if errors is not None:
+        parts["_se"] = errors
+    columns = {"time": motion.time}
+    for suffix, values in parts.items():
+        for k, name in enumerate(names):
+            columns[name + suffix] = values[:, order[k]] * scale[k]
+    return columns
+
+
+def moment_table(loads: LoadedTrial) -> dict[str, NDArray[Any]]:
+    """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
+    final, unknown, reactions = loads.final, np.full(len(loads.final.time), np.nan), loads.reactions
+    columns: dict[str, NDArray[Any]] = {"time": final.time, "valid": reactions.valid.astype(int)}
+    columns |= {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
+    for name in (*FILE_COORDINATES, *REACTIONS):
+        value = moment_of(final, name)
+        columns[name] = value
+        columns[f"{name}_se"] = unknown if loads.errors is None else moment_of(loads.errors, name)
+        columns[f"{name}_bwh"] = unknown if is_translation(name) else 100.0 * value / final.bwh
+    return columns
+
+
+def marker_error_table(trial: TrialResult) -> dict[str, Array]:
+    """time, then per marker the distance (mm) between measured and model; empty where it was not seen."""
+    errors = trial.calibrated.errors
+    columns = {"time": trial.calibrated.time}
+    columns.update({label: 1e3 * errors.distance[:, k] for k, label in enumerate(errors.labels)})
+    return columns

@@ -1,0 +1,123 @@
+"""What no body can do is refused, leg by leg; what people do is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.faults.bounds import ANGLES_DEG, TORQUES_PERCENT_BWH, impossible, large_changes
+from gaitcal.findings import Severity
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
+from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.motion.spline import SplineBasis
+from gaitcal.synthetic.motion import gait_motion
+
+Array = NDArray[np.float64]
+
+WEIGHT, HEIGHT = 700.0, 1.75
+
+
+def walking() -> Motion:
+    true = gait_motion()
+    frames = len(true.basis.time)
+    errors = MarkerErrors(("R.Heel",), ("foot_r",), np.ones(1), np.full((frames, 1), 0.01))
+    return Motion(
+        name="walk", coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True
+    )
+
+
+def loads(basis: SplineBasis) -> Moments:
+    """Every torque at half of its limit."""
+    n, bwh = len(basis.time), WEIGHT * HEIGHT
+    tau = np.zeros((n, len(COORDINATES)))
+    for name, limit in TORQUES_PERCENT_BWH.items():
+        for side in "rl":
+            if f"{name}_{side}" in COORDINATE_INDEX:
+                tau[:, COORDINATE_INDEX[f"{name}_{side}"]] = 0.005 * limit * bwh
+    still = np.zeros((n, 3))
+    return Moments(
+        coordinates=COORDINATES,
+        time=basis.time,
+        tau=tau,
+        knee_adduction=np.zeros((n, 2)),
+        residual_force=still + 0.05 * WEIGHT,
+        residual_moment=still + 0.01 * bwh,
+        bwh=bwh,
+    )
+
+
+def shifted(motion: Motion, coordinate: str, degrees: float) -> Motion:
+    nodes = motion.nodes.copy()
+    nodes[:, COORDINATE_INDEX[coordinate]] += np.deg2rad(degrees)
+    return replace(motion, nodes=nodes)
+
+
+def test_walking_is_possible() -> None:
+    walk = walking()
+    valid = np.ones(len(walk.time), dtype=bool)
+    assert impossible(walk, WEIGHT, loads(walk.basis), valid) == ()
+
+
+@pytest.mark.parametrize("side", ["r", "l"])
+@pytest.mark.parametrize("name", ANGLES_DEG)
+def test_an_angle_beyond_anatomy_is_refused(name: str, side: str) -> None:
+    low, high = ANGLES_DEG[name]
+    for degrees in (high + 80.0, low - 80.0):
+        (found,) = impossible(shifted(walking(), f"{name}_{side}", degrees), WEIGHT)
+        assert found.severity is Severity.ERROR and found.leg == side
+        assert f"{name}_{side}" in found.found and f"allowed: {low:.0f} to {high:.0f}" in found.found
+
+
+def test_a_jump_of_an_angle_is_refused() -> None:
+    walk = walking()
+    nodes = walk.nodes.copy()
+    nodes[len(nodes) // 2, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(600.0)
+    (found,) = impossible(replace(walk, nodes=nodes), WEIGHT)
+    assert "knee_angle_l changes by" in found.found and found.leg == "l"
+
+
+@pytest.mark.parametrize("name", TORQUES_PERCENT_BWH)
+def test_a_torque_beyond_sprinting_is_refused_in_valid_frames_only(name: str) -> None:
+    walk = walking()
+    moments = loads(walk.basis)
+    tau, adduction = moments.tau.copy(), moments.knee_adduction.copy()
+    if name == "knee_adduction":
+        adduction[30, 0] = -0.011 * TORQUES_PERCENT_BWH[name] * moments.bwh
+    else:
+        tau[30, COORDINATE_INDEX[f"{name}_r"]] = -0.011 * TORQUES_PERCENT_BWH[name] * moments.bwh
+    spoilt = replace(moments, tau=tau, knee_adduction=adduction)
+    valid = np.ones(len(walk.time), dtype=bool)
+    (found,) = impossible(walk, WEIGHT, spoilt, valid)
+    assert f"torque of {name}_r" in found.found and found.leg == "r"
+    assert f"({walk.time[30]:.2f}-" in found.found
+    valid[30] = False
+    assert impossible(walk, WEIGHT, spoilt, valid) == ()
+
+
+def test_a_residual_of_many_body_weights_is_refused() -> None:
+    walk = walking()
+    moments = replace(loads(walk.basis), residual_force=np.full((len(walk.time), 3), 10.0 * WEIGHT))
+    (found,) = impossible(walk, WEIGHT, moments, np.ones(len(walk.time), dtype=bool))
+    assert "1732 % of body weight" in found.found and found.leg == ""
+
+
+def test_a_marker_far_from_the_model_is_refused() -> None:
+    walk = walking()
+    far = replace(walk.errors, distance=np.full((len(walk.time), 1), 0.3))
+    (found,) = impossible(replace(walk, errors=far), WEIGHT)
+    assert "marker 'R.Heel' 300 mm RMS" in found.found
+    light = replace(far, weight=np.full(1, 0.02))
+    assert impossible(replace(walk, errors=light), WEIGHT) == ()
+
+
+def test_large_changes_are_notes_and_very_large_ones_warnings() -> None:
+    walk = walking()
+    assert list(large_changes(walk, shifted(walk, "ankle_angle_r", 5.0))) == []
+    (note,) = large_changes(walk, shifted(walk, "subtalar_angle_r", 23.0))
+    assert note.severity is Severity.INFO and "subtalar_angle_r +23 deg" in note.found
+    (warning,) = large_changes(walk, shifted(walk, "subtalar_angle_r", -60.0))
+    assert warning.severity is Severity.WARNING

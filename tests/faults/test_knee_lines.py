@@ -1,0 +1,114 @@
+"""Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the knees in walks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.faults.knee_geometry import ODD_BOTH, OddLine, odd_lines
+from gaitcal.faults.knee_lines import bending, knee_lines
+from gaitcal.faults.plan import body_axes
+from gaitcal.faults.static_landmarks import landmarks
+from gaitcal.faults.study import check_study, evidence_of
+from gaitcal.findings import Finding, Severity
+from gaitcal.study.study import Study, nominal_of
+from tests.faults.spoilt import Array, moved, sound_study, with_trial
+from tests.real_studies import REAL, write_study
+
+
+@pytest.fixture(scope="module")
+def sound() -> Study:
+    return sound_study()
+
+
+def told(study: Study) -> list[Finding]:
+    return [f for f in check_study(study) if "on which a knee bends" in f.cause]
+
+
+def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
+    trials = evidence_of(study, nominal_of(study))
+    return landmarks(next(t for t in trials if t.is_static)), bending(trials)
+
+
+def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study:
+    """Epicondyles of the static trial moved forward by so many m."""
+    for side in sides:
+        for end, by in (("Lat", lateral), ("Med", medial)):
+            study = with_trial(study, "static", moved(f"{side}.Knee.{end}", lambda x, by=by: x + [by, 0.0, 0.0]))  # type: ignore[misc]
+    return study
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_knees_of_real_people_are_not_doubted(name: str, data_dir: Path, tmp_path: Path) -> None:
+    p, turns = seen(Study.load(write_study(name, data_dir, tmp_path)))
+    assert list(odd_lines(p, turns)) == []
+    assert list(odd_lines(p, {})) == []
+
+
+def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:
+    assert told(sound) == []
+    (found,) = told(off(sound, 0.02, -0.02))
+    assert (found.severity, found.topic, found.leg) == (Severity.WARNING, "landmarks", "")
+    assert "both knees" in found.cause and "too far forward" in found.cause
+    for part in ("bend in walks", "ASIS", "malleoli"):
+        assert part in found.found
+    for label in ("R.Knee.Lat", "L.Knee.Med"):
+        assert label in found.cure
+
+
+def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
+    (back,) = told(off(sound, -0.025, 0.025))
+    assert "too far back" in back.cause
+    left = off(sound, 0.022, -0.022, "L")
+    p, turns = seen(left)
+    (one,) = odd_lines(p, turns)
+    assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
+    trials = evidence_of(left, nominal_of(left))
+    (said,) = knee_lines(trials, ())
+    assert said.leg == "l" and "the left knee" in said.cause
+
+
+def test_ten_millimetres_are_below_the_floor(sound: Study) -> None:
+    assert told(off(sound, 0.010, 0.0)) == []
+
+
+def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
+    """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
+    axes = body_axes(p)
+    assert axes is not None
+    out = dict(p)
+    for side, way in (("r", 1.0), ("l", -1.0)):
+        own = [f"{name}_{side}" for name in names]
+        centre = np.mean([p[name] for name in own], axis=0)
+        a = way * np.deg2rad(degrees)
+        x, y, z = axes.T
+        for name in own:
+            u, v, w = (p[name] - centre) @ axes
+            out[name] = centre + (u * np.cos(a) + w * np.sin(a)) * x + v * y + (w * np.cos(a) - u * np.sin(a)) * z
+    return out
+
+
+def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Study) -> None:
+    p, turns = seen(sound)
+    twisted = turned(p, 35.0, ("knee_lat", "knee_med"))
+    assert list(odd_lines(twisted, turns)) == []  # the axis of bending went along
+    (found,) = odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
+    assert isinstance(found, OddLine) and found.sides == ("r", "l")
+    assert found.turn == pytest.approx(35.0, abs=4.0)
+
+
+def test_the_bending_turns_with_the_epicondyles_on_either_side(sound: Study) -> None:
+    before, after = seen(sound)[1], seen(off(sound, 0.02, -0.02))[1]
+    for side in "rl":
+        assert after[side] - before[side] == pytest.approx(22.0, abs=4.0)
+
+
+def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:
+    p, turns = seen(off(sound, 0.02, -0.02))
+    some = {name: x for name, x in p.items() if not name.startswith("ankle_med")}
+    (found,) = odd_lines(some, turns)
+    assert set(found.witnesses) == {"bending", "pelvis"}
+    assert found.usual > ODD_BOTH * 4.3
+    assert list(odd_lines({n: x for n, x in some.items() if not n.startswith("asis")}, turns)) == []

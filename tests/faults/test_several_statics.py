@@ -1,0 +1,80 @@
+"""Further static trials must show the body of the first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.faults.study import check_study
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.recording import Recording
+from gaitcal.study.study import Study
+from tests.faults.spoilt import Change, moved, sound_study, swapped
+from tests.real_studies import write_study
+
+
+@pytest.fixture(scope="module")
+def sound() -> Study:
+    return sound_study()
+
+
+def with_second(study: Study, change: Change) -> Study:
+    """The study with its static trial given again, elsewhere in the room, turned, and changed."""
+    angle = np.deg2rad(130.0)
+    turn = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
+
+    def again(r: Recording) -> Recording:
+        return replace(change(r), source="again.csv", markers=change(r).markers @ turn.T + [1.0, 0.0, -2.0])
+
+    second = replace(study.static, name="standing2", recording=again(study.static.recording))
+    return replace(study, trials=(*study.trials, second))
+
+
+def told(study: Study) -> list[Finding]:
+    return [f for f in check_study(study) if f.where == "standing2" and f.severity is not Severity.INFO]
+
+
+def test_the_first_static_trial_gives_the_model(sound: Study) -> None:
+    two = with_second(sound, lambda r: r)
+    assert two.static is two.trials[0] and [t.name for t in two.further_statics] == ["standing2"]
+    assert [t.name for t in two.moving] == [t.name for t in sound.moving]
+
+
+def test_the_same_body_standing_elsewhere_agrees(sound: Study) -> None:
+    two = with_second(sound, lambda r: r)
+    assert told(two) == []
+    assert any("agrees with 'static'" in f.found for f in check_study(two) if f.where == "standing2")
+
+
+@pytest.mark.parametrize(
+    ("label", "severity"), [("R.Midfoot.Lat", Severity.WARNING), ("L.Toe.Lat", Severity.WARNING), ("R.Knee.Med", None)]
+)
+def test_a_marker_that_moved_between_two_static_trials_is_named(
+    sound: Study, label: str, severity: Severity | None
+) -> None:
+    shift = 0.015 if severity else 0.030
+    (found,) = [f for f in told(with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift]))) if "body" in f.cause]
+    assert found.severity is (severity or Severity.ERROR)
+    assert found.found.split("'")[1] == label
+    assert abs(float(found.found.split("' ")[1].split(" mm")[0]) - 1e3 * shift) < 3.0
+
+
+def test_labels_exchanged_in_the_second_are_named(sound: Study) -> None:
+    found = told(with_second(sound, swapped("R.Heel", "R.Midfoot.Sup")))
+    assert any("R.Heel" in f.found and f.severity is Severity.ERROR and "same body" in f.cause for f in found)
+
+
+def test_two_parts_of_a_real_static_trial_agree(data_dir: Path, tmp_path: Path) -> None:
+    path = write_study("functional_c3d", data_dir, tmp_path)
+    text = path.read_text(encoding="utf-8")
+    first = text.split("[[trial]]")[1]
+    second = first.replace('name = "static"', 'name = "standing2"') + "time = [5.0, 8.0]\n"
+    path.write_text(
+        text.split("[[trial]]")[0] + f"[[trial]]{first}time = [0.0, 3.0]\n[[trial]]{second}", encoding="utf-8"
+    )
+    study = Study.load(path)
+    assert [t.name for t in study.further_statics] == ["standing2"]
+    assert told(study) == []

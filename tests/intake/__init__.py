@@ -1,1 +1,0 @@
-"""Folders of recordings that become studies."""

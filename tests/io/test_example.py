@@ -1,0 +1,376 @@
+"""`gaitcal example`: fetched from a server on this machine, with what can go wrong on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote, urlsplit
+from urllib.request import Request
+
+import pytest
+
+from gaitcal.errors import InputError, UsageError
+from gaitcal.io import example_folder as example_folder
+from gaitcal.io.example_download import Connection, _Redirects, download
+from gaitcal.io.example_folder import SOURCE, STUDY, Step, fetch_example, is_complete
+from gaitcal.io.example_registry import Example, RemoteFile, example_named, examples
+from gaitcal.io.interruption import InterruptedWork
+from gaitcal.io.validation import validated
+from gaitcal.session.folder import read_folder
+from gaitcal.study.study_file import StudyFile
+from tests.io.file_server import Served, serving
+
+ROOT = Path(__file__).parents[2]
+CONTENT = {"walk.trc": b"markers" * 3000, "people/static.c3d": bytes(range(256)) * 40, "forces.mot": b"forces\n" * 500}
+HERE = {
+    "subject01": "subject01",
+    "hospital-walks": "labs_c3d/multi",
+    "knee-device": "labs_c3d/kad",
+    "children": "children",
+    "joint-trials": "functional_c3d",
+}
+"""Example -> the folder of the recordings that the other tests use."""
+
+
+def path_of(name: str) -> str:
+    return "/owner/project/0123abcd/" + quote(f"some data/{name}")
+
+
+def example(study: str | None = "[subject]\n") -> Example:
+    files = [
+        {
+            "name": name,
+            "url": f"https://example.org{path_of(name)}",
+            "bytes": len(data),
+            "sha256": hashlib.sha256(data).hexdigest(),
+        }
+        for name, data in CONTENT.items()
+    ]
+    table = {
+        "name": "small",
+        "title": "a small example",
+        "people": 1,
+        "from": "the authors of project",
+        "repository": "https://example.org/owner/project",
+        "commit": "0123abcd",
+        "licence": "MIT",
+        "licence_text": "https://example.org/owner/project/LICENSE",
+        "cite": "nobody",
+        "remark": "no file tells the sex",
+        "command": "calibrate {dir} --out {dir}-result",
+        "study": study,
+        "file": files,
+    }
+    return validated(Example, table, "examples.toml")
+
+
+@pytest.fixture
+def server() -> Iterator[Served]:
+    with serving(Served({path_of(name): data for name, data in CONTENT.items()})) as served:
+        yield served
+
+
+def fetch(target: Path, server: Served, one: Example | None = None) -> list[Step]:
+    steps: list[Step] = []
+    fetch_example(one or example(), target, Connection(mirror=server.address, pauses_s=(0.0,)), steps.append)
+    return steps
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    there = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    return {name: data for name, data in there.items() if name in CONTENT}
+
+
+def test_recordings_are_fetched_and_told_whose_they_are(server: Served, tmp_path: Path) -> None:
+    steps = fetch(tmp_path / "small", server)
+    assert content(tmp_path / "small") == CONTENT
+    assert (tmp_path / "small" / STUDY).read_text() == "[subject]\n"
+    words = (tmp_path / "small" / SOURCE).read_text()
+    for told in ("the authors of project", "0123abcd", "MIT", "/LICENSE", "nobody", "no file tells the sex"):
+        assert told in words
+    assert all(file.url in words and file.sha256 in words for file in example().files)
+    manifest = json.loads((tmp_path / "small/manifest.json").read_text())
+    assert (manifest["kind"], manifest["example"]) == ("example recordings", "small")
+    assert [step.done for step in steps] == sorted(step.done for step in steps)
+    assert steps[-1] == Step("forces.mot", example().size, example().size)
+
+
+def test_requests_hold_nothing_of_the_user(server: Served, tmp_path: Path) -> None:
+    fetch(tmp_path / "small", server)
+    assert server.asked == [path_of(name) for name in CONTENT]
+    for headers in server.headers:
+        assert set(headers) == {"Accept-Encoding", "Host", "User-Agent", "Connection"}
+        assert headers["User-Agent"] == "gaitcal example"
+
+
+def test_what_is_right_is_not_fetched_again(server: Served, tmp_path: Path) -> None:
+    fetch(tmp_path / "small", server)
+    server.asked.clear()
+    assert is_complete(example(), tmp_path / "small")
+    fetch(tmp_path / "small", server)
+    assert server.asked == []
+
+
+def test_a_damaged_file_is_fetched_anew_and_an_edited_study_stays(server: Served, tmp_path: Path) -> None:
+    fetch(tmp_path / "small", server)
+    (tmp_path / "small/walk.trc").write_bytes(b"damaged")
+    (tmp_path / "small" / STUDY).write_text("mine")
+    server.asked.clear()
+    fetch(tmp_path / "small", server)
+    assert server.asked == [path_of("walk.trc")]
+    assert content(tmp_path / "small") == CONTENT
+    assert (tmp_path / "small" / STUDY).read_text() == "mine"
+
+
+def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: Path) -> None:
+    server.status[path_of("forces.mot")] = 404
+    told = "404 Not Found; the file is no longer there; 2 of 3 files are in .*small; run again for the rest"
+    with pytest.raises(InputError, match=told) as fault:
+        fetch(tmp_path / "small", server)
+    assert len(str(fault.value).splitlines()) == 1
+    assert set(content(tmp_path / "small")) == {"walk.trc", "people/static.c3d"}
+    server.status.clear()
+    server.asked.clear()
+    fetch(tmp_path / "small", server)
+    assert server.asked == [path_of("forces.mot")]
+    assert content(tmp_path / "small") == CONTENT
+
+
+def test_nothing_is_left_where_nothing_came(server: Served, tmp_path: Path) -> None:
+    server.files.clear()
+    with pytest.raises(InputError, match="no longer there"):
+        fetch(tmp_path / "small", server)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_breaks_off_is_tried_again(server: Served, tmp_path: Path) -> None:
+    server.cut[path_of("walk.trc")] = [1000]
+    fetch(tmp_path / "small", server)
+    assert server.asked.count(path_of("walk.trc")) == 2
+    assert content(tmp_path / "small") == CONTENT
+
+
+def test_what_breaks_off_each_time_is_told(server: Served, tmp_path: Path) -> None:
+    server.cut[path_of("walk.trc")] = [1000, 2000]
+    with pytest.raises(InputError, match="walk.trc: .*broke off .*tried 2 times"):
+        fetch(tmp_path / "small", server)
+    assert not (tmp_path / "small").exists()
+
+
+def test_a_busy_server_is_asked_again(server: Served, tmp_path: Path) -> None:
+    server.status[path_of("walk.trc")] = 503
+    with pytest.raises(InputError, match="the server answers 503 .*; tried 2 times"):
+        fetch(tmp_path / "small", server)
+    assert server.asked == [path_of("walk.trc")] * 2
+
+
+@pytest.mark.parametrize(
+    "wrong, told", [(b"x" * len(CONTENT["walk.trc"]), "is not the registered file"), (b"x" * 10**6, "is longer than")]
+)
+def test_another_file_than_the_registered_is_refused(wrong: bytes, told: str, server: Served, tmp_path: Path) -> None:
+    server.files[path_of("walk.trc")] = wrong
+    with pytest.raises(InputError, match=told):
+        fetch(tmp_path / "small", server)
+    assert server.asked == [path_of("walk.trc")]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_network_is_one_line(tmp_path: Path) -> None:
+    with serving(Served({})) as gone:
+        pass
+    with pytest.raises(InputError, match=r"127.0.0.1:\d+ cannot be reached \(.+\); tried 2 times") as fault:
+        fetch(tmp_path / "small", gone)
+    assert len(str(fault.value).splitlines()) == 1
+
+
+def test_an_encrypted_address_leads_to_no_plain_one() -> None:
+    handler = _Redirects(Connection().schemes)
+    asked = Request("https://example.org/x")
+    with pytest.raises(InputError, match="sends on to 'http://example.org/x', which is not encrypted; not followed"):
+        handler.redirect_request(asked, None, 302, "Found", {}, "http://example.org/x")
+    assert (
+        handler.redirect_request(asked, None, 302, "Found", {}, "https://other.org/x").full_url == "https://other.org/x"
+    )
+    assert Connection(mirror="https://copy.example.org").schemes == ("https",)
+
+
+def test_a_mirror_leads_to_no_file_of_this_machine(server: Served, tmp_path: Path) -> None:
+    (here := tmp_path / "here").write_bytes(CONTENT["walk.trc"])
+    server.moved[path_of("walk.trc")] = here.as_uri()
+    with pytest.raises(InputError, match="walk.trc: the server (sends on to|answers 302)"):
+        fetch(tmp_path / "small", server)
+    assert not (tmp_path / "small").exists()
+
+
+def test_a_folder_may_be_the_mirror(tmp_path: Path) -> None:
+    for name, data in CONTENT.items():
+        file = tmp_path / "copy/owner/project/0123abcd/some data" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    connection = Connection(mirror=(tmp_path / "copy").as_uri(), pauses_s=())
+    fetch_example(example(), tmp_path / "small", connection, lambda step: None)
+    assert content(tmp_path / "small") == CONTENT
+    with pytest.raises(InputError, match="no such file in the mirror"):
+        download(
+            RemoteFile(name="a", url="https://example.org/none", bytes=1, sha256="0" * 64),
+            tmp_path / "a",
+            connection,
+            lambda size: None,
+        )
+
+
+@pytest.mark.parametrize("mirror", ["copy", "ftp://host/x", "https:///x", "javascript:alert(1)"])
+def test_a_mirror_that_cannot_be_is_refused(mirror: str) -> None:
+    with pytest.raises(UsageError, match="--mirror: found .*; allowed: an address"):
+        Connection(mirror=mirror)
+
+
+def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(file: RemoteFile, *rest: object) -> None:
+        if file.name == "forces.mot":
+            raise KeyboardInterrupt
+        download(file, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(example_folder, "download", interrupted)
+    with pytest.raises(InterruptedWork, match="interrupted; 2 of 3 files are in .*; run again for the rest") as ending:
+        fetch(tmp_path / "small", server)
+    assert ending.value.exit_code == 130
+    assert set(content(tmp_path / "small")) == {"walk.trc", "people/static.c3d"}
+    assert [p.name for p in tmp_path.iterdir()] == ["small"]
+
+
+def test_a_folder_of_examples_is_a_cohort(server: Served, tmp_path: Path) -> None:
+    """Fetched recordings have a manifest, and are no result for that."""
+    for name in ("one", "two"):
+        fetch(tmp_path / name, server)
+    assert read_folder(tmp_path).subfolders == (("one", 1), ("two", 1))
+
+
+def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds 'notes.txt', which gaitcal did not write there"):
+        fetch(tmp_path / "mine", server)
+    fetch(tmp_path / "small", server)
+    with pytest.raises(InputError, match="holds the example 'small'; name a new or an empty folder"):
+        fetch(tmp_path / "small", server, example().model_copy(update={"name": "other"}))
+    assert server.asked == [path_of(name) for name in CONTENT]
+
+
+# ------------------------------------------------------------------------------------------------------ registry
+
+
+def test_the_registry_names_public_files_of_one_commit() -> None:
+    assert [one.name for one in examples()] == list(HERE)
+    for one in examples():
+        place = f"{urlsplit(one.repository).path}/{one.commit}/"
+        assert re.fullmatch("[0-9a-f]{40}", one.commit)
+        assert one.hosts == ("raw.githubusercontent.com",)
+        assert all(urlsplit(file.url).path.startswith(place) for file in one.files)
+        assert one.commit in one.licence_text and one.licence in ("Apache-2.0", "MIT")
+        assert "{dir}" in one.command
+        assert len({file.name for file in one.files}) == len(one.files)
+        if one.study:
+            from gaitcal.io.toml import tomllib
+
+            study = validated(StudyFile, tomllib.loads(one.study), "study.toml")
+            named = {str(trial.file) for trial in study.trials} | {str(t.forces) for t in study.trials if t.forces}
+            assert named <= {file.name for file in one.files}
+
+
+def test_the_registered_files_are_those_the_other_tests_use(data_dir: Path) -> None:
+    for one in examples():
+        for file in one.files:
+            here = data_dir / HERE[one.name] / file.name
+            assert here.stat().st_size == file.bytes, file.name
+            assert hashlib.sha256(here.read_bytes()).hexdigest() == file.sha256, file.name
+
+
+@pytest.mark.parametrize("change", [{"name": "../x"}, {"name": "/x"}, {"url": "http://example.org/x"}, {"bytes": 0}])
+def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, object]) -> None:
+    good = {"name": "x", "url": "https://example.org/x", "bytes": 1, "sha256": "0" * 64}
+    validated(RemoteFile, good, "examples.toml")
+    with pytest.raises(InputError, match="examples.toml"):
+        validated(RemoteFile, {**good, **change}, "examples.toml")
+
+
+def test_nothing_else_asks_the_network() -> None:
+    """Only the module that fetches examples imports a library that asks another machine."""
+    asks = re.compile(
+        r"^\s*(?:import|from) (urllib\.(?:request|error)|http\.client|requests|httpx|ftplib|smtplib)", re.M
+    )
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "gaitcal").rglob("*.py")
+        if asks.search(path.read_text(encoding="utf-8"))
+    }
+    assert found == {"gaitcal/io/download.py"}
+
+
+# ------------------------------------------------------------------------------------------------------- command
+
+
+def gaitcal(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaitcal.cli", "example", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def mirrored(data: Path, name: str) -> Served:
+    files = example_named(name).files
+    return Served({urlsplit(file.url).path: (data / HERE[name] / file.name).read_bytes() for file in files})
+
+
+def test_the_command_lists_the_examples() -> None:
+    done = gaitcal()
+    assert done.returncode == 0, done.stderr
+    assert all(one.name in done.stdout and one.licence in done.stdout for one in examples())
+
+
+def test_usage_that_cannot_be() -> None:
+    done = gaitcal("subject02")
+    assert done.returncode == 2 and "did you mean 'subject01'?" in done.stderr
+    assert gaitcal("--out", "somewhere").returncode == 2
+
+
+def test_the_command_says_whose_it_fetches_and_what_comes_next(data_dir: Path, tmp_path: Path) -> None:
+    with serving(mirrored(data_dir, "subject01")) as server:
+        done = gaitcal("subject01", "--out", str(tmp_path / "s"), "--mirror", server.address)
+        again = gaitcal("subject01", "--out", str(tmp_path / "s"), "--mirror", "http://127.0.0.1:9")
+    assert done.returncode == 0, done.stderr
+    for told in ("the OpenSim project", "Apache-2.0", "4 files, 0.9 MB", server.address, SOURCE):
+        assert told in done.stdout
+    assert f"next:  gaitcal calibrate {tmp_path}/s/study.toml --out {tmp_path}/s-result" in done.stdout
+    assert again.returncode == 0 and "nothing is fetched" in again.stdout
+    check = subprocess.run(
+        [sys.executable, "-m", "gaitcal.cli", "check", str(tmp_path / "s/study.toml")], capture_output=True, check=False
+    )
+    assert check.returncode == 0, check.stderr
+
+
+def test_ctrl_c_ends_the_command_with_130(tmp_path: Path) -> None:
+    """While the server keeps it waiting."""
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        arguments = ["example", "subject01", "--out", str(tmp_path / "s"), "--mirror", address]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "gaitcal.cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        silent.settimeout(60)
+        caller, _ = silent.accept()
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+        caller.close()
+    assert process.returncode == 130, said
+    assert said == "gaitcal: interrupted; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,236 @@
+"""Force plates of all four types from made-up C3D files, with every fault that real ones have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+import numpy as np
+import pytest
+
+from gaitcal.io.force_plate import centre_on_ground, empty_samples, plate_frame, wrench_type_3
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+from tests.io.recordings import CORNERS_MM, standing_points_mm, write_raw_c3d
+
+FRAMES, RATIO = 100, 10
+ARM = np.array([0.01, -0.02, -0.04])
+"""m, from the sensor origin to the middle of the surface, in plate axes."""
+A, B = 0.12, 0.2
+"""m, half distances of a type-3 plate's sensors."""
+FLOAT32 = 1e-6
+"""Relative: C3D holds 32-bit floats."""
+ROTATION = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).T
+"""Columns: the plate's axes in the z-up laboratory, after CORNERS_MM."""
+Z_UP_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+class Truth:
+    """A step on the plate, in plate axes: z down, so the reaction is negative."""
+
+    def __init__(self) -> None:
+        samples = np.arange(FRAMES * RATIO)
+        load = np.where((samples > 300) & (samples < 800), 600 + 100 * np.sin(samples / 50), 0.0)
+        self.force = np.column_stack([0.1 * load, -0.05 * load, -load])
+        self.point = np.column_stack([0.05 * np.sin(samples / 90), 0.08 * np.cos(samples / 70), 0 * load])
+        self.free = 0.004 * load
+        self.moment = np.cross(self.point, self.force)
+        self.moment[:, 2] += self.free
+
+    def sensor_channels(self, arm: np.ndarray) -> np.ndarray:
+        """Fx..Mz (6, ns), N and N·mm, about the sensor origin."""
+        return np.concatenate([self.force.T, 1e3 * (self.moment + np.cross(arm, self.force)).T])
+
+    def laboratory_wrench(self) -> np.ndarray:
+        """(ns, 6) about the laboratory origin, y up."""
+        turn = Z_UP_TO_Y_UP @ ROTATION
+        force = self.force @ turn.T
+        centre = Z_UP_TO_Y_UP @ (CORNERS_MM.mean(axis=0) / 1e3)
+        return np.hstack([force, self.moment @ turn.T + np.cross(centre, force)])
+
+
+def read_plate(
+    folder: Path, kind: int, channels: np.ndarray, origin_mm: np.ndarray, units: list[str] | None = None, **more: Any
+) -> Recording:
+    platform = {
+        "USED": [1],
+        "TYPE": [kind],
+        "ZERO": [1, 0],
+        "CORNERS": CORNERS_MM.T[:, :, None],
+        "ORIGIN": np.asarray(origin_mm, dtype=float)[:, None],
+        "CHANNEL": np.arange(1, len(channels) + 1)[:, None],
+    }
+    platform.update(more)
+    units = units or ["N"] * 3 + ["Nmm"] * (len(channels) - 3)
+    path = folder / "plate.c3d"
+    labels = [f"M{i}" for i in range(8)]
+    write_raw_c3d(
+        path, standing_points_mm(FRAMES), labels, analogs=channels, ratio=RATIO, platform=platform, analog_units=units
+    )
+    return read_recording(path)
+
+
+def require_truth(recording: Recording, truth: Truth) -> None:
+    (plate,) = recording.plates
+    expected = truth.laboratory_wrench()
+    scale = np.abs(expected).max(axis=0)
+    assert np.all(np.abs(plate.wrench() - expected) < FLOAT32 * np.maximum(scale, 100))
+    loaded = truth.force[:, 2] < -100
+    turn = Z_UP_TO_Y_UP @ ROTATION
+    point = (CORNERS_MM.mean(axis=0) / 1e3) @ Z_UP_TO_Y_UP.T + truth.point @ turn.T
+    np.testing.assert_allclose(plate.point[loaded], point[loaded], atol=1e-6)
+    np.testing.assert_allclose(plate.moment[loaded, 1], -truth.free[loaded], atol=1e-4)
+    np.testing.assert_allclose(plate.moment[loaded][:, [0, 2]], 0, atol=1e-4)
+    assert np.all(plate.point[~loaded] == plate.point[0])  # the middle of the plate
+
+
+def test_type_1_gives_centre_of_pressure_and_free_moment(tmp_path: Path) -> None:
+    truth = Truth()
+    noisy_when_empty = np.where(np.abs(truth.force[:, 2:]) > 0, truth.point, 1e4)
+    channels = np.concatenate([truth.force.T, 1e3 * noisy_when_empty[:, :2].T, 1e3 * truth.free[None]])
+    require_truth(read_plate(tmp_path, 1, channels, np.zeros(3), ["N", "N", "N", "mm", "mm", "Nmm"]), truth)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_type_2_takes_moments_from_the_sensor_origin_whatever_the_sign_of_origin(tmp_path: Path, sign: float) -> None:
+    truth = Truth()
+    require_truth(read_plate(tmp_path, 2, truth.sensor_channels(ARM), sign * 1e3 * ARM), truth)
+
+
+def test_type_2_with_moments_in_newton_metres(tmp_path: Path) -> None:
+    truth = Truth()
+    channels = truth.sensor_channels(ARM)
+    channels[3:] /= 1e3
+    require_truth(read_plate(tmp_path, 2, channels, 1e3 * ARM, ["N"] * 3 + ["Nm"] * 3), truth)
+
+
+def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
+    truth = Truth()
+    arm = np.array([0.0, 0.0, ARM[2]])
+    force, moment = truth.force.T, (truth.moment + np.cross(arm, truth.force)).T
+    fx, fy, fz = force
+    # Four corner forces of given sum and moments; shear split so that both directions give a part of Mz.
+    z = np.linalg.solve(
+        np.array([[1, 1, 1, 1], [B, B, -B, -B], [-A, A, A, -A], [1, -1, 1, -1]], dtype=float),
+        np.stack([fz, moment[0], moment[1], 0 * fz]),
+    )
+    dx, dy = 0.6 * moment[2] / B, 0.4 * moment[2] / A
+    channels = np.stack([(fx - dx) / 2, (fx + dx) / 2, (fy + dy) / 2, (fy - dy) / 2, *z])
+    recording = read_plate(tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8)
+    require_truth(recording, truth)
+    computed_force, computed_moment = wrench_type_3(channels, np.array([A, B, ARM[2]]))
+    np.testing.assert_allclose(computed_force, truth.force, atol=1e-9)
+    np.testing.assert_allclose(computed_moment, truth.moment, atol=1e-9)
+
+
+def test_type_4_multiplies_by_its_calibration_matrix(tmp_path: Path) -> None:
+    truth = Truth()
+    matrix = np.diag([500.0, 500, 1000, 8e5, 4e5, 4e5]) + np.arange(36).reshape(6, 6)
+    volts = np.linalg.solve(matrix, truth.sensor_channels(ARM))
+    recording = read_plate(tmp_path, 4, volts, 1e3 * ARM, ["V"] * 6, CAL_MATRIX=matrix[:, :, None])
+    require_truth(recording, truth)
+
+
+def test_agrees_with_the_platform_filter_of_ezc3d(tmp_path: Path) -> None:
+    recording = read_plate(tmp_path, 2, Truth().sensor_channels(ARM), 1e3 * ARM)
+    theirs = ezc3d.c3d(str(tmp_path / "plate.c3d"), extract_forceplat_data=True)["data"]["platform"][0]
+    (plate,) = recording.plates
+    np.testing.assert_allclose(plate.force, theirs["force"].T @ Z_UP_TO_Y_UP.T, atol=1e-3)
+    loaded = plate.force[:, 1] > 100
+    point = theirs["center_of_pressure"].T @ Z_UP_TO_Y_UP.T / 1e3
+    np.testing.assert_allclose(plate.point[loaded], point[loaded], atol=1e-6)
+
+
+def test_origin_without_height_takes_the_sign_that_puts_feet_on_the_plate(tmp_path: Path) -> None:
+    truth = Truth()
+    arm = np.array([0.9, -0.3, 0.0])
+    assert not any("ORIGIN" in n for n in read_plate(tmp_path, 2, truth.sensor_channels(arm), 1e3 * arm).notes)
+    recording = read_plate(tmp_path, 2, truth.sensor_channels(arm), -1e3 * arm)
+    assert any("ORIGIN has the opposite sign" in note for note in recording.notes)
+    require_truth(recording, truth)
+
+
+def test_a_force_that_points_down_is_turned_round_and_told(tmp_path: Path) -> None:
+    truth = Truth()
+    recording = read_plate(tmp_path, 2, -truth.sensor_channels(ARM), 1e3 * ARM)
+    assert any("pointed down" in note for note in recording.notes)
+    require_truth(recording, truth)
+
+
+def test_the_offset_of_the_empty_plate_is_found_removed_and_told(tmp_path: Path) -> None:
+    truth = Truth()
+    offset = np.array([12.0, -8.0, 18.0, 500.0, -900.0, 300.0])
+    noise = np.random.default_rng(3).normal(0, 0.5, (6, FRAMES * RATIO)) * [[1], [1], [1], [10], [10], [10]]
+    recording = read_plate(tmp_path, 2, truth.sensor_channels(ARM) + offset[:, None] + noise, 1e3 * ARM)
+    assert any("offset of the empty plate removed, 1" in note for note in recording.notes)
+    (plate,) = recording.plates
+    away = plate.wrench() - truth.laboratory_wrench()
+    assert np.abs(away[:, :3]).max() < 3  # N, six standard deviations
+    middle = plate.corners.mean(axis=0)
+    assert np.abs(away[:, 3:] - np.cross(middle, away[:, :3])).max() < 0.2  # N·m about the middle of the plate
+
+
+def test_a_plate_never_empty_keeps_its_offset_and_says_so(tmp_path: Path) -> None:
+    truth = Truth()
+    truth.force[:] = [0.0, 0.0, -600.0]
+    truth.moment[:] = 0
+    recording = read_plate(tmp_path, 2, truth.sensor_channels(ARM), 1e3 * ARM)
+    assert any("never empty" in note for note in recording.notes)
+    np.testing.assert_allclose(recording.plates[0].force[:, 1], 600, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "change, reason",
+    [
+        ({"CORNERS": np.zeros((3, 4, 1))}, "sides measure"),
+        ({"CORNERS": np.full((3, 4, 1), np.nan)}, "no finite numbers"),
+        ({"CORNERS": np.random.default_rng(0).uniform(0, 900, (3, 4, 1))}, "no rectangle"),
+        ({"CHANNEL": np.array([[1, 2, 3, 4, 5, 60]]).T}, "it uses channels"),
+        ({"TYPE": [7]}, "its type is 7"),
+    ],
+)
+def test_a_plate_that_cannot_be_placed_is_left_out_and_told(
+    tmp_path: Path, change: dict[str, Any], reason: str
+) -> None:
+    recording = read_plate(tmp_path, 2, Truth().sensor_channels(ARM), 1e3 * ARM, **change)
+    assert recording.plates == ()
+    assert any(note.startswith("Plate 1 left out") and reason in note for note in recording.notes)
+
+
+def test_centres_of_pressure_far_off_the_plate_are_told(tmp_path: Path) -> None:
+    truth = Truth()
+    truth.moment += np.cross([0.0, 1.5, 0.0], truth.force)
+    recording = read_plate(tmp_path, 2, truth.sensor_channels(ARM), 1e3 * ARM)
+    assert any("outside its corners" in note for note in recording.notes)
+
+
+def test_samples_without_numbers_at_the_end_are_cut_off(tmp_path: Path) -> None:
+    channels = Truth().sensor_channels(ARM)
+    channels[:, -37:] = np.nan
+    (plate,) = read_plate(tmp_path, 2, channels, 1e3 * ARM).plates
+    assert len(plate.time) == FRAMES * RATIO - 37
+    assert np.isfinite(plate.wrench()).all()
+
+
+def test_tilted_corners_give_a_proper_frame() -> None:
+    tilted = CORNERS_MM / 1e3
+    tilted[:2, 2] += 0.02
+    frame = plate_frame(tilted)
+    np.testing.assert_allclose(frame.rotation.T @ frame.rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(frame.rotation) == pytest.approx(1.0)
+    assert frame.up[2] > 0.99
+
+
+def test_empty_stretches_leave_out_landing_and_lift_off() -> None:
+    vertical = np.concatenate([np.full(500, 15.0), np.linspace(15, 700, 50), np.full(300, 700.0), np.full(30, 15.0)])
+    empty = empty_samples(vertical, 1000.0)
+    assert empty[100]
+    assert not empty[485:].any()  # EDGE_S before the step, the step, and a stretch shorter than QUIET_S
+
+
+@pytest.mark.parametrize("height", [0.0, -0.3])
+def test_centre_on_the_ground_is_where_force_and_free_moment_act(height: float) -> None:
+    force, point, free = np.array([40.0, 700.0, -90.0]), np.array([0.4, height, -0.2]), np.array([0.0, 7.0, 0.0])
+    wrench = np.hstack([force, np.cross(point, force) + free])
+    np.testing.assert_allclose(centre_on_ground(wrench, height), point, atol=1e-15)

@@ -1,0 +1,121 @@
+"""SIGTERM and SIGHUP end a run as Ctrl-C does: cleaned up, once, and not in the middle of what must not be broken."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from gaitcal import cli
+from gaitcal.io.atomic import atomic_directory
+from gaitcal.io.interruption import InterruptedWork, Stopped, ended_by_signals, unbroken
+from gaitcal.io.ownership import ResultKind
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+KINDS = {signal.SIGTERM: Stopped, signal.SIGHUP: Stopped, signal.SIGINT: KeyboardInterrupt}
+
+
+@pytest.mark.parametrize("number", KINDS)
+def test_a_signal_cleans_up_and_later_ones_do_not_disturb_that(number: int, tmp_path: Path) -> None:
+    cleaned = []
+    before = signal.getsignal(number)
+
+    def work() -> None:
+        with atomic_directory(tmp_path / "out", ResultKind.CALIBRATION) as folder:
+            (folder / "half").touch()
+            try:
+                os.kill(os.getpid(), number)
+                time.sleep(5.0)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+                cleaned.append(number)
+
+    with pytest.raises(KINDS[signal.Signals(number)]), ended_by_signals():
+        work()
+    assert cleaned == [number]
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(number) == before
+
+
+def test_what_must_not_be_broken_is_finished_first() -> None:
+    done = []
+    with pytest.raises(Stopped) as ending, ended_by_signals():
+        with unbroken():
+            with unbroken():
+                os.kill(os.getpid(), signal.SIGTERM)
+                done.append("inner")
+            done.append("outer")
+        done.append("never")
+    assert done == ["inner", "outer"]
+    assert (ending.value.name, ending.value.exit_code) == ("SIGTERM", 143)
+
+
+@pytest.mark.parametrize("number", KINDS)
+def test_a_signal_that_a_loading_library_makes_an_error_of_is_still_that_signal(number: int) -> None:
+    def load() -> None:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(5.0)
+        except BaseException as error:
+            raise ImportError("initialization failed") from error
+
+    with pytest.raises(KINDS[signal.Signals(number)]), ended_by_signals():
+        load()
+    with pytest.raises(ImportError, match="no such"), ended_by_signals():
+        raise ImportError("no such module")
+
+
+def test_nohup_is_respected() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize(
+    ("ending", "code", "told"),
+    [
+        (Stopped(signal.SIGTERM), 143, "ended by SIGTERM; what was being written is as it was before"),
+        (Stopped(signal.SIGHUP), 129, "ended by SIGHUP; what"),
+        (InterruptedWork(Stopped(signal.SIGTERM), "draws are kept"), 143, "ended by SIGTERM; draws are kept"),
+        (InterruptedWork(KeyboardInterrupt(), "draws are kept"), 130, "interrupted; draws are kept"),
+    ],
+)
+def test_exit_codes_and_the_one_line(
+    ending: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def end(*_: object, **__: object) -> None:
+        raise ending
+
+    monkeypatch.setattr("gaitcal.cli.view.run", end)
+    monkeypatch.setattr(sys, "argv", ["gaitcal", "view", "."])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"gaitcal: {told}")
+
+
+def test_a_command_ends_by_sigterm(tmp_path: Path) -> None:
+    """A whole process, in the middle of writing."""
+    code = (
+        "import sys, time; from pathlib import Path; from gaitcal import cli; import gaitcal.synthetic.subject as s\n"
+        "def slow(path, recording): Path(path).touch(); print('writing', flush=True); time.sleep(60)\n"
+        "s.write_c3d = slow; sys.argv = ['gaitcal', 'synthesize', '--out', sys.argv[1]]; cli.main()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "out")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    process.send_signal(signal.SIGTERM)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert told == "gaitcal: ended by SIGTERM; what was being written is as it was before\n"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,244 @@
+"""MOT and STO tables, and ground reactions in all their spellings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
+from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.formats import read_forces, read_recording
+from gaitcal.io.mot import read_table, write_forces_mot
+from gaitcal.io.recording import Recording
+from gaitcal.io.trc import write_trc
+from tests.io.recordings import loaded_body
+
+SCHEMES = {
+    "opensim": [
+        *(f"ground_force_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"1_ground_force_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_torque_{a}" for a in "xyz"),
+        *(f"1_ground_torque_{a}" for a in "xyz"),
+    ],
+    "sides": [
+        *(f"ground_force_r_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_force_l_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_torque_r_{a}" for a in "xyz"),
+        *(f"ground_torque_l_{a}" for a in "xyz"),
+    ],
+    "numbers": [
+        *(f"ground_force_1_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_force_2_{q}{a}" for q in "vp" for a in "xyz"),
+        *(f"ground_moment_1_m{a}" for a in "xyz"),
+        *(f"ground_moment_2_m{a}" for a in "xyz"),
+    ],
+    "ours": [
+        *(f"R_f{a}" for a in "xyz"),
+        *(f"R_p{a}" for a in "xyz"),
+        *(f"L_f{a}" for a in "xyz"),
+        *(f"L_p{a}" for a in "xyz"),
+        *(f"R_t{a}" for a in "xyz"),
+        *(f"L_t{a}" for a in "xyz"),
+    ],
+    "repeated": [f"ground_force_{q}{a}" for q in "vp" for a in "xyz"] * 2 + [f"ground_torque_{a}" for a in "xyz"] * 2,
+}
+
+
+def table(names: list[str], rows: np.ndarray, header: str = "made up\nversion=1\nnRows=7\nnColumns=99\n") -> str:
+    lines = [header + "endheader", "\t".join(["time", *names])]
+    lines += ["\t".join([f"{0.01 * i:.2f}", *(repr(float(v)) for v in row)]) for i, row in enumerate(rows)]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_naming_scheme_gives_the_same_two_plates(tmp_path: Path, scheme: str) -> None:
+    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
+    path = tmp_path / "f.mot"
+    path.write_text(table(SCHEMES[scheme], values), encoding="utf-8")
+    first, second = read_forces(path).plates
+    assert (first.name, second.name) == ("1", "2")
+    for plate, start, moment in ((first, 1, 13), (second, 7, 16)):
+        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
+        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
+        np.testing.assert_array_equal(plate.moment[0], np.arange(moment, moment + 3))
+
+
+def test_a_fixed_point_with_full_moment_is_the_same_wrench(tmp_path: Path) -> None:
+    force, centre, free = np.array([30.0, 700.0, -20.0]), np.array([0.4, 0.0, 0.1]), np.array([0.0, 3.0, 0.0])
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"] + [f"2_{q}{a}" for q in "fpt" for a in "xyz"]
+    full = free + np.cross(centre, force)
+    path = tmp_path / "f.sto"
+    path.write_text(table(names, np.tile(np.concatenate([force, centre, free, force, 0 * force, full]), (3, 1))))
+    first, second = read_forces(path).plates
+    np.testing.assert_allclose(first.wrench(), second.wrench(), atol=1e-12)
+
+
+def test_forces_on_the_plate_are_turned_round(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, np.tile([10.0, -700, 5, 0.3, 0, 0.1, 0, 4, 0], (3, 1))))
+    forces = read_forces(path)
+    np.testing.assert_array_equal(forces.plates[0].force[0], [-10, 700, -5])
+    np.testing.assert_array_equal(forces.plates[0].moment[0], [0, -4, 0])
+    assert any("pointed down" in note for note in forces.notes)
+
+
+def test_points_unknown_without_force_do_not_spoil_the_wrench(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+    rows[1] = [0, 0, 0, np.nan, np.nan, np.nan, np.nan, 0, 0]
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, rows))
+    forces = read_forces(path)
+    np.testing.assert_array_equal(forces.plates[0].wrench()[1], 0)
+    assert any("1 samples without force" in note for note in forces.notes)
+
+
+def test_a_force_without_a_point_is_not_put_at_the_origin(tmp_path: Path) -> None:
+    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
+    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+    rows[1, 3:6] = np.nan
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, rows))
+    forces = read_forces(path)
+    assert np.isnan(forces.plates[0].point[1]).all()
+    assert not any("without force" in note for note in forces.notes)
+
+
+@pytest.mark.parametrize(
+    "names, message",
+    [
+        (["hip_flexion_r", "pelvis_tx", "pelvis_ty"], "found no force columns among hip_flexion_r"),
+        (["ground_force_vx", "ground_force_vy", "ground_force_px"], "found only x, y of the force"),
+        (["ground_force_vx", "ground_force_vy", "ground_force_vz"], "no point of application"),
+    ],
+)
+def test_incomplete_forces_are_named(tmp_path: Path, names: list[str], message: str) -> None:
+    path = tmp_path / "f.mot"
+    path.write_text(table(names, np.ones((3, len(names)))))
+    with pytest.raises(InputError, match=message):
+        read_forces(path)
+
+
+@pytest.mark.parametrize(
+    "header, degrees", [("inDegrees=yes\n", True), ("inDegrees = no\n", False), ("name x\ndatacolumns 3\n", None)]
+)
+def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None:
+    path = tmp_path / "t.mot"
+    path.write_text(table(["a", "b"], np.array([[1, 2], [3, 4.5]]), header))
+    found = read_table(str(path))  # a path as text serves too
+    assert found.in_degrees is degrees
+    assert found.names == ("a", "b")
+    np.testing.assert_array_equal(found.column("b"), [2, 4.5])
+
+
+def test_table_parted_by_blanks(tmp_path: Path) -> None:
+    path = tmp_path / "t.sto"
+    path.write_text("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n")
+    np.testing.assert_array_equal(read_table(path).values, [[1, 2], [3, 4]])
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("time\ta\n0\t1\n", "no line 'endheader'"),
+        ("endheader\n", "ends after its header"),
+        ("endheader\nframe\ta\n0\t1\n", "found 'frame'; the first column must be 'time'"),
+        ("endheader\ntime\ta\n", "no row of numbers"),
+        ("endheader\ntime\ta\n0\t1\n1\t2\t3\n", "line 4: found 3 cells; 2 are allowed"),
+        ("endheader\ntime\ta\n0\t1\n1\n", "line 4: found 1 cells (file cut short?); 2 are needed"),
+    ],
+)
+def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "t.mot"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert message in str(caught.value)
+
+
+def test_reference_results_are_read(data_dir: Path) -> None:
+    folder = data_dir / "subject01/reference"
+    if not folder.is_dir():
+        pytest.skip("not among the files that users may download")
+    found = read_table(folder / "subject01_walk1_ik.mot")
+    assert found.in_degrees is True
+    assert {"knee_angle_r", "pelvis_tx"} <= set(found.names)
+    assert found.time[[0, -1]].tolist() == pytest.approx([0.4, 1.6])
+
+
+@pytest.mark.parametrize("turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])])
+@pytest.mark.parametrize("kind", ["mot", "csv"])
+def test_markers_and_forces_of_a_room_with_another_axis_up(tmp_path: Path, turn: Turn, kind: str) -> None:
+    """Both are turned alike, so that the feet stay on their plates; corners too."""
+    recording = standing_body()
+    back = Turn(
+        tuple(turn.source.index(k) for k in range(3)),  # type: ignore[arg-type]
+        tuple(turn.sign[turn.source.index(k)] for k in range(3)),  # type: ignore[arg-type]
+    )
+    np.testing.assert_array_equal(turn.apply(back.apply(np.array([1.0, 2, 3]))), [1, 2, 3])
+    away = turn_recording(recording, back)
+    if kind == "mot":
+        markers, forces = tmp_path / "w.trc", tmp_path / "w.mot"
+        write_trc(markers, away)
+        write_forces_mot(forces, away.plates)
+    else:
+        markers, forces = tmp_path / "w.csv", tmp_path / "w_forces.csv"
+        write_markers_csv(markers, away)
+        write_forces_csv(forces, away.plates)
+        write_plates_csv(tmp_path / "w_plates.csv", away.plates)
+    found = read_recording(markers, forces=forces)
+    np.testing.assert_array_equal(found.markers, recording.markers)
+    for plate, original in zip(found.plates, recording.plates, strict=True):
+        np.testing.assert_array_equal(plate.wrench(), original.wrench())
+        if kind == "csv":
+            np.testing.assert_array_equal(plate.corners, original.corners)
+    assert any(note.startswith("Vertical axis of the forces is +") for note in found.notes)
+
+
+def standing_body() -> Recording:
+    """A body of twelve markers over two plates, y up."""
+    recording = loaded_body()
+    more = recording.markers[:, :4] + [0.02, 0.1, 0.03]
+    return replace(
+        recording,
+        labels=(*recording.labels, *(f"M{k}" for k in range(4))),
+        markers=np.concatenate([recording.markers, more], axis=1),
+    )
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"{q}{a}{k}" for k in (1, 2) for q in ("F", "COP", "M") for a in "xyz"],
+        [f"{q}{a}_{k}" for k in (1, 2) for q in ("F", "CoP", "T") for a in "XYZ"],
+        [f"{q}{k}{a}" for k in (1, 2) for q in "FPM" for a in "XYZ"],
+        [f"ground_{q}{a}_{k}" for k in "rl" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
+        [f"ground_{q}{a}" for k in "rl" for q in (f"force_calcn_{k}_v", f"force_calcn_{k}_p", f"moment_calcn_{k}_m")
+         for a in "xyz"],
+        [f"{k}_ground_{q}{a}" for k in "RL" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
+    ],
+)  # fmt: skip
+def test_names_met_in_the_wild(tmp_path: Path, names: list[str]) -> None:
+    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
+    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
+    for start, plate in zip((1, 10), read_forces(tmp_path / "f.mot").plates, strict=True):
+        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
+        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
+        np.testing.assert_array_equal(plate.moment[0], np.arange(start + 6, start + 9))
+
+
+def test_a_free_moment_alone(tmp_path: Path) -> None:
+    names = ["Fx1", "Fy1", "Fz1", "COPx1", "COPy1", "COPz1", "Tz1"]
+    values = np.tile([10.0, 20, 700, 0.3, 0.4, 0, 6], (3, 1))
+    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
+    (plate,) = read_forces(tmp_path / "f.mot").plates
+    np.testing.assert_array_equal(plate.force[0], [10, 700, -20])
+    np.testing.assert_array_equal(plate.moment[0], [0, 6, 0])
+    (tmp_path / "f.mot").write_text(table([n.replace("Tz", "Tx") for n in names], values), encoding="utf-8")
+    with pytest.raises(InputError, match="found only x of the moment"):
+        read_forces(tmp_path / "f.mot")

@@ -1,0 +1,133 @@
+"""Real C3D files, against what is known of them from elsewhere: body mass, feet, the same trial in other encodings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+
+G = 9.81
+SAME = 2e-4
+"""m and N: integers and floats of one trial differ by the integers' step, 0.083 mm."""
+
+
+def marker(recording: Recording, label: str) -> np.ndarray:
+    return recording.markers[:, recording.labels.index(label)]
+
+
+@pytest.mark.parametrize("name", ["Eb015pr", "Eb015vi", "Eb015vr"])
+def test_every_supported_encoding_gives_the_same_numbers(data_dir: Path, name: str) -> None:
+    first = read_recording(data_dir / "c3d_formats/Eb015pi.c3d")
+    other = read_recording(data_dir / f"c3d_formats/{name}.c3d")
+    assert other.labels == first.labels
+    assert len(first.labels) == 26
+    np.testing.assert_array_equal(other.time, first.time)
+    np.testing.assert_allclose(other.markers, first.markers, atol=SAME)
+    assert len(other.plates) == 2
+    for a, b in zip(first.plates, other.plates, strict=True):
+        np.testing.assert_allclose(b.wrench(), a.wrench(), atol=SAME)
+
+
+@pytest.mark.parametrize("name", ["Eb015si", "Eb015sr"])
+def test_mips_encoding_is_refused_by_name(data_dir: Path, name: str) -> None:
+    with pytest.raises(InputError, match="MIPS"):
+        read_recording(data_dir / f"c3d_formats/{name}.c3d")
+
+
+def test_offsets_of_empty_plates_are_removed_and_told(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "c3d_formats/Eb015pr.c3d")
+    assert any("Plate 2: offset of the empty plate removed, -11.1, 0.0, -31.3 N" in n for n in recording.notes)
+    for plate in recording.plates:
+        assert abs(np.median(plate.force[:200, 1])) < 1.0  # N; nobody stands there yet
+        assert 780 < plate.force[:, 1].max() < 850  # N, a 75 kg adult's first peak
+
+
+def test_plug_in_gait_holds_only_the_35_markers(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "pig_c3d/gait.c3d")
+    assert len(recording.labels) == 35
+    assert {"LASI", "RTOE", "LFIN", "C7"} <= set(recording.labels)
+    assert not {"CentreOfMass", "PELO", "LHipAngles", "RAnklePower"} & set(recording.labels)
+    note = next(n for n in recording.notes if "computed points" in n)
+    assert note.startswith("158 ")
+    assert "LTIP" in note
+    static = read_recording(data_dir / "pig_c3d/static.c3d")
+    assert static.labels == recording.labels
+    assert "66 unlabelled trajectories left out." in static.notes
+
+
+def test_plug_in_gait_forces_and_centres_of_pressure_fit_the_person(data_dir: Path) -> None:
+    """66.5 kg, 1.79 m: the plates carry the person and push where the feet are."""
+    static = read_recording(data_dir / "pig_c3d/static.c3d")
+    total = sum(plate.force[:, 1].mean() for plate in static.plates)
+    assert 0.94 < total / (66.5 * G) < 1.02
+    for plate, side in zip(static.plates, "RL", strict=True):
+        heel, toe = marker(static, f"{side}HEE").mean(axis=0), marker(static, f"{side}TOE").mean(axis=0)
+        centre = plate.point.mean(axis=0)
+        along = np.dot(centre - heel, toe - heel) / np.dot(toe - heel, toe - heel)
+        assert 0.1 < along < 0.9
+        assert np.linalg.norm((heel + along * (toe - heel) - centre)[[0, 2]]) < 0.04
+    gait = read_recording(data_dir / "pig_c3d/gait.c3d")
+    assert gait.time[0] == pytest.approx(3.41)  # first frame is 342 of 100 Hz
+    right = gait.plates[0]
+    assert right.time[0] == gait.time[0]
+    assert 1.0 < right.force[:, 1].max() / (66.5 * G) < 1.15
+    loaded = right.force[:, 1] > 200
+    assert right.time[loaded][0] == pytest.approx(4.05, abs=0.03)
+    assert right.time[loaded][-1] == pytest.approx(4.83, abs=0.04)
+    heel = np.interp(right.time[loaded], gait.time, marker(gait, "RHEE")[:, 0])
+    toe = np.interp(right.time[loaded], gait.time, marker(gait, "RTOE")[:, 0])
+    inside = (right.point[loaded, 0] > heel - 0.03) & (right.point[loaded, 0] < toe + 0.08)
+    assert inside.mean() > 0.98
+
+
+def test_type_4_plates_of_a_treadmill_lie_under_the_feet(data_dir: Path) -> None:
+    """ORIGIN has no height there, so that its sign cannot be read off it."""
+    static = read_recording(data_dir / "functional_c3d/static.c3d")
+    assert len(static.labels) == 73
+    assert static.time[0] == pytest.approx(1.2)
+    for plate, side in zip(static.plates, "LR", strict=True):
+        heel, toe = marker(static, f"{side}CAL").mean(axis=0), marker(static, f"{side}MFH1").mean(axis=0)
+        centre = plate.point[np.isfinite(plate.point).all(axis=1)].mean(axis=0)
+        assert heel[0] < centre[0] < toe[0]
+        assert abs(centre[2] - heel[2]) < 0.06
+    assert sum(np.nanmean(p.force[:, 1]) for p in static.plates) == pytest.approx(647, abs=15)
+    hip = read_recording(data_dir / "functional_c3d/hip_r.c3d")
+    # The right foot is in the air until it lands in the last instants; the empty plate read 9.6 N.
+    assert np.percentile(np.abs(hip.plates[1].force[:, 1]), 95) < 1
+
+
+def test_types_2_and_4_of_one_trial_agree(data_dir: Path) -> None:
+    """TYPE-2 holds calibrated channels, TYPE-4 volts and a matrix: 5 % and 20 mm apart in the files themselves."""
+    two = read_recording(data_dir / "c3d_formats/TYPE-2.C3D").plates[0]
+    four = read_recording(data_dir / "c3d_formats/TYPE-4.C3D").plates[0]
+    assert two.force[:, 1].max() == pytest.approx(398, abs=1)
+    loaded = two.force[:, 1] > 100
+    assert np.abs(two.force[loaded, 1] - four.force[loaded, 1]).max() < 0.06 * two.force[:, 1].max()
+    assert np.abs(two.point[loaded] - four.point[loaded]).max() < 0.04
+
+
+def test_type_1_file_without_analog_rate_is_laid_out_after_its_header(data_dir: Path) -> None:
+    """ezc3d takes this file's analog values for points: markers at 2.8 m, no plate."""
+    recording = read_recording(data_dir / "c3d_formats/TYPE-1.C3D")
+    assert any("laid out after the header" in note for note in recording.notes)
+    assert np.nanmax(recording.markers[..., 1]) < 1.0  # m, the pelvis is the highest segment
+    (plate,) = recording.plates
+    assert 650 < plate.force[:, 1].max() < 800
+    loaded = np.flatnonzero(plate.force[:, 1] > 100)  # one sample a frame
+    ankle, toe = marker(recording, "RANK")[loaded], marker(recording, "RMET")[loaded]
+    middle = 0.5 * (ankle + toe)
+    away = (plate.point[loaded] - middle)[:, [0, 2]]
+    assert np.nanmax(np.linalg.norm(away, axis=1)) < 0.15
+
+
+def test_a_file_of_unlabelled_trajectories_says_so(data_dir: Path) -> None:
+    file = data_dir / "uf3/static_unlabelled.c3d"
+    if not file.exists():
+        pytest.skip("not among the files that users may download")
+    with pytest.raises(InputError, match="47 trajectories, none with a name"):
+        read_recording(file)

@@ -1,0 +1,216 @@
+"""What is written reads back: to the bit in text, to 32-bit floats in C3D."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from gaitcal.errors import InputError
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.csv import write_forces_csv, write_markers_csv
+from gaitcal.io.formats import convert, read_forces, read_recording
+from gaitcal.io.labels import clean, common_prefix, is_unlabelled
+from gaitcal.io.mot import write_forces_mot
+from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.trc import parse_trc, write_trc
+from tests.io.recordings import body, loaded_body
+
+QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12).filter(
+    lambda name: clean(name) == name and not is_unlabelled(name)
+)
+
+
+@st.composite
+def times(draw: st.DrawFn, largest: int = 6) -> np.ndarray:
+    found = draw(st.lists(FINITE, min_size=1, max_size=largest, unique=True))
+    return np.array(sorted(found))
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> Recording:
+    time = draw(times())
+    labels = draw(
+        st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)[0])
+    )
+    markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))
+    gaps = draw(arrays(np.bool_, (len(time), len(labels)))) | (markers == 0).all(axis=2)
+    return Recording(
+        source="drawn", time=time, labels=tuple(labels), markers=np.where(gaps[:, :, None], np.nan, markers)
+    )
+
+
+@st.composite
+def plates(draw: st.DrawFn) -> tuple[ForcePlate, ...]:
+    time = draw(times())
+    names = draw(st.lists(NAMES, min_size=1, max_size=3, unique=True))
+
+    def values() -> np.ndarray:
+        return draw(arrays(np.float64, (len(time), 3), elements=st.floats(-1e6, 1e6)))
+
+    found = []
+    for name in names:
+        force = values()
+        force[:, 1] = np.abs(force).sum(axis=1)  # along another axis, or down, it would be turned
+        found.append(ForcePlate(name=name, time=time, force=force, point=values(), moment=values()))
+    return tuple(found)
+
+
+def require_same_bits(a: np.ndarray, b: np.ndarray) -> None:
+    """Equal in every bit: NaN equals NaN, and 0 is not -0."""
+    assert a.shape == b.shape
+    assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True)
+    known = ~np.isnan(a)
+    np.testing.assert_array_equal(np.signbit(a[known]), np.signbit(b[known]))
+
+
+def require_same_plates(found: tuple[ForcePlate, ...], given_: tuple[ForcePlate, ...]) -> None:
+    for a, b in zip(found, given_, strict=True):
+        for field in ("time", "force", "point", "moment"):
+            require_same_bits(getattr(a, field), getattr(b, field))
+
+
+@given(recordings())
+@QUICK
+def test_markers_csv(tmp_path: Path, recording: Recording) -> None:
+    write_markers_csv(tmp_path / "m.csv", recording)
+    found = read_recording(tmp_path / "m.csv")
+    assert found.labels == recording.labels
+    require_same_bits(found.time, recording.time)
+    require_same_bits(found.markers, recording.markers)
+
+
+@given(recordings())
+@QUICK
+def test_trc(tmp_path: Path, recording: Recording) -> None:
+    recording = replace(recording, time=np.arange(len(recording.time)) / 97.0)
+    write_trc(tmp_path / "m.trc", recording)
+    found = parse_trc(tmp_path / "m.trc")  # without the search for the vertical
+    assert found.labels == recording.labels
+    assert found.notes == ()
+    require_same_bits(found.time, recording.time)
+    require_same_bits(found.markers, recording.markers)
+
+
+@given(plates())
+@QUICK
+def test_forces_csv(tmp_path: Path, given_: tuple[ForcePlate, ...]) -> None:
+    write_forces_csv(tmp_path / "f.csv", given_)
+    found = read_forces(tmp_path / "f.csv").plates
+    assert [plate.name for plate in found] == [plate.name for plate in given_]
+    require_same_plates(found, given_)
+
+
+@given(plates())
+@QUICK
+def test_forces_mot(tmp_path: Path, given_: tuple[ForcePlate, ...]) -> None:
+    time = np.arange(len(given_[0].time)) / 997.0
+    given_ = tuple(replace(plate, time=time) for plate in given_)
+    write_forces_mot(tmp_path / "f.mot", given_)
+    require_same_plates(read_forces(tmp_path / "f.mot").plates, given_)
+
+
+def test_plates_of_different_length_share_a_table(tmp_path: Path) -> None:
+    first, second = loaded_body().plates
+    short = replace(
+        second, time=second.time[7:-3], force=second.force[7:-3], point=second.point[7:-3], moment=second.moment[7:-3]
+    )
+    for name, write in (("f.csv", write_forces_csv), ("f.mot", write_forces_mot)):
+        write(tmp_path / name, (first, short))
+        require_same_plates(read_forces(tmp_path / name).plates, (first, short))
+    with pytest.raises(InputError, match="different times"):
+        write_forces_csv(tmp_path / "x.csv", (first, replace(second, time=second.time + 1e-4)))
+    with pytest.raises(InputError, match="no force plates"):
+        write_forces_csv(tmp_path / "x.csv", ())
+    assert not (tmp_path / "x.csv").exists()
+
+
+@pytest.mark.parametrize("suffix", [".c3d", ".C3D"])
+def test_c3d(tmp_path: Path, suffix: str) -> None:
+    recording = loaded_body()
+    recording = replace(recording, time=recording.time + 3.41)
+    recording = replace(recording, plates=tuple(replace(p, time=p.time + 3.41) for p in recording.plates))
+    recording.markers[10:15, 2] = np.nan
+    path = tmp_path / f"x{suffix}"
+    write_c3d(path, recording)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    found = read_recording(path)
+    assert found.labels == recording.labels
+    np.testing.assert_allclose(found.time, recording.time, rtol=1e-14)
+    np.testing.assert_array_equal(np.isnan(found.markers), np.isnan(recording.markers))
+    np.testing.assert_allclose(found.markers, recording.markers, rtol=1e-6)
+    assert len(found.plates) == 2
+    for a, b in zip(found.plates, recording.plates, strict=True):
+        np.testing.assert_allclose(a.time, b.time, rtol=1e-14)
+        scale = np.abs(b.wrench()).max(axis=0)
+        assert np.all(np.abs(a.wrench() - b.wrench()) < 1e-6 * scale)
+        np.testing.assert_allclose(a.corners, b.corners, rtol=1e-6)
+        loaded = b.force[:, 1] > 50
+        np.testing.assert_allclose(a.point[loaded], b.point[loaded], atol=1e-6)
+
+
+def test_c3d_without_corners_keeps_the_wrench(tmp_path: Path) -> None:
+    recording = loaded_body()
+    bare = replace(recording, plates=tuple(replace(plate, corners=None) for plate in recording.plates))
+    write_c3d(tmp_path / "x.c3d", bare)
+    for a, b in zip(read_recording(tmp_path / "x.c3d").plates, recording.plates, strict=True):
+        assert np.all(np.abs(a.wrench() - b.wrench()) < 1e-6 * np.abs(b.wrench()).max(axis=0))
+
+
+def test_c3d_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
+    recording = loaded_body()
+    path = tmp_path / "x.c3d"
+    uneven = recording.time.copy()
+    uneven[5] += 0.003
+    with pytest.raises(InputError, match="uniform clock"):
+        write_c3d(path, replace(recording, time=uneven))
+    odd = replace(recording.plates[0], time=recording.plates[0].time + 0.0005)
+    with pytest.raises(InputError, match="plate 1: 1000 samples"):
+        write_c3d(path, replace(recording, plates=(odd,)))
+    with pytest.raises(InputError, match="1 to 65535 are allowed"):
+        write_c3d(path, replace(body(), time=body().time + 700))
+    recording.plates[0].force[3] = np.nan
+    with pytest.raises(InputError, match="NaN"):
+        write_c3d(path, recording)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("label", ["a\tb", "a\nb", " a", "", "a\x00"])
+def test_names_that_no_table_can_hold_are_refused(tmp_path: Path, label: str) -> None:
+    recording = replace(body(3), labels=(label, *body().labels[1:]))
+    for name, write in (("x.csv", write_markers_csv), ("x.trc", write_trc), ("x.c3d", write_c3d)):
+        with pytest.raises(InputError, match="cannot be written"):
+            write(tmp_path / name, recording)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("file", ["pig_c3d/gait.c3d", "labs_c3d/kad/static.c3d", "children/HC002D/straight.c3d"])
+def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path: Path) -> None:
+    """Facts but the person's name, events, and computed points but those of segments' axes."""
+    original = read_recording(data_dir / file)
+    convert(data_dir / file, tmp_path / "x.csv")
+    found = read_recording(tmp_path / "x.csv")
+    assert found.facts == replace(original.facts, name=None) and found.facts.knee_width
+    assert found.events == original.events
+    assert original.computed is not None and found.computed is not None
+    kept = [original.computed.labels.index(label) for label in found.computed.labels]
+    np.testing.assert_array_equal(found.computed.points, original.computed.points[:, kept])
+    assert "PELO" in original.computed.labels and "PELO" not in found.computed.labels
+    assert original.facts.name not in (tmp_path / "x.csv").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['#: mass = "x"', "#: mass = NaN", '#: event = [1, "x", "foot strike"]', "#: nobody = 1", "#: knee_width = {"],
+)
+def test_a_damaged_line_of_what_was_said_is_named(line: str, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text(f"{line}\n# plain words\ntime,A_x,A_y,A_z\n0,1,2,3\n", encoding="utf-8")
+    with pytest.raises(InputError, match="allowed after '#:': mass, height"):
+        read_recording(tmp_path / "x.csv")

@@ -1,0 +1,151 @@
+"""The still window of a static trial."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
+from tests.io.recordings import LABELS, body
+
+
+def walk_stand_walk(noise: float = 2e-4) -> Recording:
+    """2 s walking at 1 m/s, 1 s standing, 2 s walking, 100 Hz, with measurement noise in m."""
+    recording = body(500, speed=0.0)
+    time = recording.time
+    way = np.minimum(time, 2.0) + np.maximum(time - 3.0, 0.0)
+    noisy = recording.markers + np.random.default_rng(0).normal(0, noise, recording.markers.shape)
+    noisy[..., 0] += way[:, None]
+    return replace(recording, markers=noisy)
+
+
+def test_the_standing_second_between_two_walks_is_found() -> None:
+    window = still_window(walk_stand_walk(), LABELS)
+    assert 2.0 <= window.start < window.stop <= 3.0
+    assert window.stop - window.start == pytest.approx(0.5)
+    assert window.frames.stop - window.frames.start == 51
+    assert window.speed < 0.01
+
+
+def test_no_stillness_is_an_error_with_the_smallest_speed() -> None:
+    with pytest.raises(InputError, match=r"no still window: the stillest 0.51 s move at 1.2 m/s RMS; at most 0.1 m/s"):
+        still_window(body(200, speed=1.2), LABELS)
+
+
+@pytest.mark.parametrize("noise", [2e-3, 3e-3, 5e-3])
+def test_noise_is_no_movement(noise: float) -> None:
+    window = still_window(walk_stand_walk(noise), LABELS)
+    assert 2.0 <= window.start < window.stop <= 3.0
+    assert window.speed < 4.5 * noise
+    with pytest.raises(InputError, match="no still window"):
+        moving = walk_stand_walk(noise)
+        still_window(replace(moving, markers=moving.markers + [[[0.2, 0.0, 0.0]]] * moving.time[:, None, None]), LABELS)
+
+
+def test_gaps_beside_noise() -> None:
+    recording = walk_stand_walk(3e-3)
+    recording.markers[np.random.default_rng(1).random(recording.markers.shape[:2]) < 0.1] = np.nan
+    window = still_window(recording, LABELS)
+    assert 1.95 <= window.start < window.stop <= 3.05  # within what is averaged
+    assert window.speed < 0.02
+
+
+def test_a_restless_person_is_used_with_the_speed_told() -> None:
+    assert still_window(body(200, speed=0.08), LABELS).speed == pytest.approx(0.08)
+    with pytest.raises(InputError, match="0.12 m/s RMS; at most 0.1"):
+        still_window(body(200, speed=0.12), LABELS)
+
+
+def test_whoever_stands_still_somewhere_is_not_taken_from_where_they_are_restless() -> None:
+    recording = body(300, speed=0.0)
+    way = np.minimum(recording.time, 1.5) * 0.07
+    markers = recording.markers + way[:, None, None] * [1.0, 0.0, 0.0]
+    markers[150:, 3] = np.nan  # more markers are seen while the person drifts
+    window = still_window(replace(recording, markers=markers), LABELS)
+    assert window.start >= 1.4
+
+
+def test_a_window_in_which_every_marker_is_seen_comes_first() -> None:
+    recording = body(300, speed=0.0)
+    markers = recording.markers + np.random.default_rng(0).normal(0, 1e-4, recording.markers.shape)
+    markers[:200, 3] = np.nan
+    window = still_window(replace(recording, markers=markers), LABELS)
+    assert window.frames.stop > 200
+
+
+def test_only_the_markers_asked_for_count() -> None:
+    recording = body(100, speed=0.0)
+    recording.markers[:, 7, 0] += np.linspace(0, 3, 100)
+    assert still_window(recording, LABELS[:7]).speed < 1e-9
+    with pytest.raises(InputError, match="no still window"):
+        still_window(recording, LABELS[7:])
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5, 30])
+def test_short_recordings_are_taken_whole(frames: int) -> None:
+    window = still_window(body(frames, speed=0.0), [*LABELS, "not there"])
+    assert window.frames == slice(0, frames)
+    assert window.speed < 1e-12
+
+
+def test_markers_never_seen_are_an_error() -> None:
+    recording = body(20)
+    blind = replace(recording, markers=np.full_like(recording.markers, np.nan))
+    for labels in (LABELS, ["absent"], []):
+        with pytest.raises(InputError, match="none of the markers"):
+            still_window(blind, labels)
+
+
+@pytest.mark.parametrize(
+    "file", ["subject01/subject01_static.trc", "uf3/static.trc", "pig_c3d/static.c3d", "functional_c3d/static.c3d"]
+)
+def test_real_static_trials_hold_one(data_dir: Path, file: str) -> None:
+    if not (data_dir / file).exists():
+        pytest.skip("not among the files that users may download")
+    recording = read_recording(data_dir / file)
+    assert still_window(recording, recording.labels).speed < 0.01
+
+
+def test_a_real_walk_holds_none(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "subject01/subject01_walk1.trc")
+    with pytest.raises(InputError, match="0.53 m/s"):
+        still_window(recording, recording.labels)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5])
+def test_noise_of_a_few_frames_is_no_movement_but_a_walk_is(frames: int) -> None:
+    noisy = body(frames, speed=0.0)
+    noisy = replace(noisy, markers=noisy.markers + np.random.default_rng(3).normal(0, 5e-4, noisy.markers.shape))
+    window = still_window(noisy, LABELS)
+    assert window.frames == slice(0, frames)
+    assert 0.0 < window.scatter < 2e-3
+    with pytest.raises(InputError, match="no still window"):
+        still_window(body(frames, speed=1.0), LABELS)
+
+
+@pytest.mark.parametrize("frames", [2, 5])
+def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
+    """It stays in the scatter; the person has not moved."""
+    jumping = body(frames, speed=0.0)
+    jumping.markers[frames // 2 :, 3] += [0.0, 0.05, 0.0]
+    window = still_window(jumping, LABELS)
+    assert window.speed < 1e-9 and window.scatter > 0.005
+    for speed in (0.4, 1.0):
+        walking = body(frames, speed=speed)
+        walking.markers[:, :3] = walking.markers[:1, :3]  # a foot on the ground
+        with pytest.raises(InputError, match="no still window"):
+            still_window(walking, LABELS)
+
+
+def test_the_scatter_is_that_about_the_means_of_the_window() -> None:
+    recording = body(200, speed=0.08)
+    window = still_window(recording, LABELS)
+    path = recording.markers[window.frames][:, :3]
+    expected = np.sqrt(np.mean(np.sum((path - path.mean(axis=0)) ** 2, axis=2)))
+    assert window.scatter == pytest.approx(expected, rel=1e-6)

@@ -1,1 +1,0 @@
-"""What many people say of the next one."""

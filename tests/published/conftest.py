@@ -1,0 +1,45 @@
+"""Runs that several tests look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gaitcal.published.case import MonteCarloCase, nominal_case
+from gaitcal.published.context import MonteCarloContext
+from gaitcal.published.noise_seed import SeedResult, noiseless, noisy_draws
+from gaitcal.published.settings import MonteCarloSettings
+from tests.kept import kept_object
+
+FEW_SEEDS = 2
+
+
+@pytest.fixture(scope="session")
+def clean(kept: Path) -> SeedResult:
+    """Everything without noise, two random inertial seeds."""
+    return kept_object(kept / "reproduction" / "clean", lambda: noiseless(0, FEW_SEEDS))
+
+
+@pytest.fixture(scope="session")
+def draws(kept: Path) -> list[SeedResult]:
+    """Two draws of the noise, two random inertial seeds each."""
+    return kept_object(kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=1, random_seeds=FEW_SEEDS))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whoever asks for these runs takes long, if nobody did so before."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents and {"clean", "draws"} & {*getattr(item, "fixturenames", ())}:
+            item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(scope="session")
+def case() -> MonteCarloCase:
+    return nominal_case()
+
+
+@pytest.fixture(scope="session")
+def context(case: MonteCarloCase) -> MonteCarloContext:
+    return MonteCarloContext(case, MonteCarloSettings())

@@ -1,0 +1,128 @@
+"""`gaitcal montecarlo`: what it writes and prints, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from gaitcal.cli.application import app
+from gaitcal.errors import ConvergenceError, InputError, UsageError
+from gaitcal.io.snapshot import Snapshot
+from gaitcal.page.sections.monte_carlo import PART
+from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
+from gaitcal.published.case import MonteCarloCase
+from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, RefitSettings
+from gaitcal.results.page_files import PAGE, SCENE, write_page
+from tests.fake_result import fake_calibration
+from tests.page.people import walking_scene
+
+RUNNER = CliRunner()
+NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1} for trial in walking_scene().trials]
+"""Nothing is drawn here."""
+
+
+@pytest.fixture(autouse=True)
+def _nominal(case: MonteCarloCase, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder holds the nominal subject; figures have a test of their own."""
+    monkeypatch.setattr(
+        "gaitcal.cli.montecarlo.read_case", lambda folder, trial, step: (case, Snapshot(Path(folder), {}))
+    )
+    monkeypatch.setattr("gaitcal.cli.montecarlo.write_monte_carlo_figures", lambda *a: None)
+
+
+def run(*words: object) -> str:
+    found = RUNNER.invoke(app, ["montecarlo", *map(str, words)], catch_exceptions=False)
+    assert found.exit_code == 0
+    return found.stdout
+
+
+def test_a_study_and_its_tables(tmp_path: Path) -> None:
+    small = ("--draws", 6, "--levels", "50,100", "--jobs", 1)
+    told = run(tmp_path, *small, "--grf", "foot")
+    assert "carried with the foot" in told
+    assert "joint parameters dominate (lab): not judged: 6 draws" in told
+    assert "left out of" not in told
+    assert "published 4.14, here 0." in told
+    assert "draws: 48, of which 48 in this run and 0 not converged" in told
+    table = pd.read_csv(tmp_path / "montecarlo" / "montecarlo.csv")
+    assert set(table["grf"].dropna()) == {"lab", "foot"}
+    assert (tmp_path / "montecarlo" / "contributions.csv").exists()
+    assert "of which 0 in this run" in run(tmp_path, *small)
+    expected = run(tmp_path, "--expect", 4)
+    assert "a marker RMS of 4 mm corresponds to JP at" in expected
+    assert "corresponds to NP at" in expected
+    assert run(tmp_path, *small, "-q") == ""
+    with pytest.raises(InputError, match="seed = 0, not 4"):
+        run(tmp_path, *small, "--seed", 4)
+
+
+def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path) -> None:
+    small = ("--draws", 6, "--levels", "100", "--vary", "jp", "--jobs", 1)
+    assert "page:" not in run(tmp_path, *small)
+    whole = fake_calibration()
+    write_page(tmp_path, walking_scene(), calibration_sheet(whole) | {"trials": NO_TRIALS})
+    scene = (tmp_path / SCENE).read_bytes()
+    assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
+    before = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    assert [block for block in before if block.get("part") == PART]
+    summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    run(tmp_path, *small)
+    after = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    assert [b for b in after if b.get("part") != PART] == [b for b in before if b.get("part") != PART]
+    assert "5.8 mm" in json.dumps([b for b in after if b.get("part") == PART])
+    assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert (tmp_path / SCENE).read_bytes() == scene
+    (tmp_path / SHEET).write_text("{}", encoding="utf-8")
+    assert "warning: the page was not brought up to date: " in (told := run(tmp_path, *small))
+    assert "tables and figures:" in told
+
+
+def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = ("--draws", 3, "--levels", "100", "--vary", "jp,ip", "--jobs", 1)
+    hasty = MonteCarloSettings(refit=RefitSettings(most_evaluations=2))
+    monkeypatch.setattr("gaitcal.cli.montecarlo.Options.settings", hasty)
+    told = run(tmp_path, *small)
+    assert "left out of all these figures, as they did not converge: jp 100 %: 3 of 3 draws" in told
+    assert "begun with" not in told
+    assert "begun with" not in run(tmp_path, *small)
+    path = tmp_path / "montecarlo" / "settings.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    now = content["versions"]["scipy"]
+    content["versions"]["scipy"] = "0.1"
+    del content["own_sha256"]
+    path.write_text(json.dumps(content), encoding="utf-8")
+    told = run(tmp_path, *small)
+    assert f"draws kept here were begun with scipy 0.1, now {now}: old and new" in told
+
+
+def test_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gaitcal.published.study.MOST_DRAWS", 25)
+    with pytest.raises(ConvergenceError, match="not converged after 25 draws"):
+        run(tmp_path, "--vary", "ip", "--levels", 100, "--draws", 21, "--jobs", 1, "--until-converged")
+
+
+CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--vary", "jp,nois"), "--vary: found 'nois'; allowed: jp, ip, both, noise; did you mean 'noise'"),
+        (("--vary", ","), "--vary: found nothing"),
+        (("--levels", "0"), "--levels: found '0'"),
+        (("--levels", "12.5"), "--levels: found '12.5'"),
+        (("--grf", "floor"), "--grf: found 'floor'; allowed: lab, foot"),
+        (("--parameters", "30"), f"--parameters: found '30'; allowed: {CHOICES}"),
+        (("--jobs", "0"), "--jobs: found 0"),
+    ],
+)
+def test_faults_are_told_before_anything_is_read(tmp_path: Path, words: tuple[str, str], told: str) -> None:
+    with pytest.raises(UsageError, match=told):
+        run(tmp_path, *words)
+    assert not (tmp_path / "montecarlo").exists()

@@ -1,0 +1,184 @@
+"""The study: the same table in one process or two, in any order, resumed, raised; stores of others refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.published.case import MonteCarloCase
+from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
+from gaitcal.published.store import Chunk, Store, cut, missing_chunks
+from gaitcal.published.study import MonteCarloStudy, monte_carlo
+from gaitcal.published.workers import LocalProcesses, ThisProcess
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+PLAN = Plan(levels=(50, 100), draws=7)
+QUICK = Plan(sets=(Varied.IP,), levels=(50, 100), draws=30)
+HERE = ThisProcess()
+
+
+class Backwards:
+    """Workers that begin with the last task."""
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        return map(function, reversed(list(tasks)))
+
+
+class Dying:
+    """Workers that are gone after a number of chunks."""
+
+    def __init__(self, chunks: int) -> None:
+        self.chunks = chunks
+
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        for k, task in enumerate(tasks):
+            if k == self.chunks:
+                raise KeyboardInterrupt
+            yield function(task)
+
+
+@pytest.fixture(scope="module")
+def reference(case: MonteCarloCase) -> MonteCarloStudy:
+    return monte_carlo(case, plan=PLAN, workers=HERE)
+
+
+def same(one: pd.DataFrame, other: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(one, other, check_exact=True)
+
+
+def test_one_row_a_draw_in_order(reference: MonteCarloStudy) -> None:
+    draws = reference.draws
+    cells = [(v.value, level, k) for v in Varied for level in (50, 100) for k in range(7)]
+    assert list(zip(draws["set"], draws["level"], draws["draw"], strict=True)) == cells
+    assert reference.computed == PLAN.total == len(draws)
+    assert reference.failed == 0
+
+
+def test_two_processes_and_other_chunks_give_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy) -> None:
+    same(monte_carlo(case, plan=PLAN, workers=LocalProcesses(2), chunk_draws=3).draws, reference.draws)
+
+
+def test_any_order_gives_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy, tmp_path: Path) -> None:
+    found = monte_carlo(case, tmp_path, plan=PLAN, workers=Backwards(), chunk_draws=2)
+    same(found.draws, reference.draws)
+    same(found.statistics, reference.statistics)
+
+
+def test_an_interrupted_run_goes_on_where_it_was(
+    case: MonteCarloCase, reference: MonteCarloStudy, tmp_path: Path
+) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        monte_carlo(case, tmp_path, plan=PLAN, workers=Dying(5), chunk_draws=2)
+    assert len(list((tmp_path / "draws").iterdir())) == 5
+    done: list[tuple[int, int]] = []
+    found = monte_carlo(
+        case, tmp_path, plan=PLAN, workers=HERE, chunk_draws=3, progress=lambda a, b: done.append((a, b))
+    )
+    assert found.computed == PLAN.total - 9  # four chunks of two draws and one of one
+    assert done[0] == (0, found.computed)
+    assert done[-1] == (found.computed, found.computed)
+    same(found.draws, reference.draws)
+    assert monte_carlo(case, tmp_path, plan=PLAN, workers=HERE).computed == 0
+
+
+def test_more_draws_levels_and_sets_run_only_what_is_new(case: MonteCarloCase, tmp_path: Path) -> None:
+    monte_carlo(case, tmp_path, plan=replace(QUICK, draws=11, levels=(50,)), workers=HERE, chunk_draws=10)
+    found = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
+    assert found.computed == 60 - 11
+    same(found.draws, monte_carlo(case, plan=QUICK, workers=HERE).draws)
+    fewer = monte_carlo(case, tmp_path, plan=replace(QUICK, draws=5), workers=HERE)
+    assert fewer.computed == 0
+    assert len(fewer.draws) == 10
+    assert len(Store(tmp_path).read()) == 60
+
+
+def test_the_draws_are_one_parquet_data_set(case: MonteCarloCase, tmp_path: Path) -> None:
+    found = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
+    read = pd.read_parquet(tmp_path / "draws").sort_values(["level", "draw"], ignore_index=True)
+    np.testing.assert_array_equal(read["hip_flexion_l.lab.rms"], found.draws["hip_flexion_l.lab.rms"])
+    table = pd.read_csv(tmp_path / "montecarlo.csv")
+    assert set(table["set"]) == {"ip"}
+    assert set(table["level"]) == {50, 100}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"seed": 1}, "seed = 0, not 1"),
+        ({"inertial_percent": 50.0}, "inertial_percent = 10.0, not 50.0"),
+        ({"parameters": ParameterChoice.GAIT}, f"parameters = {ParameterChoice.LEG.value}, not "),
+        ({"refit": RefitSettings(tolerance=1e-7)}, "refit_tolerance = 1e-06, not 1e-07"),
+    ],
+)
+def test_other_settings_are_refused(case: MonteCarloCase, tmp_path: Path, change: dict[str, object], told: str) -> None:
+    plan = replace(QUICK, draws=1)
+    monte_carlo(case, tmp_path, plan=plan, workers=HERE)
+    with pytest.raises(InputError, match=told):
+        monte_carlo(case, tmp_path, settings=replace(MonteCarloSettings(), **change), plan=plan, workers=HERE)  # type: ignore[arg-type]
+
+
+def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
+    plan = replace(QUICK, draws=1)
+    monte_carlo(case, tmp_path, plan=plan, workers=HERE)
+    heavier = case.parameters.with_inertial(1.01 * case.parameters.inertial)
+    moved = case.parameters.with_joint(("back.pelvis.ant",), np.ones(1))
+    others = {
+        "other inertial parameters;": replace(case, parameters=heavier),
+        "other ground reactions;": replace(case, wrench=1.01 * case.wrench),
+        "other motion;": replace(case, nodes=case.nodes + 1e-9),
+        "other markers;": replace(case, markers=replace(case.markers, local=case.markers.local + 1e-9)),
+        "other joint parameters;": replace(case, parameters=moved),
+    }
+    for told, other in others.items():
+        with pytest.raises(InputError, match=f"made with {told} ask"):
+            monte_carlo(other, tmp_path, plan=plan, workers=HERE)
+    (tmp_path / "settings.json").unlink()
+    with pytest.raises(InputError, match="found draws without the settings"):
+        monte_carlo(case, tmp_path, plan=plan, workers=HERE)
+
+
+def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path) -> None:
+    plan = Plan(sets=(Varied.JP, Varied.IP), levels=(100,), draws=3)
+    hasty = MonteCarloSettings(refit=RefitSettings(most_evaluations=2))
+    monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
+    found = monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
+    assert found.failed == 3
+    assert len(found.draws) == 6
+    assert found.draws.loc[found.draws["set"] == "jp", "failure"].str.contains("did not settle").all()
+    failed = found.statistics.groupby("set")["failed"].unique()
+    assert failed["jp"].tolist() == [3]
+    assert failed["ip"].tolist() == [0]
+
+
+@pytest.mark.slow
+def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = monte_carlo(case, tmp_path, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
+    assert found.plan.draws > 20
+    assert found.converged
+    assert found.computed == len(found.draws)
+    monkeypatch.setattr("gaitcal.published.study.MOST_DRAWS", 25)
+    stopped = monte_carlo(case, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
+    assert stopped.plan.draws == 25
+    assert not stopped.converged
+
+
+def test_cuts_are_at_multiples_whatever_the_start() -> None:
+    assert cut(0, 25, 10) == [(0, 10), (10, 20), (20, 25)]
+    assert cut(7, 31, 10) == [(7, 10), (10, 20), (20, 30), (30, 31)]
+    assert cut(10, 10, 10) == []
+
+
+def test_missing_draws_between_and_after_what_is_held() -> None:
+    plan = Plan(sets=(Varied.JP,), levels=(100,), draws=40)
+    held = [Chunk(Varied.JP, 100, 15, 20), Chunk(Varied.JP, 100, 0, 10), Chunk(Varied.JP, 50, 0, 40)]
+    found = [(c.first, c.stop) for c in missing_chunks(held, plan, 20)]
+    assert found == [(10, 15), (20, 40)]

@@ -1,0 +1,122 @@
+"""`gaitcal init`, and `check` and `calibrate` with a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from gaitcal.cli.application import app
+from gaitcal.errors import InputError, UsageError
+from gaitcal.study.study import Study
+from tests.session.folders import other_person, recordings, write
+
+WHO = ("--mass", "69.4", "--height", "1.70", "--sex", "male")
+
+
+def run(*words: object) -> Result:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Path:
+    return write(tmp_path / "person", recordings(), forces="grf")
+
+
+def test_init_writes_what_loads_and_replaces_nothing_unasked(person: Path) -> None:
+    said = run("init", person, *WHO).stdout
+    assert "forces of walk.csv" in said
+    study = person / "study.toml"
+    assert [t.name for t in Study.load(study).trials] == ["static", "walk"]
+    before = study.read_bytes()
+    with pytest.raises(InputError, match="is there already; --force replaces it"):
+        run("init", person, *WHO)
+    run("init", person, *WHO, "--force")
+    assert study.read_bytes() == before, "the same folder, the same study"
+    with pytest.raises(UsageError, match=r"--out: found 'walk.csv'; allowed: .* ending in .toml"):
+        run("init", person, "--out", person / "walk.csv", "--force")
+
+
+def test_what_nobody_says_is_named(person: Path) -> None:
+    with pytest.raises(InputError, match=r"is written, but no file says subject.height_m, subject.sex"):
+        run("init", person, "--mass", 70)
+    with pytest.raises(InputError, match=r"subject.height_m: missing"):
+        Study.load(person / "study.toml")
+    (person / "study.toml").unlink()
+    with pytest.raises(InputError, match=r"no file says subject.mass_kg, .*: give --mass KG --height M --sex"):
+        run("calibrate", person, "--out", person.parent / "result")
+    assert not (person.parent / "result").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--height", "170"), "--height 1.7"),
+        (("--mass", "0.5"), "2 to 400 kg"),
+        (("--sex", "m"), "female or male"),
+        (("--age", "200"), "0 to 130 years"),
+    ],
+)
+def test_impossible_options(person: Path, words: tuple[str, str], told: str) -> None:
+    with pytest.raises(UsageError, match=told):
+        run("init", person, *words)
+
+
+def test_a_folder_with_a_study_uses_it(person: Path) -> None:
+    run("init", person, *WHO)
+    assert "the folder's own study is used" in run("check", person).stdout
+    with pytest.raises(UsageError, match="write them there"):
+        run("check", person, "--sex", "male")
+    (person / "second.toml").write_bytes((person / "study.toml").read_bytes())
+    with pytest.raises(InputError, match=r"holds 2 study files: second.toml, study.toml"):
+        run("check", person)
+
+
+def test_folders_of_which_no_study_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write(tmp_path / "person", {"walk": recordings()["walk"]})
+    for command in (("init", folder), ("check", folder), ("calibrate", folder, "--out", tmp_path / "r")):
+        with pytest.raises(InputError, match="a static trial is needed"):
+            run(*command)
+    assert not (folder / "study.toml").exists()
+    both = recordings("hip_r")
+    two = write(tmp_path / "two", both | {f"b_{n}": other_person(both[n]) for n in ("static", "walk")})
+    with pytest.raises(InputError, match="two people, or two sessions"):
+        run("calibrate", two, "--out", tmp_path / "r", *WHO)
+
+
+def test_questions_on_a_terminal(person: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter(["170", "1.70", "m", "male"])
+    monkeypatch.setattr("gaitcal.cli.init.sys", Terminal())
+    monkeypatch.setattr("gaitcal.cli.init.typer.prompt", lambda *_, **__: next(answers))
+    run("init", person, "--mass", 69.4)
+    assert Study.load(person / "study.toml").subject.height == 1.70
+
+
+class Terminal:
+    """Streams that say that somebody sits there."""
+
+    class _Stream:
+        @staticmethod
+        def isatty() -> bool:
+            return True
+
+    stdin = stderr = _Stream()
+
+
+@pytest.mark.slow
+def test_calibrate_keeps_the_drafted_study_and_leaves_a_faulty_walk_out(tmp_path: Path) -> None:
+    files = recordings()
+    folder = write(tmp_path / "person", files, forces="grf")
+    result = tmp_path / "result"
+    said = run("calibrate", folder, "--out", result, *WHO).stdout
+    assert f"study:  {result / 'study.toml'}" in said
+    kept = Study.load(result / "study.toml")
+    assert [t.name for t in kept.trials] == ["static", "walk"]
+    assert (result / "moments/walk.csv").exists()
+    assert "Drafted from the folder: marker set: gait2354" in (result / "result.html").read_text(encoding="utf-8")
+    again = run("calibrate", folder, "--out", result, *WHO)
+    assert again.exit_code == 0, "the study in the result is ours, and may be replaced"

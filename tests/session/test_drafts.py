@@ -1,0 +1,296 @@
+"""Which study follows from a folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.cli.console import Talk
+from gaitcal.cli.init import study_or_draft
+from gaitcal.errors import InputError
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+from gaitcal.io.trc import write_trc
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft_text import draft_text, missing_words, study_of
+from gaitcal.session.drafting import draft_study
+from gaitcal.session.exchanges import exchange_told
+from gaitcal.session.folder import FileKind, Folder, FolderFile
+from gaitcal.session.person_facts import Options
+from gaitcal.session.placing import pair_distances, placed_otherwise
+from gaitcal.study.study import Study
+from tests.session.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
+
+SNAPSHOT = """\
+# Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
+
+[subject]
+name = "person"  # sure: name of the folder
+mass_kg = 69.4  # sure: option
+# height_m =   # MISSING: no file says it; write body height in m, and take the first # away
+sex = "male"  # sure: option
+# age_years =   # no file says it; it may be left out
+
+[markers]
+set = "gait2354"  # sure: knows 49 of 49 labels of 3 files
+
+[[trial]]
+name = "static"  # after the file
+role = "static"  # sure: still to 0 mm/s, upright, 0.5 s; @
+file = "static.csv"  # 100 frames at 200 Hz
+
+[[trial]]
+name = "knee_r"  # after the file
+role = "joint"  # sure: joints turn by knee_r 28 deg RMS
+joint = "knee_r"  # the one that turns most, see role
+file = "knee_r.csv"  # 1200 frames at 200 Hz
+
+[[trial]]
+name = "walk"  # after the file
+role = "gait"  # sure: the feet go to and fro in turn (correlation -0.86), over 1.3 m
+file = "walk.csv"  # 208 frames at 200 Hz
+forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the feet
+
+# Not used:
+#   photo.png: a file ending in '.png' holds no recording
+"""
+
+
+def test_the_text_of_a_draft(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", recordings("knee_r"), forces="grf")
+    (folder / "photo.png").touch()
+    made = draft(folder, Options(mass=69.4, sex="male"))
+    worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
+    assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
+    assert made.missing == ("height_m",)
+    study = tmp_path / "person/study.toml"
+    study.write_text(draft_text(made, folder), encoding="utf-8")
+    with pytest.raises(InputError, match=r"subject.height_m: missing: body height in m"):
+        Study.load(study)
+
+
+@pytest.mark.slow
+def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", recordings(*JOINTS), forces="walk_forces")
+    made = draft(folder)
+    assert roles(made) == {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}
+    text = draft_text(made, tmp_path / "elsewhere")
+    assert draft_text(draft(folder), tmp_path / "elsewhere") == text
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/study.toml").write_text(text, encoding="utf-8")
+    loaded, direct = Study.load(tmp_path / "elsewhere/study.toml"), study_of(made)
+    assert [t.name for t in loaded.trials] == [t.name for t in direct.trials]
+    assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
+    assert "study.toml" not in direct.inputs, "nobody wrote one"
+    assert direct.changed_inputs() == ()
+    assert set(direct.inputs) == {f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")}
+
+
+@pytest.mark.slow
+@settings(max_examples=3)
+@given(st.permutations(range(8)))
+def test_names_of_files_decide_nothing(order: list[int]) -> None:
+    files = RECORDINGS.items()
+    renamed = {f"{number:03d}": name for number, name in zip(order, RECORDINGS, strict=True)}
+    read = [
+        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=dict(files)[old])
+        for new, old in sorted(renamed.items())
+    ]
+    found = roles(draft_study(Folder(path=Path("x"), files=tuple(read), subfolders=()), SAID))
+    assert {renamed[new]: role for new, role in found.items()} == {"static": "static", "walk": "gait"} | {
+        joint: f"joint {joint}" for joint in JOINTS
+    }
+
+
+RECORDINGS = recordings(*JOINTS)
+
+
+def test_what_stands_walks_and_moves_one_joint_only(tmp_path: Path) -> None:
+    folder = write(tmp_path / "person", {**recordings(), "squat": squat()})
+    made = draft(folder)
+    assert "squat" not in roles(made)
+    assert any(row.name == "squat.csv" and "pelvis goes up and down" in row.reason for row in made.left_out)
+    assert "#   squat.csv: moves otherwise" in draft_text(made, folder)
+
+
+def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
+    files = recordings("hip_r")
+    folder = write(tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")})
+    made = draft(folder)
+    assert set(roles(made)) == {"static", "walk", "hip_r"}, "the one with more recordings"
+    assert "two people, or two sessions" in made.problem
+    assert "b_static.csv" in made.problem and "b_walk.csv" in made.problem
+    (folder / "b_static.csv").unlink()
+    alone = draft(folder)
+    assert alone.problem == "", "a stray recording of somebody else is left out"
+    assert any(row.name == "b_walk.csv" and "another person" in row.reason for row in alone.left_out)
+
+
+def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
+    files = recordings()
+    folder = write(tmp_path / "person", files, forces="walk_forces")
+    walk = files["walk"]
+    write_trc(folder / "a_walk.trc", replace(walk, markers=walk.markers[:, ::-1], labels=walk.labels[::-1]))
+    cut = walk.frames((walk.time > walk.time[20]) & (walk.time < walk.time[150]))
+    write(folder, {"part": cut})
+    made = draft(folder)
+    assert [t.role for t in made.trials] == ["static", "gait"]
+    reasons = {row.name: row.reason for row in made.left_out}
+    assert len([r for r in reasons.values() if "the same recording as" in r]) == 2
+
+
+def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path) -> None:
+    walk = recordings()["walk"]
+    waiting = np.repeat(walk.markers[:1], 150, axis=0)
+    slow = replace(walk, time=np.arange(358) / walk.rate, markers=np.concatenate([waiting, walk.markers]))
+    made = draft(write(tmp_path / "person", {"walk": walk, "start": slow}))
+    assert "a static trial is needed" in made.fault
+    assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
+    named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
+    assert named.fault == "", "what is called static may hold walking"
+    assert not named.trials[0].certain
+
+
+def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) -> None:
+    files = recordings()
+    static = files["static"]
+    markers = static.markers.copy()
+    markers[:, static.labels.index("R.Heel")] = np.nan
+    shifted = np.random.default_rng(1).normal(0, 0.0005, static.markers.shape)  # another take
+    lame = replace(static, markers=markers + shifted)
+    made = draft(write(tmp_path / "person", {"a_static": lame, "static_cal": static, "walk": files["walk"]}))
+    assert [t.name for t in made.trials] == ["static_cal", "a_static", "walk"]
+
+
+def test_labels_spelt_otherwise_are_renamed(tmp_path: Path) -> None:
+    def spelt(label: str) -> str:
+        return label.replace(".", "_")
+
+    files = {name: replace(r, labels=tuple(map(spelt, r.labels))) for name, r in recordings().items()}
+    folder = write(tmp_path / "person", files)
+    made = draft(folder)
+    assert made.choice is not None and made.choice.rename["R_ASIS"] == "R.ASIS"
+    study = study_of(made)
+    assert set(study.static.recording.labels) == set(recordings()["static"].labels)
+    assert not any(trial.certain is False for trial in made.trials)
+
+
+def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
+    files = recordings()
+    write(tmp_path / "person/standing", {"static": files["static"]})
+    write(tmp_path / "person/moving", {"walk": files["walk"]})
+    for name in ("standing", "moving"):  # subfolders are looked into for recordings of these endings
+        write_trc(tmp_path / f"person/{name}/{name}.trc", files["static" if name == "standing" else "walk"])
+    made = draft(tmp_path / "person")
+    assert sorted(t.role for t in made.trials) == ["gait", "static"]
+    assert 'file = "moving/' in draft_text(made, tmp_path / "person")
+    write_trc(tmp_path / "person/moving/other.trc", other_person(files["walk"], 1.2))
+    assert "folders in it do: moving (2), standing (1)" in draft(tmp_path / "person").fault
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
+)
+def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, bytes], words: str) -> None:
+    for name, data in content.items():
+        (tmp_path / name).write_bytes(data)
+    made = draft(tmp_path)
+    assert words in made.fault
+    assert len(made.seen) == len(content)
+
+
+def test_labels_that_no_set_knows(tmp_path: Path) -> None:
+    walk = recordings()["walk"]
+    strange = replace(walk, labels=tuple(f"M{i}" for i in range(len(walk.labels))))
+    made = draft(write(tmp_path / "x", {"walk": strange}))
+    assert "no marker set knows enough of the labels M0, M1" in made.fault
+    assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")
+
+
+def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
+    files = recordings()
+    for name, recording in files.items():
+        markers = np.concatenate([recording.markers, recording.markers + [0.0, 0.0, 1.5]], axis=1)
+        labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in recording.labels)
+        files[name] = replace(recording, markers=markers, labels=labels)
+    made = draft(write(tmp_path / "person", files))
+    assert made.fault.startswith("markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too")
+
+
+def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
+    """The same recording with labels exchanged."""
+    both = pairs | {new: old for old, new in pairs.items()}
+    return replace(recording, labels=tuple(both.get(label, label) for label in recording.labels))
+
+
+@pytest.mark.parametrize("file", ["static", "walk"])
+def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file: str) -> None:
+    files = recordings()
+    files[file] = exchanged(files[file], {"R.Thigh.Front": "R.Shank.Front"})
+    made = draft(write(tmp_path / "person", files))
+    assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.seen]
+
+
+def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
+    marker_set = load_marker_set("plug-in-gait")
+    static, walk, other = (
+        marker_set.renamed(read_recording(data_dir / name))
+        for name in ("pig_c3d/static.c3d", "pig_c3d/gait.c3d", "children/HC031A/straight.c3d")
+    )
+    pairs = {m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels}
+    one, same, sides, child = (pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other))
+    assert placed_otherwise(one, same, marker_set) == ""
+    assert placed_otherwise(one, sides, marker_set)
+    assert exchange_told(one, sides, marker_set) == "left and right"
+    assert placed_otherwise(one, child, marker_set)
+    assert exchange_told(one, child, marker_set) == ""
+
+
+def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> None:
+    files = recordings()
+    folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
+    made = draft(folder, Options())
+    assert made.problem.startswith("no recording that is used shows walking")
+    assert "walk.csv is not used: another person" in made.problem
+    with pytest.raises(InputError, match="walk.csv is not used: another person"):
+        study_or_draft(folder, Options(), Talk(quiet=True, verbose=False))
+    assert missing_words(made).startswith("no file that is used says subject.mass_kg")
+
+
+def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
+    files = recordings()
+    static, walk = files["static"], files["walk"]
+    both = [m for m in static.labels if m in walk.labels]
+    parts = [r.markers[:, [r.labels.index(m) for m in both]] for r in (static, walk)]
+    parts[1] += parts[0][-1:].mean(axis=1, keepdims=True) - parts[1][:1].mean(axis=1, keepdims=True)
+    markers = np.concatenate(parts)
+    whole = replace(walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate)
+    made = draft(write(tmp_path / "person", {"cap1": whole}))
+    assert 'in cap1.csv somebody stands for a part: call the file static, or write role = "static"' in made.fault
+    assert "somebody stands from 0." in made.seen[0].reason and "moves otherwise" in made.seen[0].reason
+
+
+def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
+    files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
+    made = draft(write(tmp_path / "person", files))
+    assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
+
+
+def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
+    files = recordings()
+    static = files["static"]
+    at = static.labels.index("R.Knee.Med")
+    labels = (*static.labels[:at], "R.Knee.Inner", *static.labels[at + 1 :])
+    folder = write(tmp_path / "person", files | {"static": replace(static, labels=labels), "squat": squat()})
+    (folder / "photo.png").touch()
+    notes = draft_notes(draft(folder))
+    assert any("left over: R.Knee.Inner" in note for note in notes)
+    assert any("not used: squat.csv: moves otherwise" in note for note in notes)
+    assert any("not used: photo.png" in note for note in notes)

@@ -1,0 +1,237 @@
+"""`gaitcal dynamics` reads a recording as the study did, checks it first, and tells what its torques are worth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace as replaced
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from gaitcal.cli.application import app
+from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.model.marker_set import load_marker_set
+from tests.synthetic_studies import write_synthetic_study
+
+RUNNER = CliRunner()
+RENAMED = {"R.Shank.Front": "RTIB", "L.Heel": "LHEE"}
+WEIGHTED = "R.Thigh.Front"
+SAME = 1e-9
+"""N·m, N: the calibration's own trial, tracked once more with the same model and spline nodes."""
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def run(*words: object) -> str:
+    ended = RUNNER.invoke(app, list(map(str, words)), catch_exceptions=False)
+    assert ended.exit_code == 0, ended.output
+    return ended.output
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study whose files have other labels than its marker set, and its result."""
+    folder = tmp_path_factory.mktemp("made")
+    study = write_synthetic_study(folder / "study")
+    columns = {f"{old}_{axis}": f"{new}_{axis}" for old, new in RENAMED.items() for axis in "xyz"}
+    for name in ("static.csv", "walk.csv"):
+        table = pd.read_csv(folder / "study" / name)
+        assert set(columns) <= set(table)
+        table.rename(columns=columns).to_csv(folder / "study" / name, index=False)
+    rename = ", ".join(f'"{new}" = "{old}"' for old, new in RENAMED.items())
+    lines = f'set = "published"\nrename = {{ {rename} }}\nweights = {{ "{WEIGHTED}" = 0 }}'
+    study.write_text(study.read_text(encoding="utf-8").replace('set = "published"', lines), encoding="utf-8")
+    run("calibrate", study, "--out", folder / "result", "-q")
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "made"))
+
+
+def spoil(folder: Path, change: Change) -> tuple[Path, str, Path]:
+    path = folder / "study/walk.csv"
+    change(pd.read_csv(path)).to_csv(folder / "walk2.csv", index=False)
+    return folder / "walk2.csv", "--forces", folder / "study/walk_forces.csv"
+
+
+def told(folder: Path) -> dict[str, object]:
+    content = json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8"))
+    assert isinstance(content, dict)
+    return content
+
+
+def assert_same_torques(again: pd.DataFrame, own: pd.DataFrame) -> None:
+    """All but standard errors: a further trial's markers are independent of those that the calibration used."""
+    assert own["valid"].any()
+    kept = [name for name in own if not name.endswith("_se")]
+    np.testing.assert_allclose(again[kept].to_numpy(), own[kept].to_numpy(), atol=SAME)
+
+
+def columns_of(folder: Path, segment: str) -> list[str]:
+    """Columns of a segment's markers in the study's files."""
+    labels = load_marker_set(folder / "result/marker_set.toml").tracking[segment]
+    return [f"{RENAMED.get(label, label)}_{axis}" for label in labels for axis in "xyz"]
+
+
+def moments(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path, comment="#")
+
+
+def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
+    run("dynamics", folder / "result", *spoil(folder, lambda t: t))
+    own, again = (moments(folder / "result" / name) for name in ("moments/walk.csv", "dynamics/moments/walk2.csv"))
+    assert_same_torques(again, own)
+    trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
+    further = told(folder)["trials"]["walk2"]  # type: ignore[index]
+    assert further["weighted_markers"] == trial["weighted_markers"]
+    assert {"plates", "inertia", "joint_nominal"} <= set(further["torque_error_sources"]["hip_flexion_r"])
+    for name, parts in trial["torque_error_sources"].items():
+        assert further["torque_error_sources"][name] == pytest.approx(parts, abs=1e-3), name
+    assert told(folder)["warnings"] == []
+
+
+def _scaled(factor: float) -> Change:
+    return lambda t: t.assign(**{c: factor * t[c] for c in t if c != "time"})
+
+
+def _exchanged(t: pd.DataFrame) -> pd.DataFrame:
+    a, b = "L.Shank.Front", "L.Thigh.Front"
+    return t.rename(columns={f"{x}_{axis}": f"{y}_{axis}" for x, y in ((a, b), (b, a)) for axis in "xyz"})
+
+
+def _sides(t: pd.DataFrame) -> pd.DataFrame:
+    def other(column: str) -> str:
+        return {"R.": "L.", "L.": "R."}.get(column[:2], column[:2]) + column[2:]
+
+    return t.rename(columns={c: other(c) for c in t if c[1:].startswith((".Shank.Upper", ".Shank.Rear", ".Toe"))})
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (_scaled(1000.0), "units.*mm"),
+        (_scaled(1.4), "units.*1.4 times those of the static trial"),
+        (_exchanged, "exchanged"),
+        (_sides, "sides|exchanged"),
+    ],
+    ids=["mm read as m", "another body", "labels exchanged", "sides exchanged"],
+)
+def test_errors_stop_before_anything_is_solved(
+    change: Change, named: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = spoil(folder, change)
+    monkeypatch.setattr("gaitcal.cli.dynamics.analyse", None)
+    with pytest.raises(InputError, match=f"walk2.csv: trial 'walk2': ({named})") as caught:
+        run("dynamics", folder / "result", *trial)
+    assert caught.value.exit_code == 1
+    assert not (folder / "result/dynamics").exists()
+
+
+def test_warnings_are_printed_and_written(folder: Path) -> None:
+    """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
+    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.02)))
+    warnings = told(folder)["warnings"]
+    assert isinstance(warnings, list)
+    assert any("another size" in w for w in warnings)
+    assert all(f"warning: {w}" in out for w in warnings)
+
+
+def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path) -> None:
+    table = pd.read_csv(folder / "study/walk.csv")
+    gone = columns_of(folder, "shank_l")
+    assert set(gone) & set(table)
+    out = run("dynamics", folder / "result", *spoil(folder, lambda t: t.drop(columns=gone, errors="ignore")))
+    assert "no marker with weight of shank_l" in out
+    assert not moments(folder / "result/dynamics/moments/walk2.csv")["valid"].any()
+    warnings = told(folder)["warnings"]
+    assert isinstance(warnings, list)
+    assert any(
+        "walk2: labels: no marker with weight of shank_l" in w and "no torque of this leg is valid" in w
+        for w in warnings
+    )
+
+
+def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from gaitcal.cli import dynamics
+
+    def late(*arguments: object) -> object:
+        done = analyse(*arguments)  # type: ignore[arg-type]
+        return replaced(done, calibrated=replaced(done.calibrated, converged=False))
+
+    analyse = dynamics.analyse
+    monkeypatch.setattr(dynamics, "analyse", late)
+    with pytest.raises(ConvergenceError, match="tracking of walk2 did not converge") as caught:
+        run("dynamics", folder / "result", *spoil(folder, lambda t: t))
+    assert caught.value.exit_code == 3
+    (warning,) = told(folder)["warnings"]  # type: ignore[misc]
+    assert str(warning).startswith("walk2: tracking did not converge: ")
+    assert told(folder)["trials"]["walk2"]["verdict"] == "refused"  # type: ignore[index,call-overload]
+
+
+def test_options_as_in_a_study_file(folder: Path) -> None:
+    trial = spoil(folder, lambda t: t)
+    run("dynamics", folder / "result", *trial, "--time", "0.2,0.8", "--filter-hz", "none", "--plates", "1=none")
+    table = moments(folder / "result/dynamics/moments/walk2.csv")
+    assert 0.2 <= table["time"].min() < 0.21 and 0.79 < table["time"].max() <= 0.8
+    notes = told(folder)["notes"]
+    assert isinstance(notes, list)
+    assert "walk2: forces not filtered" in notes
+    assert not any("plate 1" in note and "right foot" in note for note in notes)
+    assert any("plate 2" in note and "left foot" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        *(("--plates", v) for v in ("", "1", "1=x", "=r", "1=r,1=l", "1=r,", "7=r")),
+        *(("--time", v) for v in ("", "0.4", "1,0.4", "a,b", "nan,1", "0,1,2", "50,60")),
+        *(("--filter-hz", v) for v in ("", "0", "-1", "x", "nan", "inf")),
+    ],
+)
+def test_options_that_are_wrong(option: str, value: str, folder: Path) -> None:
+    with pytest.raises(InputError, match=f"{option}|trial 'walk2'.(plates|time)|--plates") as caught:
+        run("dynamics", folder / "result", *spoil(folder, lambda t: t), option, value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not (folder / "result/dynamics").exists()
+
+
+def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
+    trial = spoil(folder, lambda t: t)[0]
+    for option, value in (("--forces", "f.mot"), ("--plates", "1=r"), ("--time", "0,1")):
+        with pytest.raises(InputError, match=f"{option}: found 2 trials"):
+            run("dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
+
+
+@pytest.mark.parametrize("role", ["calibrate", "dynamics"])
+def test_frames_without_a_leg_segment_are_not_valid(role: str, folder: Path) -> None:
+    """A left foot that nobody sees for a while: no torque of these frames counts, and the others stay as they were."""
+    gap = (0.3, 0.5)
+    foot = columns_of(folder, "foot_l")
+
+    def hide(t: pd.DataFrame) -> pd.DataFrame:
+        t = t.copy()
+        t.loc[t["time"].between(*gap), [c for c in foot if c in t]] = np.nan
+        return t
+
+    before = moments(folder / "result/moments/walk.csv")
+    trial = spoil(folder, hide)
+    if role == "dynamics":
+        run("dynamics", folder / "result", *trial)
+        result, now = folder / "result/dynamics", moments(folder / "result/dynamics/moments/walk2.csv")
+    else:
+        shutil.copy(trial[0], folder / "study/walk.csv")
+        run("calibrate", folder / "study/study.toml", "--out", folder / "result")
+        result, now = folder / "result", moments(folder / "result/moments/walk.csv")
+    inside = before["time"].between(*gap)
+    assert before["valid"][inside].any(), "valid while the foot was seen"
+    assert not now["valid"][inside].any() and not now["valid_l"][inside].any()
+    assert (now["valid"] == before["valid"])[~inside].all() and (now["valid_r"] == before["valid_r"]).all()
+    notes = json.loads((result / "summary.json").read_text(encoding="utf-8"))["notes"]
+    (note,) = [note for note in notes if "no marker of foot_l with weight is seen" in note]
+    assert f"{int(inside.sum())} frames are not valid" in note

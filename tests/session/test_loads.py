@@ -1,0 +1,80 @@
+"""The torques of a calibration are those of the model and the motion that they are said to be of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.dynamics.plate_errors import DEFAULT
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.bandwidth import with_bandwidth
+from gaitcal.motion.motion import Motion
+from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.result import Calibration
+from gaitcal.study.study import Study
+from tests.synthetic_studies import write_synthetic_study
+
+SAME = 1e-9
+"""N, N·m: the same sums in the same order."""
+
+
+def calibrated(folder: Path, ip: str) -> Calibration:
+    """The published subject, 3 kg heavier on paper than on the plates: every step has something to change."""
+    path = write_synthetic_study(folder, more=f'\n[calibration]\nip = "{ip}"\n')
+    path.write_text(path.read_text(encoding="utf-8").replace("69.4", "72.4"), encoding="utf-8")
+    return calibrate(Study.load(path))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    return calibrated(tmp_path_factory.mktemp("study"), "consistent")
+
+
+@pytest.mark.slow
+def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
+    done = calibrated(tmp_path / "study", "published")
+    trial = done.trial("walk")
+    assert trial.loads is not None
+    wrench = trial.loads.reactions.wrench
+
+    def torques(parameters: Parameters, motion: Motion) -> np.ndarray:
+        return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)[
+            :, : len(COORDINATES)
+        ]
+
+    nominal, final = done.nominal.parameters, done.model.parameters
+    np.testing.assert_allclose(trial.loads.nominal.tau, torques(nominal, trial.nominal), atol=SAME)
+    np.testing.assert_allclose(trial.loads.final.tau, torques(final, trial.body), atol=SAME)
+    assert np.abs(trial.nominal.q - trial.body.q).max() > 1e-6
+    assert np.abs(trial.loads.nominal.tau - trial.loads.final.tau).max() > 1.0
+
+
+@pytest.mark.slow
+def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
+    trial = done.trial("walk")
+    assert trial.loads is not None and trial.loads.errors is not None
+    spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
+    plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
+    assert done.joint is not None
+    problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
+    errors = torque_standard_errors(
+        problem,
+        trial.body.nodes,
+        done.model.parameters,
+        trial.loads.reactions.wrench,
+        spread.joint,
+        spread.inertial,
+        plates=DEFAULT,
+        axes=AxisErrors(done.model.parameters),
+    )
+    np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
+    np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)

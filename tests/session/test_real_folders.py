@@ -1,0 +1,73 @@
+"""Bare folders of real recordings: marker set, roles and sides as their laboratories meant them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gaitcal.session.draft_text import draft_text
+from gaitcal.session.drafting import draft_of
+from gaitcal.session.folder import read_folder
+from gaitcal.session.person_facts import Options
+from tests.session.folders import JOINTS, roles
+
+FOLDERS = {
+    "labs_c3d/kad": ("plug-in-gait", {"static": "static", "walk": "gait"}, ("sex",)),
+    "labs_c3d/multi": ("plug-in-gait", {"static": "static"} | {f"walk0{k}": "gait" for k in range(3, 8)}, ("sex",)),
+    "children/HC002D": ("plug-in-gait", {"static": "static", "straight": "gait", "turn": "gait"}, ("sex",)),
+    "pig_c3d": ("plug-in-gait", {"static": "static", "gait": "gait"}, ("sex",)),
+    "functional_c3d": (
+        "conventional73",
+        {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"},
+        ("height_m", "sex"),
+    ),
+    "subject01": (
+        "gait2354",
+        {"subject01_static": "static", "subject01_walk1": "gait"},
+        ("mass_kg", "height_m", "sex"),
+    ),
+    "uf3": (
+        "rcnl",
+        {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS},
+        ("mass_kg", "height_m", "sex"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_bare_folders(name: str, data_dir: Path) -> None:
+    marker_set, expected, missing = FOLDERS[name]
+    made = draft_of(read_folder(data_dir / name), Options())
+    assert made.fault == "" and made.problem == ""
+    assert made.choice is not None and made.choice.entry == marker_set
+    assert roles(made) == expected
+    assert made.missing == missing
+    assert all(trial.certain for trial in made.trials)
+    forces = [trial.forces.file.name for trial in made.trials if trial.forces]
+    assert forces == (["subject01_walk1_grf.mot"] if name == "subject01" else [])
+    assert [row.name for row in made.left_out] == (["static_unlabelled.c3d"] if name == "uf3" else [])
+    assert str(data_dir) not in draft_text(made, data_dir / name), "paths are relative"
+
+
+def test_plates_weigh_a_person_whose_files_say_nothing(data_dir: Path) -> None:
+    made = draft_of(read_folder(data_dir / "functional_c3d"), Options())
+    mass = made.person["mass_kg"]
+    assert mass.value == pytest.approx(66.0, abs=0.5)
+    assert "weighed by the plates under static.c3d" in mass.reason and not mass.certain
+
+
+def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
+    made = draft_of(read_folder(data_dir / "c3d_formats"), Options())
+    assert made.fault and made.trials == ()
+    assert {row.name for row in made.seen if "SGI/MIPS" in row.reason} == {"Eb015si.c3d", "Eb015sr.c3d"}
+
+
+def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> None:
+    """The set lies beside the folder, as laboratories keep one for all of their people."""
+    made = draft_of(read_folder(data_dir / "opensim_truth/p01"), Options())
+    assert roles(made) == {"static": "static", "walk": "gait"}
+    assert made.choice is not None and made.choice.entry.endswith("markerset.toml")
+    assert made.trials[-1].forces is not None and made.trials[-1].forces.file.name == "grf.mot"
+    (again,) = (row for row in made.left_out if row.name == "walk_with_joint_centres.trc")
+    assert again.reason == "the same recording as walk.trc"
