@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.records import dataclass
 
 STUDY = "study"
 """Where a finding is that belongs to no single trial."""

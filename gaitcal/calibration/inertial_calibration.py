@@ -20,6 +20,7 @@ least squares), and at least what measurement alone brings. The main job weighs 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,7 +30,6 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.model.inertial_parameters import IP_NAMES, InertialSet, dynamic_jacobian, dynamic_parameters
-from gaitcal.records import dataclass
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""

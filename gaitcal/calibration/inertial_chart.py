@@ -9,13 +9,12 @@ second moments each, so they are positive and obey the triangle inequality: the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.inertial_parameters import InertialSet, is_physical, table
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ most 121 rows, whose norm is that of the full residual exactly.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -17,7 +18,6 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.inertial_parameters import dynamic_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 
 class TorqueScale(Enum):

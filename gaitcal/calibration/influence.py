@@ -19,6 +19,7 @@ Any quantity that depends on both, a torque at a frame, gets its standard error 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -32,7 +33,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.arrow import eliminate
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 LEVERAGE_CAP = 0.9

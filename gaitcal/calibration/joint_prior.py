@@ -34,13 +34,12 @@ others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 

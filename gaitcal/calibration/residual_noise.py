@@ -21,6 +21,7 @@ Sources that several trials share are summed before they are squared.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,7 +38,6 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 BLOCK = 500
 """Frames whose changes are held at once."""

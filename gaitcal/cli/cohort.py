@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaitcal.cli.console import Talk
@@ -20,7 +20,6 @@ from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.interruption import InterruptedWork, Stopped
 from gaitcal.published.workers import Cluster
-from gaitcal.records import dataclass
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.cohort_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings

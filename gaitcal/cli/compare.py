@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.text import Text
@@ -17,7 +18,6 @@ from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
 from gaitcal.io.atomic import require_room
 from gaitcal.io.ownership import MANIFEST, ResultKind
-from gaitcal.records import dataclass
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model

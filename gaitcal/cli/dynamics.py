@@ -7,6 +7,7 @@ would hold.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -20,7 +21,6 @@ from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import require_room
 from gaitcal.io.ownership import ResultKind
-from gaitcal.records import dataclass
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials

@@ -1,4 +1,4 @@
-"""How a command ends that does not succeed: one line on standard error, and the exit code of `gaitcal/cli/program.py`."""
+"""How a command ends that does not succeed: one line on standard error, and the exit code."""
 
 from __future__ import annotations
 

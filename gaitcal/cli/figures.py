@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,7 +29,6 @@ from gaitcal.io.ownership import read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
-from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.verdict import SUMMARY
 

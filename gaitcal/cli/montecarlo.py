@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -31,7 +32,6 @@ from gaitcal.published.store import Store
 from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
 from gaitcal.published.variance import linear_agreement, variance_contributions
 from gaitcal.published.workers import Cluster, LocalProcesses, Workers
-from gaitcal.records import dataclass
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 

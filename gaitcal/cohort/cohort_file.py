@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -16,7 +16,6 @@ from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, p
 from gaitcal.errors import InputError, alike
 from gaitcal.io.toml import require_file
 from gaitcal.io.validation import Table, read_validated, shown, validated
-from gaitcal.records import dataclass
 from gaitcal.session.person_facts import Options
 from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from gaitcal.cohort.random_effects import Population
 from gaitcal.errors import InputError
 from gaitcal.io.package_data import package_version
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
-from gaitcal.records import dataclass
 from gaitcal.study.cohort_prior import (
     FORMAT,
     KIND,

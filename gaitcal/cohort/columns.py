@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
 MOMENTS: Final = tuple(

@@ -11,7 +11,7 @@ error of that gain. Spreads that still turn out too narrow for people left out a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -29,7 +29,6 @@ from gaitcal.cohort.random_effects import (
     learn,
     log_density,
 )
-from gaitcal.records import dataclass
 from gaitcal.study.cohort_prior import UNLEARNT
 from gaitcal.study.people_design import design, mirror, sided_directions
 

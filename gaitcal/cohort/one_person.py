@@ -5,7 +5,7 @@ with nobody to ask.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaitcal.codes import Code
@@ -18,7 +18,6 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import require_room
 from gaitcal.io.ownership import ResultKind
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.records import dataclass
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import Draft

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,7 +18,6 @@ from gaitcal.cohort.people import CohortPerson
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.ownership import read_object
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 STATE = "state"
 AGAIN = "run the same command again: it tries this person once more"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,7 +29,6 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.page.cohort_page import write_cohort_page
 from gaitcal.page.packing import floats
 from gaitcal.page.sheet.rows import joint_of, sheet_rows
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

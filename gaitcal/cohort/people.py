@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaitcal.codes import Code
@@ -19,7 +19,6 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.io.csv import is_force_header, read_header
 from gaitcal.io.ownership import MANIFEST, PEOPLE, read_object
 from gaitcal.io.validation import shown
-from gaitcal.records import dataclass
 from gaitcal.session.draft_text import STUDY
 from gaitcal.session.folder import MARKER_ENDINGS
 from gaitcal.session.person_facts import NOTHING_SAID, Options

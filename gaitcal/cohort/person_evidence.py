@@ -12,6 +12,8 @@ units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -19,7 +21,6 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.compare.parameter_differences import told_parameters
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.people_design import Person
 

@@ -20,12 +20,12 @@ directions that nobody's recordings show it stays there.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.records import dataclass
 
 MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""

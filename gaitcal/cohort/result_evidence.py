@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 from gaitcal.calibration.joint_prior import prior_of_study
@@ -11,7 +11,6 @@ from gaitcal.cohort.cohort_priors import Rules
 from gaitcal.cohort.person_evidence import PartEvidence, PersonEvidence, parts_of
 from gaitcal.io.ownership import MANIFEST, read_object
 from gaitcal.model.joint_parameters import JP_NAMES
-from gaitcal.records import dataclass
 from gaitcal.results.originals import trial_files
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.summary import JOINT_PRIOR

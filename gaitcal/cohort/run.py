@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -21,7 +22,6 @@ from gaitcal.io.lock import locked
 from gaitcal.io.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
 from gaitcal.io.package_data import package_version
 from gaitcal.published.workers import LocalProcesses
-from gaitcal.records import dataclass
 
 WAIT_S = 5.0
 """For another run on the same folder that is about to end."""

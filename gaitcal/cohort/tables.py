@@ -10,6 +10,7 @@ import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,6 @@ from gaitcal.io.atomic import amended
 from gaitcal.io.ownership import MANIFEST, ResultKind
 from gaitcal.io.package_data import package_version
 from gaitcal.io.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
-from gaitcal.records import dataclass
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -23,7 +23,6 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.io.ownership import MANIFEST, read_object
 from gaitcal.io.package_data import package_version
 from gaitcal.io.snapshot import SELF
-from gaitcal.records import dataclass
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread

@@ -11,6 +11,7 @@ and our own.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
-from gaitcal.records import dataclass
 
 DIRECTIONS = ("ant", "sup", "lat")
 

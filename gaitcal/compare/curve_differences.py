@@ -7,6 +7,7 @@ The error that strides share is taken where each has its peak; a range has that 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,6 @@ from gaitcal.compare.stride_sets import Key, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.stride_peaks import LEAST_VALID
 from gaitcal.gait.variables import Kind, kind_of, unit_of
-from gaitcal.records import dataclass
 
 PHASES = {
     Kind.ANGLE: ("stance", "swing"),

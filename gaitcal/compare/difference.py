@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import pandas as pd
 
 from gaitcal.compare.difference_error import MDC
 from gaitcal.model.linkage import LEG_JOINTS
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,13 +22,13 @@ day is no error of a recording, and in none of these figures: two sessions do no
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
 
 from gaitcal.arrays import Array
 from gaitcal.compare.session import Common
-from gaitcal.records import dataclass
 
 MDC = 1.96
 """Standard errors: the normal distribution's 97.5 % point."""

@@ -13,6 +13,7 @@ hinge that is the origin itself. Lengths, from centre to centre, need no common 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +22,6 @@ from gaitcal.arrays import Array
 from gaitcal.compare.peer_model import PeerJoint, PeerModel
 from gaitcal.export.joint_frames import joint_frames
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 KNEE_SWEEP = math.radians(60.0)
 """Flexion over which a peer's knee axis is taken: what walking uses."""

@@ -6,10 +6,10 @@ Both sides are told together, by their mean; lateral differences and turns of th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from gaitcal.compare.comparison import ComparisonRow
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 LEAST_MM, LEAST_DEG, LEAST_SHARE = 5.0, 3.0, 0.02
 """Differences that are worth a word: landmarks are not palpated nearer than this; of masses, the part of ours."""

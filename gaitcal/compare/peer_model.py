@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from scipy.interpolate import make_interp_spline
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

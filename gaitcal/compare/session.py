@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -13,7 +13,6 @@ from gaitcal.calibration.influence import Influence
 from gaitcal.compare.leg_geometry import our_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -16,7 +17,6 @@ from gaitcal.compare.session import Common, Session, common_to, identity
 from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
 from gaitcal.errors import InputError
 from gaitcal.gait.words import counted
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

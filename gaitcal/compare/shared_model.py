@@ -17,6 +17,8 @@ in full, and no trial is fitted again. It is about each session's own fit that t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -29,7 +31,6 @@ from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import LEG_JOINTS
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 SAME = 1e-9

@@ -8,6 +8,7 @@ turn, f, are the axes of the segments and, of loads, the masses.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,6 @@ from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.progression import TURNING
 from gaitcal.gait.variables import Kind, coordinate_of, kind_of
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
-from gaitcal.records import dataclass
 
 Key = tuple[str, str]
 """Side and variable."""

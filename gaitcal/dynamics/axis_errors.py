@@ -31,6 +31,7 @@ by others scatter alike: mostly less than 5 deg, least in obliquity and hip addu
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,7 +52,6 @@ from gaitcal.model.linkage import (
     segment_kind,
 )
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated

@@ -12,6 +12,8 @@ has  dT = A^-1 (d tau - dA T).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
@@ -22,7 +24,6 @@ from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 FRAMES_AT_ONCE = 128
 """Keeps the working set in the processor's cache."""

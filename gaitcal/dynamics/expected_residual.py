@@ -19,6 +19,8 @@ Bulletin 2:110-114, 1946) with
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import chdtri
 
@@ -29,7 +31,6 @@ from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.io.filters import low_pass
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 
 USUAL = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
 """U of force (body weight) and moment (body weight times height) forward, up and to the right."""

@@ -9,7 +9,7 @@ that agree with its own plates, they say it to the frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.intervals import runs
 from gaitcal.io.metadata import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 RESTING = 0.4
 """m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""

@@ -10,7 +10,7 @@ and the fit of masses need both feet at once. Whether a foot is down at all is t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from gaitcal.io.metadata import FootEvent
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""

@@ -16,6 +16,7 @@ segment origin); their matrix is the regressor.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +33,6 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 FEET: tuple[str, ...] = ("foot_r", "foot_l")

@@ -10,6 +10,8 @@ all that it moves at once: a torque and the rate beside it are not independent o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
@@ -29,7 +31,6 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 BLOCK = 500

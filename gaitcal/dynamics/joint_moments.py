@@ -33,6 +33,7 @@ besides c_i . d tau, with c_i = A^-T e_i.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -44,7 +45,6 @@ from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 
 class MomentFrame(Enum):

@@ -13,6 +13,7 @@ between the feet.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Protocol
 
@@ -29,7 +30,6 @@ from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 OUTLINE_M = 0.03
 """m, two standard deviations of the outline: 10 mm of heel and toe markers on skin or shoe, 8 mm of the sole's breadth

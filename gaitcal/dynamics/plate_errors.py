@@ -25,11 +25,12 @@ person's weight. The clock has no such source: 2 ms is a fifth of a frame at 100
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, cross
 from gaitcal.io.force_plate import LOADED_N, UP, centre_on_ground
-from gaitcal.records import dataclass
 from gaitcal.study.settings import PlateErrorTable
 
 OF_A_PLATE = ("gain", "x", "y", "z", "turn")

@@ -6,6 +6,7 @@ A loading that two feet make one after the other is divided where the first has 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.intervals import runs
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 SIDE_WORDS = ("right", "left")
 UNDER_FOOT = 0.15

@@ -12,6 +12,7 @@ and a smoothed motion does not. What is judged: `expected_residual.py`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +23,6 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.build import build_linkage
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
 MOST_FRAMES = 50

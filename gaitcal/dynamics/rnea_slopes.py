@@ -20,13 +20,14 @@ Pinocchio's `computeRNEADerivatives` gives the same frame by frame (tested), for
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.chain import Chain
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.records import dataclass
 
 SKEW = np.zeros((3, 3, 3))
 """SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x."""

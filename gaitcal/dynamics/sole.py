@@ -7,6 +7,7 @@ is as wide as Winter (2009) gives the foot, less at heel and toes. A cell counts
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import RESTING, FootPoints
 from gaitcal.dynamics.plate_outline import outside
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 FOOT_BREADTH = 0.055
 """Of body height (Winter 2009)."""

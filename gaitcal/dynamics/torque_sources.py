@@ -7,7 +7,7 @@ part of the variance, summed over valid frames.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.joint_kinetics import KineticErrors
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
-from gaitcal.records import dataclass
 
 
 class Source(Enum):

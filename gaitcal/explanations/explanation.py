@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final
 
 from gaitcal.codes import Code
-from gaitcal.records import dataclass
 
 PARTS: Final = (
     "What it means",

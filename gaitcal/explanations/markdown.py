@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TypeAlias
-
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ calibrated linkage may pass them and must stay the same mechanical system.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -30,7 +31,6 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, spli
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 GROUND = "ground"
 """The laboratory: y up, x forward, z right."""

@@ -15,6 +15,7 @@ Not limited, damped or actuated: the same mechanical system. Coordinates held at
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import dataclass
 from pathlib import Path
 
 import pinocchio as pin
@@ -35,7 +36,6 @@ from gaitcal.model.build import GRAVITY
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.linkage import Element
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 
 TALUS_MASS = 1e-12
 """kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""

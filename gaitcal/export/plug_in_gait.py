@@ -22,6 +22,7 @@ The subtalar axis has points of its own, as Plug-in Gait has no such axis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,7 +35,6 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with
 from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}
 """Spellings of POINT:ANGLE_UNITS, and each a radian."""

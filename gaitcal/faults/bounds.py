@@ -7,6 +7,7 @@ the body weight, RMS; with more than these limits no torque means anything.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from gaitcal.io.intervals import runs, spans
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.records import dataclass
 
 TOPIC, DISAGREE = "physical bounds", "motion and forces do not belong together"
 _LIMITS = {name: row.limits for name, row in COORDINATE_TABLE.items() if row.limits}

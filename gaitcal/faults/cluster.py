@@ -13,7 +13,7 @@ markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,6 @@ from gaitcal.faults.stance import Stance
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.rigid import rigid_fit
-from gaitcal.records import dataclass
 
 FEWEST = 3
 """Points that tell how a segment is turned."""

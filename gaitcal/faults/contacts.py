@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)

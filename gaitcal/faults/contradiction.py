@@ -15,6 +15,7 @@ what a free quantity gains by chance. The cheapest of the segments concerned is 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 
@@ -24,7 +25,6 @@ from gaitcal.arrays import Array
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.joint_link import JointLink, angle_of, side_turns
 from gaitcal.faults.trial_body import NO_MOTION, SPREAD, Body, gap_limit, offset_limit
-from gaitcal.records import dataclass
 
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,6 @@ from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.strays import Stray, without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
-from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, StudyTrial
 

@@ -12,7 +12,7 @@ epicondyles, or the two sides of the wrist, come to where the other should be. T
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations, zip_longest
 
 import numpy as np
@@ -24,7 +24,6 @@ from gaitcal.faults.jumps import jump_limit
 from gaitcal.findings import Finding
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.records import dataclass
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""

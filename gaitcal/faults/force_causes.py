@@ -8,6 +8,7 @@ places and for the inverse of a gain: f = g f_true, f_true = (1 + x) f, g = 1 / 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 from typing import NamedTuple, TypeAlias
@@ -18,7 +19,6 @@ from gaitcal.arrays import Array, cross
 from gaitcal.faults.force_evidence import ForceEvidence
 from gaitcal.faults.force_standing import FORCE_UNITS
 from gaitcal.faults.plate_forces import PlateForces, joined, rotation
-from gaitcal.records import dataclass
 
 
 class Kind(Enum):

@@ -10,6 +10,7 @@ without the others: what one trial has much of is not to be laid on all.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_evidence import ForceEvidence
 from gaitcal.faults.force_fits import ForceFit, at_size, fits
 from gaitcal.faults.force_residual import ForceResidual
-from gaitcal.records import dataclass
 
 ENOUGH = 7.0
 """Nats: odds of 1000 to 1 for the cause, before one of some thirty is chosen."""

@@ -14,6 +14,7 @@ nearly so. Taken for each other: gain and vertical gain; one plate and all; exch
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual
@@ -23,7 +24,6 @@ from gaitcal.faults.force_evidence import ForceEvidence
 from gaitcal.faults.force_torques import HOLDS, torque_change
 from gaitcal.faults.force_words import CODES, told
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.records import dataclass
 
 TOPIC = "forces"
 

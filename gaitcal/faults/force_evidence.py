@@ -9,7 +9,7 @@ plates enters: which foot a plate is given to cannot be judged here.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +32,6 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 from gaitcal.study.study_trial import StudyTrial
 
 STEP_S = 0.02

@@ -12,6 +12,7 @@ A cause without a coefficient has p = 1 / 2, being one of a few.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,7 +22,6 @@ from gaitcal.faults.force_causes import Cause, Kind, Undone, causes_of
 from gaitcal.faults.force_evidence import ForceEvidence
 from gaitcal.faults.force_residual import ForceResidual
 from gaitcal.faults.force_witnesses import surprise
-from gaitcal.records import dataclass
 
 FLOOR, TEMPER = 0.20, 0.5
 NO_COEFFICIENT = 0.5

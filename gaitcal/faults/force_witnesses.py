@@ -16,6 +16,7 @@ beyond all bounds (Cauchy-like).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.io.force_plate import centre_on_ground
 from gaitcal.io.intervals import duration, runs
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
 """Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and at 0.69 (SD 0.21,

@@ -14,13 +14,13 @@ whole says how much the gap and B can tell.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import Cluster
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 NEAR_RAD = np.deg2rad(30.0)

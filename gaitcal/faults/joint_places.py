@@ -22,6 +22,7 @@ wide to let a joint go does not make people scatter more.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -37,7 +38,6 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.records import dataclass
 from gaitcal.study.joint_prior import JointPrior
 
 TOPIC = "joint places"

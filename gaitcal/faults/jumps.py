@@ -18,6 +18,7 @@ twice.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -27,7 +28,6 @@ from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import runs
-from gaitcal.records import dataclass
 
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0

@@ -15,6 +15,7 @@ witnesses share k, so that people's own build scatters e less than that and no e
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from gaitcal.arrays import Array
 from gaitcal.faults.plan import body_axes
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
-from gaitcal.records import dataclass
 
 TORSION_DEG = 10.0
 """Mean outward torsion between the lines of epicondyles and malleoli as they are palpated: 3 to 20 deg on the legs of

@@ -12,6 +12,7 @@ Candidates that cost hardly more than the best are told beside it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -21,7 +22,6 @@ from gaitcal.faults.build import cost_of_build
 from gaitcal.faults.measure import Measure, cost
 from gaitcal.faults.plan import body_axes, measures
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""

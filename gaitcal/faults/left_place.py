@@ -10,6 +10,7 @@ second difference while the others go their way.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.exchanged import undone
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.intervals import runs, spans
-from gaitcal.records import dataclass
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 """Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray

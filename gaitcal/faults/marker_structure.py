@@ -13,6 +13,7 @@ two markers. With r_f the distance of a marker from the model's in frame f and u
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.intervals import runs, spans
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.records import dataclass
 
 TOPIC = "markers after the fit"
 LIMIT_M = 0.02

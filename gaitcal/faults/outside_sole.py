@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -24,7 +25,6 @@ from gaitcal.faults.plates import PLATES_ELSEWHERE
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.intervals import runs, spans
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 TOPIC = "plate to foot"
 TOLD_SHARE, TOLD_S = 0.02, 0.03

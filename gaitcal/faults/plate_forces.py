@@ -12,6 +12,7 @@ or the moments of the plate's channels (C3D, plate types 2 to 4):
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +21,6 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, cross
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

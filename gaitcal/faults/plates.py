@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from gaitcal.io.filters import resample_wrench
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 OFFSET_N = 15.0
 """Reading of an empty plate that a file of forces should not have."""

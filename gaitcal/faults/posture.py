@@ -7,6 +7,7 @@ between thigh and shank in the thigh's sagittal plane, and the thigh leans by it
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import lower_body
-from gaitcal.records import dataclass
 
 BENT_DEG = 30.0
 """Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20 more is a posture."""

@@ -8,7 +8,7 @@ have the same turn. Hip, knee and ankle centres are those of `model/segment_fram
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, LowerBody, across, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.records import dataclass
 
 CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
 MODEL_JOINT = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 SHOWN = 3
 """Pieces of evidence that a reason gives; how many more there are is said."""

@@ -7,10 +7,10 @@ the same panels stand in one figure with its legend.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gaitcal.figures.style import FONT, SCREEN, Key, Sizes, line_style
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +31,6 @@ from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.strides import Layout
 from gaitcal.gait.words import SIDE_WORDS, capitalised
 from gaitcal.model.coordinates import coordinate_words, split_side
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

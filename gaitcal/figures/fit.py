@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gaitcal.figures.chart import Chart, Panel, Size
 from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
-from gaitcal.records import dataclass
 from gaitcal.session.marker_fit import RmsErrors
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +26,6 @@ from gaitcal.figures.style import (
 )
 from gaitcal.gait.strides import thinned
 from gaitcal.io.intervals import runs
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ its standard error, and the legend says so.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -24,7 +24,6 @@ from gaitcal.gait.words import SIDE_WORDS, capitalised, counted
 from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

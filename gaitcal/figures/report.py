@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,6 @@ from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.words import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.records import dataclass
 from gaitcal.session.marker_fit import RmsErrors
 from gaitcal.session.parameter_words import Group, Row
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -18,7 +19,6 @@ from gaitcal.gait.cycles import FootEvents, GaitCycle, stances
 from gaitcal.gait.strides import Layout
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 GAP: Final = -32768
 FULL: Final = 32767

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from gaitcal.gait.words import SIDE_WORDS
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,13 +19,13 @@ is generated. They are in W beside N·m, else in W/kg: percent of body weight ti
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.model.coordinates import coordinate_words, is_of_leg, senses_of
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 
 class Signs(Enum):

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait.gait_event import EventSource
 from gaitcal.io.intervals import runs
-from gaitcal.records import dataclass
 
 SHORTEST_PHASE = 0.1
 """s: a shorter contact, or a shorter swing, is a flicker of the threshold."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -22,7 +22,6 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.metadata import FootEvent, FootMoment
-from gaitcal.records import dataclass
 
 AGREE: Final = 0.1
 """s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events`)."""

@@ -11,7 +11,7 @@ by a foot that rolls over its edge: that is no event of the foot.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from gaitcal.io.metadata import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 
 SIDES = ("r", "l")
 PLATE_AGREES = 0.1

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.io.metadata import FootEvent
-from gaitcal.records import dataclass
 
 
 class EventSource(Enum):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -12,7 +14,6 @@ from gaitcal.gait.strides import Layout
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, REACTIONS, joint_elements
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 
 
 def moment_names(model: SubjectModel) -> list[str]:

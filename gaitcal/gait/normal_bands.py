@@ -28,6 +28,7 @@ from __future__ import annotations
 import csv
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -43,7 +44,6 @@ from gaitcal.io.package_data import models_path
 from gaitcal.io.text_file import read_lines
 from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2

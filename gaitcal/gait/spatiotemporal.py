@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -39,7 +40,6 @@ from gaitcal.gait.event_order import double_support
 from gaitcal.gait.events import SIDES, TrialEvents
 from gaitcal.gait.gait_event import EventSource
 from gaitcal.gait.progression import turn_between
-from gaitcal.records import dataclass
 
 PER_STRIDE: Final = 120.0
 """Two steps, sixty seconds."""

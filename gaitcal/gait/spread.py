@@ -30,13 +30,13 @@ Samples that are not valid are left out one by one, so that n may change along t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,12 +6,12 @@ valid. Of one stride alone the standard error of its peak stands for the deviati
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.records import dataclass
 
 LEAST_VALID: Final = 0.9
 """Part of a stride that must be valid: the peak of a curve that is not seen is not known."""

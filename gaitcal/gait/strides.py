@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import SIDES, TrialEvents
 from gaitcal.motion.motion import Motion
-from gaitcal.records import dataclass
 
 MOST_POINTS = 400
 """A plot against time shows no more: about one a pixel."""

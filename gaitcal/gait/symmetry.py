@@ -12,7 +12,7 @@ both feet belong: what makes a leg's markers or forces wrong, or of the other si
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,7 +24,6 @@ from gaitcal.gait.progression import turns
 from gaitcal.gait.spatiotemporal import LEAST_STRIDE, MEASURES, Stride
 from gaitcal.gait.spread import spread
 from gaitcal.gait.words import SIDE_WORDS, listed
-from gaitcal.records import dataclass
 
 OF_BOTH_LEGS: Final = ("step_width",)
 """One distance between both feet, told at the strikes of either."""

@@ -7,14 +7,13 @@ rounded and a file converted to CSV reads back bit for bit. What a file *says* o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.metadata import ComputedPoints
 from gaitcal.io.recording import ForcePlate, Recording, seen_mask
-from gaitcal.records import dataclass
 
 LOADED_N = 100.0
 """Force that tells the vertical: well above any offset."""

@@ -13,13 +13,13 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.example_registry import RemoteFile
-from gaitcal.records import dataclass
 
 TIMEOUT_S = 30.0
 """For a connection, and for each block of a file."""

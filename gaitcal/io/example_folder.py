@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -21,7 +22,6 @@ from gaitcal.io.interruption import InterruptedWork, Stopped
 from gaitcal.io.ownership import MANIFEST, ResultKind, read_object
 from gaitcal.io.package_data import package_version
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.records import dataclass
 
 SOURCE, STUDY = "SOURCE.txt", "study.toml"
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -22,7 +23,6 @@ from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, standing
 from gaitcal.io.labels import clean, unique
 from gaitcal.io.mot import StorageTable, read_table
 from gaitcal.io.text_file import readable_size, undo_rounding
-from gaitcal.records import dataclass
 
 FOOT = re.compile(r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE)
 """Bodies of a foot, in the models that people use."""

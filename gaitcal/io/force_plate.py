@@ -20,14 +20,13 @@ Fy23 Fz1 Fz2 Fz3 Fz4 with ORIGIN = (a, b, az0), the sensors at (+-a, +-b) (Kistl
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.io.intervals import runs
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 from gaitcal.arrays import Array
-from gaitcal.records import dataclass
 
 
 class FootMoment(Enum):

@@ -7,6 +7,7 @@ removed here. They are y up there; one whose forces act along another axis is tu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.io.force_tables import Forces, build_plate, find_plates, on_one_time, standing
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.text_file import number_lines, parse_rows, read_lines, require_increasing, undo_rounding
-from gaitcal.records import dataclass
 
 LONGEST_HEADER = 500
 

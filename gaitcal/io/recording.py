@@ -8,7 +8,7 @@ Gaps stay gaps: they are told, weighed with zero later, and never filled.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.labels import clean
 from gaitcal.io.metadata import ComputedPoints, Facts, FootEvent
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

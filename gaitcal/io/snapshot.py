@@ -11,6 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +19,6 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.lock import put_back
 from gaitcal.io.ownership import MANIFEST, ResultKind, files_of, read_object, refuse_cohort
-from gaitcal.records import dataclass
 
 FILES, HASHES, SELF = "files", "sha256", "own_sha256"
 """Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""

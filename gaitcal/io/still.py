@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.records import dataclass
 
 LAG_S = 0.1
 STILL_M_S = 0.05

@@ -23,7 +23,7 @@ DISAGREE from a level sole, and is believed; where the file has none, heel marke
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -36,7 +36,6 @@ from gaitcal.model.knee_and_ankle import SIDE_WORDS
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import LowerBody, unit
-from gaitcal.records import dataclass
 
 UNEVEN, HIGH = 0.10, 0.22
 """Shares of the distance from heel to toe marker: 6 and 13 degrees of its slope."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from gaitcal.model.growth import GROWING, growth, is_known_child, looks_like_chi
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 FOOT_CENTRE_UP = 0.0004 / 1.70
 """Height of the foot's mass centre above the heel-toe line over body height: not zero, as costs divide by it."""

@@ -7,6 +7,8 @@ constant in time, so Pinocchio's own derivatives are derivatives with respect to
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 
@@ -15,7 +17,6 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 GRAVITY = 9.81

@@ -12,7 +12,7 @@ in the frame of the coordinate before them: X_segment = X_b D_s; a joint paramet
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import cos, sin
 
@@ -31,7 +31,6 @@ from gaitcal.model.linkage import (
     joint_elements,
     root_elements,
 )
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

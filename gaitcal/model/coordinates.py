@@ -12,10 +12,10 @@ Numbers are degrees (pelvis translations: m), each told with its source where th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ move in isolated trials do not say so. OrthoTrak's factors are for markers.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -33,7 +34,6 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 
 class HipCentre(Enum):

@@ -6,11 +6,12 @@ massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SEGMENT_TABLE, SEGMENTS, segment_kind
-from gaitcal.records import dataclass
 
 MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).parts)
 """Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""

@@ -10,13 +10,13 @@ on both sides. A left value is the mirror image z -> -z of the right one.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import JOINT_OF_CHILD, JOINTS, LEGS, Source, moved_joints
-from gaitcal.records import dataclass
 
 
 class Kind(Enum):

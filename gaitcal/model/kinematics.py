@@ -8,13 +8,12 @@ the point c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio'
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.chain import Chain, ChainConstants
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ the width as measured by hand, else h in proportion to height. For the knee this
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 NOMINAL_HEIGHT = 1.70
 """m; joint widths below are the nominal subject's, between marker centres, and go with height."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.landmark_names import PARTNER, REQUIRED, instead_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 
 PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
 """Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""

@@ -18,10 +18,9 @@ needs a derivative reads it from the sequence. What coordinates and joints are c
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
-
-from gaitcal.records import dataclass
 
 SIDES = ("r", "l")
 

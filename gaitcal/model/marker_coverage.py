@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gaitcal.model.landmark_names import REQUIRED, missing_landmarks
 from gaitcal.model.linkage import LEG_SEGMENTS
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from gaitcal.model.marker_roles import MarkerSet

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_coverage import Coverage, coverage_of
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

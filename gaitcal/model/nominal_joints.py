@@ -17,6 +17,7 @@ pose is met exactly, whatever the person's feet are.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.segment_frames import Frame, sign
-from gaitcal.records import dataclass
 
 TALOCRURAL_FRONT = np.deg2rad(7.3)
 """90 - 82.7 deg, Inman 1976."""

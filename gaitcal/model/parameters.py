@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from gaitcal.io.package_data import models_path
 from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import ZERO_ANGLES, Element, Source, segment_kind
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

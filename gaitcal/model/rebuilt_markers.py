@@ -20,7 +20,7 @@ for the marker where it moves, never evidence for the static trial. Trunk and ar
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from gaitcal.model.carried_points import carried, left_share, lever, off_line, r
 from gaitcal.model.hip_centre import HipCentre, hip_centre
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 
 FEWEST = 3
 """Points that tell how a segment is turned."""

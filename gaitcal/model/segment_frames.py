@@ -16,6 +16,7 @@ two ASIS.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,7 +33,6 @@ from gaitcal.model.hip_centre import (
 from gaitcal.model.knee_and_ankle import TIBIAL_TORSION, JointWidths, centre_notes, joint_centre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 _NOMINAL_ASIS = 0.245
 """m, of the nominal subject."""

@@ -8,7 +8,7 @@ half of these markers stray; where more of all markers do, the unit or the label
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.linkage import JOINTS, segment_kind
-from gaitcal.records import dataclass
 
 REACH_M = 1.0
 """m; markers of one segment and its neighbours lie within 0.6 m of their median on people of 1.8 m, arms raised."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from gaitcal.arrays import Array
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

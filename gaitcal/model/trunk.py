@@ -20,6 +20,8 @@ Only 1 and 2 are measured. How the trunk then moves is what its markers say, how
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -30,7 +32,6 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.segment_frames import Frame, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 
 IN_A_PLANE = 3
 """Landmarks that a plane goes through."""

@@ -24,6 +24,8 @@ between upper arm and forearm across the elbow's axis.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -37,7 +39,6 @@ from gaitcal.model.nominal_joints import ArmJoints
 from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import trunk_of
-from gaitcal.records import dataclass
 
 RAISED = np.deg2rad(45.0)
 """How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""

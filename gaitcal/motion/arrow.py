@@ -15,6 +15,7 @@ comes from half the substitutions: C_t^T H_t^-1 C_t = Y^T Y,  C_t^T H_t^-1 g = Y
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -26,7 +27,6 @@ from gaitcal.motion.banded import BandFactor, NormalEquations
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.track import NOTHING_LEFT_M
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 ROUNDING = 1e-14
 """Part of its trace that is added to S: parameters that no trial sees do not move."""

@@ -10,6 +10,7 @@ S = H_pp - H_pq H_qq^-1 H_qp. Memory is 8 * 6 nq^2 bytes a node, whatever the nu
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,7 +20,6 @@ from scipy.linalg import blas, lapack
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
 from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

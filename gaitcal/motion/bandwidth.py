@@ -22,7 +22,7 @@ rule above asks for 25 Hz, 3.8 N·m. Where the model is poor (18 mm), it asks fo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 SPANS_TIMES_CUTOFF = 4.0
 """Knot spans a second in units of f: the nodes pass 1.9 f, so that the penalty limits the motion."""

@@ -24,7 +24,7 @@ frame.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.spline import SplineBasis
-from gaitcal.records import dataclass
 
 MARKER_M = 0.005
 """m, e: the noise of a marker on skin."""

@@ -17,6 +17,7 @@ the gain that it promises.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 from typing import Generic
 
@@ -25,7 +26,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.motion.minimised import AnyFactor, Linearisation, Point, Problem
 from gaitcal.motion.secant import Step, further
-from gaitcal.records import dataclass
 
 STALE = 0.1
 """A factor is stale when a step on it promises more than this part of what the step before promised."""

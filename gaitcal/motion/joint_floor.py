@@ -21,7 +21,7 @@ motion and so ends below it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from gaitcal.motion.motion import MarkerErrors, rigid_floor
 from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.start import ROOT_COORDINATES
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 MOST_FRAMES = 300
 """Frames looked at, evenly spaced: the floor of a longer trial is that of these."""

@@ -31,6 +31,7 @@ converges by a factor of about two a step, with it by factors of hundreds; 300 m
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -39,7 +40,6 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.kinematics import SecondaryMotion, forward, jacobian, segment_transforms
 from gaitcal.motion.placed_markers import PlacedMarkers
-from gaitcal.records import dataclass
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ALL = slice(None)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
@@ -17,7 +19,6 @@ from gaitcal.motion.spline import SplineBasis
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from gaitcal.arrays import Array
 from gaitcal.motion.spline import MINIMUM_NODES
-from gaitcal.records import dataclass
 
 NODES_PER_SECOND = 20.0
 """Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

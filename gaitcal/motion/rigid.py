@@ -12,11 +12,12 @@ rigid-segment floor: no linkage of these segments can fit better. Arrays have th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.records import dataclass
 
 COLLINEAR = 1e-3
 """Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""

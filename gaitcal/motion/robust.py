@@ -13,6 +13,7 @@ k and c keep 95 % efficiency when the three coordinates of a residual are Gaussi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -22,7 +23,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import Tracked, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 HUBER = 1.7
 CAUCHY = 2.8

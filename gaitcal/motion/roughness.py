@@ -14,7 +14,7 @@ B-splines of lower degree. Cost and gradient are taken from D N: in R N the larg
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -22,7 +22,6 @@ from scipy.sparse import csr_array, diags_array, eye_array
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.motion.spline import DEGREE, ORDER, SplineBasis
-from gaitcal.records import dataclass
 
 PENALISED = 3
 """The derivative that is penalised: the jerk, which leaves accelerations free at the ends."""

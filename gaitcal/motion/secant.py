@@ -7,10 +7,11 @@ part of the last step that did not do what it promised; t makes s - t d(s) short
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -17,7 +18,6 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse import csc_array, csr_array
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

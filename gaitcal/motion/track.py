@@ -7,6 +7,7 @@ has them ask for Newton's.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -17,7 +18,6 @@ from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending, descend
 from gaitcal.motion.minimised import Evaluation
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 
 LARGE_BYTES = 2**27
 """Size of a normal matrix above which only one is held at a time: a trial of some 20 000 frames."""

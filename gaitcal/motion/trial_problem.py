@@ -6,7 +6,7 @@ From a recording and a person's model to a least-squares problem: here a marker 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +32,6 @@ from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_
 from gaitcal.motion.spline import SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.undetermined import LUMBAR, POSES, about_posture, coordinates_asked, undetermined, upright_trunk
-from gaitcal.records import dataclass
 from gaitcal.runtime import keep_freed_memory
 
 

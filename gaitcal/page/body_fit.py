@@ -8,6 +8,8 @@ height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh mo
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -17,7 +19,6 @@ from gaitcal.model.kinematics import forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 
 MESHES: dict[str, tuple[Array, Array]] = {
     name: (np.array(low), np.array(high))

@@ -5,6 +5,7 @@ They are shown as they are, but for those that are mere balls of 5800 triangles,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -12,7 +13,6 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.page.body_fit import MESHES
-from gaitcal.records import dataclass
 
 PACKAGE = "example-robot-data"
 _FOLDER = "robots/human_description/meshes"

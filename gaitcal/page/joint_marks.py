@@ -13,6 +13,7 @@ square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from gaitcal.export.joint_frames import frames_of
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import JOINTS, Joint
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 _STEP = 1e-6
 """m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""

@@ -7,6 +7,7 @@ from that file alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,6 @@ from gaitcal.page.body_fit import FittedMesh, fitted_meshes
 from gaitcal.page.bones import person_landmarks
 from gaitcal.page.bones.person_landmarks import PersonLandmarks
 from gaitcal.page.joint_marks import JointMark, joint_marks
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration

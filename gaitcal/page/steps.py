@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gaitcal.gait.symmetry import Average, counting, measure_means
-from gaitcal.records import dataclass
 from gaitcal.session.result import TrialResult
 
 SHOWN = {

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
 from importlib.util import find_spec
@@ -27,7 +28,6 @@ from gaitcal.page.policy import inline, policy
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.sheet.sheet_file import sheet_text
 from gaitcal.page.sheet.thinning import MOST_LETTERS, curves_left_out, thinned
-from gaitcal.records import dataclass
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration

@@ -14,6 +14,7 @@ alone. Free joint parameters are columns of all frames together, not of one, and
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -28,7 +29,6 @@ from gaitcal.published.joint_recovery import free_parameters, synthetic_problem,
 from gaitcal.published.published import PROBLEMS, table_one
 from gaitcal.published.tables import Cell, TableRow
 from gaitcal.published.trial_length import PRINTED, SENSITIVITY
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.measurements import NOISE_AMPLITUDE, marker_noise
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import zlib
 from collections.abc import Container, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -26,7 +27,6 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
-from gaitcal.records import dataclass
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration

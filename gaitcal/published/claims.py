@@ -7,6 +7,7 @@ such as "far smaller" or "nearly" are ours.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -16,7 +17,6 @@ from gaitcal.published.joint_recovery import JointRecovery
 from gaitcal.published.noise_seed import SeedResult
 from gaitcal.published.published import PROBLEMS
 from gaitcal.published.tables import EXPERIMENT, speed_factor, spread
-from gaitcal.records import dataclass
 
 NOISELESS_DEG, NOISELESS_MM = 0.01, 0.1
 """What the paper calls recovered: its own largest errors are 0.006 deg and 0.014 mm."""

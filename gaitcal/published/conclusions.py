@@ -6,6 +6,8 @@ paper names one. Fewer than `FEWEST` draws are not judged, nor is a difference t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
@@ -13,7 +15,6 @@ from gaitcal.arrays import Array
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.settings import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import FEWEST, levels_of
-from gaitcal.records import dataclass
 
 IP_LIMIT = 0.25
 """%BW*H: the paper's own limit for inertial parameters at +-10 %; that of marker noise too, which the paper calls small

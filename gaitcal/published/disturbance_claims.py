@@ -7,7 +7,7 @@ readings are tested, fixed in the laboratory and carried along with the foot, an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,6 @@ from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.published import SIDE
 from gaitcal.published.settings import PUBLISHED_DRAWS, ReactionFrame, Varied
 from gaitcal.published.statistics import expect, levels_of, unconverged
-from gaitcal.records import dataclass
 
 FRAMES = {ReactionFrame.LAB: "ground reactions fixed in the laboratory", ReactionFrame.FOOT: "carried with the foot"}
 WITHIN = 0.25

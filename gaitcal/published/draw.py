@@ -8,6 +8,8 @@ sinusoid per marker coordinate (method, sections 5 and 6).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -22,7 +24,6 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.context import MonteCarloContext
 from gaitcal.published.leg_torques import LEG_TORQUES
 from gaitcal.published.settings import ReactionFrame, RefitSettings, Varied
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.measurements import marker_noise
 

@@ -12,6 +12,7 @@ mass-centre coordinates; residuals over frames and the three components. That gi
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -33,7 +34,6 @@ from gaitcal.published.joint_recovery import (
     true_model,
     true_motion,
 )
-from gaitcal.records import dataclass
 from gaitcal.synthetic.ground import residual_free_wrench
 
 SEED_RANGE = 0.5

@@ -21,13 +21,13 @@ binomial one where that is larger (of a p so small that hardly a draw of ours is
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import rankdata
 
 from gaitcal.arrays import Array
 from gaitcal.published.claims import Claim, Verdict
-from gaitcal.records import dataclass
 
 LIMIT = 0.05
 """p below which the figures are rejected as a draw."""

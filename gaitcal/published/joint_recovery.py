@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TypeVar
 
@@ -43,7 +43,6 @@ from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.published import SIDE
-from gaitcal.records import dataclass
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
 from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
 

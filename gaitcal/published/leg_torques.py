@@ -15,6 +15,8 @@ axis.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 
@@ -28,7 +30,6 @@ from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis
-from gaitcal.records import dataclass
 
 TORQUES = LEG_COORDINATES
 """The torques of a leg, without the side; the knee's adduction is a reaction."""

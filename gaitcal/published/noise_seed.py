@@ -7,6 +7,7 @@ their own, spawned from the seed and the number of the draw.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -24,7 +25,6 @@ from gaitcal.published.inertial_recovery import (
 )
 from gaitcal.published.joint_recovery import JointRecovery, recover_joints, synthetic_problem, true_model
 from gaitcal.published.published import PROBLEMS
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 

@@ -6,6 +6,7 @@ reactions), from the folder that GAITCAL_DATA names, through the same pipeline a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.published.inertial_recovery import pelvis_width
 from gaitcal.published.published import SIDE
 from gaitcal.published.tables import RESIDUALS, SCALES, Cell, TableRow
-from gaitcal.records import dataclass
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration, LoadedTrial, Stage, TrialResult

@@ -12,7 +12,7 @@ there, little matters, and the claim is on the size of the difference.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,6 @@ from gaitcal.published.store import Chunk
 from gaitcal.published.study import run_chunk
 from gaitcal.published.tables import Cell, TableRow
 from gaitcal.published.trial_length import SENSITIVITY
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 DRAWS = 200

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any
-
-from gaitcal.records import dataclass
 
 PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
 """Columns of Table I: three isolated trials and gait."""

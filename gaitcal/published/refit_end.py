@@ -9,6 +9,8 @@ figures are those of the end.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pandas as pd
 
 from gaitcal.published.case import nominal_case
@@ -22,7 +24,6 @@ from gaitcal.published.statistics import statistics
 from gaitcal.published.tables import Cell, TableRow
 from gaitcal.published.trial_length import SENSITIVITY
 from gaitcal.published.unfinished_refit import CONVERGED, Iteration, unfinished_draws
-from gaitcal.records import dataclass
 
 DRAWS = 40
 """At each set and level: averages to some 5 %."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -34,7 +34,6 @@ from gaitcal.published.tables import (
     time_rows,
 )
 from gaitcal.published.workers import LocalProcesses
-from gaitcal.records import dataclass
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 NOISE_SEEDS = 20

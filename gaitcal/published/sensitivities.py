@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gaitcal.published import absorbed_noise, pressure_centre, refit_end, trial_length
 from gaitcal.published.absorbed_noise import Absorbed
@@ -11,7 +11,6 @@ from gaitcal.published.pressure_centre import PressureCentres
 from gaitcal.published.refit_end import StoppedRefits
 from gaitcal.published.tables import TableRow
 from gaitcal.published.trial_length import LengthDraws
-from gaitcal.records import dataclass
 from gaitcal.runtime import Progress, silent
 
 

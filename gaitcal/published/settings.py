@@ -7,7 +7,7 @@ inertial parameters by up to 10 % of themselves, and marker noise has amplitudes
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, gait_parameters, leg_parameters
 from gaitcal.model.linkage import SIDES
-from gaitcal.records import dataclass
 
 PUBLISHED_LEVELS = (25, 50, 75, 100)
 PUBLISHED_DRAWS = 5000

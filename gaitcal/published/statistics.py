@@ -10,6 +10,8 @@ torque errors there. Between levels, and from nothing at level zero, straight li
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
@@ -18,7 +20,6 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.published.draw import MEASURES, marker_column, torque_column
 from gaitcal.published.leg_torques import LEG_TORQUES, TORQUES
 from gaitcal.published.settings import ReactionFrame, Varied
-from gaitcal.records import dataclass
 
 PERCENTILES = (10, 25, 50, 75, 90)
 TOLERANCE_PERCENT = 2.0

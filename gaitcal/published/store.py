@@ -18,6 +18,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -36,7 +37,6 @@ from gaitcal.io.snapshot import SELF, self_hash
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.draw import COLUMNS, DrawResult
 from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
-from gaitcal.records import dataclass
 
 FORMAT = 2
 """Raised whenever the same settings would give other draws."""

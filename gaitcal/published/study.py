@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +26,6 @@ from gaitcal.published.settings import MonteCarloSettings, Plan
 from gaitcal.published.statistics import statistics, unconverged
 from gaitcal.published.store import Chunk, MemoryStore, Store, records
 from gaitcal.published.workers import LocalProcesses, Workers
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 DrawProgress = Callable[[int, int], None]

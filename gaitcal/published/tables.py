@@ -8,7 +8,7 @@ the processor; the published ones are of a 3.4 GHz Pentium 4 with Matlab.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from gaitcal.published.inertial_recovery import NOISELESS_DECAY, InertialRecover
 from gaitcal.published.joint_recovery import FoundFromZero
 from gaitcal.published.noise_seed import SeedResult
 from gaitcal.published.published import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
-from gaitcal.records import dataclass
 
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
 JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[FoundFromZero], float | None]], ...] = (

@@ -13,6 +13,7 @@ against 100 draws: who would have looked at either side doubles its p.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +26,6 @@ from gaitcal.published.joint_recovery import FoundFromZero, find_joints, synthet
 from gaitcal.published.noise_seed import generators
 from gaitcal.published.published import PROBLEMS, table_one
 from gaitcal.published.tables import JOINT_FIGURES, Cell, TableRow
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, RATE
 

@@ -15,6 +15,8 @@ averaged over the frames, is a sum:  sum_i b_i^2 / 3 <(d tau / dp_i)^2>;  each t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
@@ -31,7 +33,6 @@ from gaitcal.published.context import MonteCarloContext
 from gaitcal.published.draw import disturb, torque_column
 from gaitcal.published.leg_torques import LEG_TORQUES, OF_FOOT
 from gaitcal.published.settings import ReactionFrame, Varied
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]

@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
 from typing import Any, Protocol, TypeVar
@@ -26,7 +27,6 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.records import dataclass
 
 TRIES = 3
 """Processes that may die over a task before it is given up."""

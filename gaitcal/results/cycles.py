@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,6 @@ from gaitcal.gait.variables import GROUND_REACTION, Kind
 from gaitcal.io.lock import put_back
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.angle_validity import angle_counts

@@ -7,6 +7,7 @@ segments or of the joint coordinate system come from `moment_vectors/TRIAL.csv`,
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from gaitcal.io.ownership import MANIFEST, read_object
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
 from gaitcal.results.saved_trial import saved_events

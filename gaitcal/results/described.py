@@ -6,10 +6,9 @@ them are in `described_columns`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Final
-
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,11 @@ A column's name may have `*` for a coordinate, a joint, a torque or a marker.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Final
 
 from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

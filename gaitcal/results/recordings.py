@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,6 @@ from gaitcal.io.metadata import FootEvent
 from gaitcal.io.package_data import package_version
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
-from gaitcal.records import dataclass
 from gaitcal.results.originals import find_original, trial_files
 from gaitcal.results.saved import MODEL
 from gaitcal.results.saved_trial import SPLINES, SavedTrial, load_trial, moving_trials

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -19,7 +19,6 @@ from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.results.summary import STATIC_ANGLES
 from gaitcal.results.verdict import SUMMARY, of_the_model
 from gaitcal.session.result import Uncertainty

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,6 @@ from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.records import dataclass
 from gaitcal.results.saved import MODEL
 from gaitcal.results.verdict import SUMMARY
 

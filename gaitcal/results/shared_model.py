@@ -8,7 +8,7 @@ On one static trial the joints of the legs are fitted to all trials together; wi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,6 @@ from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.results.cycles import cycle_table
 from gaitcal.results.originals import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +15,6 @@ from gaitcal.gait.progression import TURNING
 from gaitcal.gait.stride_table import CYCLE_COLUMNS, typed
 from gaitcal.io.snapshot import sha256_of
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
 from gaitcal.results.spatiotemporal import (
     SPATIOTEMPORAL,

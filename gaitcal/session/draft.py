@@ -7,9 +7,8 @@ is not.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from gaitcal.records import dataclass
 from gaitcal.session.folder import Folder, FolderFile
 from gaitcal.session.force_files import ForceChoice
 from gaitcal.session.marker_sets import SetChoice

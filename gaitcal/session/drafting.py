@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gaitcal.errors import InputError
 from gaitcal.io.metadata import Facts
@@ -11,7 +11,6 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.records import dataclass
 from gaitcal.session.draft import Draft, DraftTrial
 from gaitcal.session.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
 from gaitcal.session.force_files import ForceChoice, pair_forces

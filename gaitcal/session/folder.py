@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,7 +24,6 @@ from gaitcal.io.recording import Recording
 from gaitcal.io.toml import read_toml
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.records import dataclass
 
 MOST_FILES = 2000
 """A folder with more files is no person's."""

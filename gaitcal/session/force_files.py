@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
 import numpy as np
@@ -17,7 +18,6 @@ from gaitcal.arrays import Array
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 from gaitcal.session.folder import FileKind, FolderFile
 
 UNDER_M = 0.25

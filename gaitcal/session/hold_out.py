@@ -11,6 +11,7 @@ joint parameters, not a guess of the motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 from gaitcal.session.prepare import PreparedTrial
 from gaitcal.session.robust import JointFitter
 

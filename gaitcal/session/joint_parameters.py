@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from gaitcal.calibration.joint_evidence import calibrate_by_evidence
@@ -22,7 +22,6 @@ from gaitcal.model.joint_parameters import gait_parameters, leg_parameters
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss
-from gaitcal.records import dataclass
 from gaitcal.runtime import Progress
 from gaitcal.session.hold_out import HeldOut, hold_out
 from gaitcal.session.prepare import PreparedTrial, joint_bounds, prepare_trial

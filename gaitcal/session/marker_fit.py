@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from gaitcal.gait.words import segment_words
 from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.records import dataclass
 from gaitcal.session.result import TrialResult
 
 

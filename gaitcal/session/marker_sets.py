@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 
 from gaitcal.errors import other_side
@@ -17,7 +17,6 @@ from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
-from gaitcal.records import dataclass
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""

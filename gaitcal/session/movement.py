@@ -7,7 +7,7 @@ over the ground or on a treadmill. One joint alone is told by how far the joints
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -22,7 +22,6 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.strays import without_strays
-from gaitcal.records import dataclass
 from gaitcal.session.standing import STAYS_M, Standing, sway
 
 OPPOSITE = -0.4

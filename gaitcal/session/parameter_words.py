@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from gaitcal.gait.words import (
 )
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
-from gaitcal.records import dataclass
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_rows
 from gaitcal.study.settings import Protocol

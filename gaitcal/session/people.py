@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from gaitcal.io.recording import Recording
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 from gaitcal.session.exchanges import exchange_told
 from gaitcal.session.placing import pair_distances, placed_otherwise
 from gaitcal.session.standing import Standing, standing

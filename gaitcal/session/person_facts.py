@@ -7,6 +7,7 @@ The subject's name is that of the folder: a file's may be the patient's.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.build import GRAVITY
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 from gaitcal.session.standing import Standing
 
 MASS_KG = (10.0, 250.0)

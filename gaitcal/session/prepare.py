@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,6 @@ from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_problem
-from gaitcal.records import dataclass
 from gaitcal.session.trial_bandwidth import Bandwidth, bandwidth_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, StudyTrial

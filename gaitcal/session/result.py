@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -30,7 +30,6 @@ from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.records import dataclass
 from gaitcal.session.hold_out import HeldOut
 from gaitcal.session.trial_bandwidth import Bandwidth
 from gaitcal.session.truth_errors import TruthErrors

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
-from gaitcal.records import dataclass
 from gaitcal.session.draft import Seen
 from gaitcal.session.folder import FileKind, Folder, FolderFile
 from gaitcal.session.force_files import ForceChoice

@@ -7,6 +7,7 @@ both feet at one height. A walk may hold a still window too; it is a worse stati
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_roles import MarkerSet
 from gaitcal.model.segment_frames import across
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.records import dataclass
 
 STRAIGHT = 0.8
 """Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees

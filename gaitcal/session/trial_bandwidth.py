@@ -18,7 +18,7 @@ One motion leaves the trial, the one that the torques are of.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -37,7 +37,6 @@ from gaitcal.motion.motion import motion_of
 from gaitcal.motion.roughness import frame_rate
 from gaitcal.motion.spline import DEGREE
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.records import dataclass
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_trial import StudyTrial
 

@@ -6,12 +6,11 @@ A curve or parameter e with standard error s is *within* where |e| <= 1.96 s: of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.records import dataclass
 
 INTERVAL = 1.96
 """Standard errors on either side of a value that hold the truth in 95 of 100 cases."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import moment_names
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import LEG_JOINTS
-from gaitcal.records import dataclass
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
 

@@ -7,7 +7,7 @@ The type that all three share, and what a study file may say of it (`[calibratio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.validation import shown
 from gaitcal.model.joint_parameters import JP_NAMES
-from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 
 

@@ -13,12 +13,12 @@ mirror image, and mixes no positions with orientations.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.records import dataclass
 
 HEIGHT, STEP = 1.70, 0.10
 """m."""

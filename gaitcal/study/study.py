@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.model.worn_markers import complete_static, worn
-from gaitcal.records import dataclass
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.borrowed_trunk import model_with_trunk
 from gaitcal.study.cohort_prior import with_cohort_priors

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.records import dataclass
 from gaitcal.study.study_file import Trial
 
 OTHER_UNIT = 100.0

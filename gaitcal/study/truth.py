@@ -14,6 +14,7 @@ be there as it is written.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from gaitcal.io.validation import shown
 from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
 from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
-from gaitcal.records import dataclass
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.truth_landmarks import read_landmarks
 from gaitcal.study.truth_rows import number, read_rows

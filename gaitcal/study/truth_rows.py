@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.text_file import parse_number
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ the same half a stride later.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -20,7 +21,6 @@ from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 
 STANCE = 0.62
 """Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice."""

@@ -14,13 +14,14 @@ divided between the feet in four steps, each exact:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.feet import feet_of, right_share, rolled
 from gaitcal.synthetic.motion import TrueMotion

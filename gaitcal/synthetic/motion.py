@@ -6,6 +6,7 @@ be exact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,7 +16,6 @@ from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
-from gaitcal.records import dataclass
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
 from gaitcal.synthetic.likeness import is_nominal, looking_like_nominal, posture_like_nominal

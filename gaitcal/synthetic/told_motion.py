@@ -16,6 +16,8 @@ Velocities and accelerations are those of the quintic spline through q', at thre
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import make_interp_spline
@@ -31,7 +33,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.spline import to_bspline
-from gaitcal.records import dataclass
 from gaitcal.synthetic.motion import TrueMotion, standing_pose
 from gaitcal.synthetic.truth import StaticFrames, segment_frames
 

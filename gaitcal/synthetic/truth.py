@@ -10,6 +10,7 @@ axis at its common perpendicular with the subtalar one.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,7 +28,6 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.upper_body import upper_body
-from gaitcal.records import dataclass
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose
 

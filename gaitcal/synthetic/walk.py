@@ -16,6 +16,7 @@ what they then are. It holds for any linkage; the nominal person's angles change
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -29,7 +30,6 @@ from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.records import dataclass
 from gaitcal.synthetic.feet import DOUBLE_SUPPORT, FeetOnGround, feet_of, resting, right_share, rolled
 from gaitcal.synthetic.gait_curves import gait_accelerations, gait_curves
 

@@ -134,9 +134,9 @@ def test_no_drawing_library_is_loaded(made: Path, tmp_path: Path) -> None:
     )
     code = f"""
 import sys
-from gaitcal import cli
+from gaitcal.cli import program
 for words in {words!r}:
-    cli.app(list(words), standalone_mode=False)
+    program.app(list(words), standalone_mode=False)
 print([name for name in ("matplotlib", "jinja2", "meshcat") if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

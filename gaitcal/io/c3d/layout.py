@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.text_file import readable_size
-from gaitcal.records import dataclass
 
 BLOCK = 512
 C3D_KEY = 0x50

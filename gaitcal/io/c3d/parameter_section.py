@@ -15,13 +15,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.c3d.layout import BLOCK, DEC
-from gaitcal.records import dataclass
 
 MOST_BLOCKS = 255
 LONGEST_LIST = 255

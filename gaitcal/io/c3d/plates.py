@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from gaitcal.io.force_plate import (
     wrench_type_3,
 )
 from gaitcal.io.recording import ForcePlate
-from gaitcal.records import dataclass
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 """Channels of each plate type read here."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from gaitcal.errors import InputError
 from gaitcal.io.c3d.layout import BLOCK, DEC, C3DHeader, check_c3d_header
 from gaitcal.io.c3d.parameter_section import INTEGER, ParameterSection, decode_floats, encode_floats, parse_section
 from gaitcal.io.metadata import FootEvent, FootMoment
-from gaitcal.records import dataclass
 
 CONTEXTS = {"r": "Right", "l": "Left"}
 EVENT_WORDS = {

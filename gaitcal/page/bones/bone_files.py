@@ -7,6 +7,7 @@ Only right bones are read; left ones are their mirror images.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from gaitcal.errors import InputError
 from gaitcal.page.body_meshes import Mesh, read_stl
 from gaitcal.page.bones.bone_shape import with_fewer_triangles
 from gaitcal.page.bones.vtp import read_vtp
-from gaitcal.records import dataclass
 
 PACKAGE = "myo-sim"
 EXTRA = "bones"

@@ -18,12 +18,13 @@ Bones are those of the right side in the axes of OpenSim's models: x forward, y 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.page.body_meshes import Mesh
 from gaitcal.page.bones.bone_shape import face_normals, fitted_ball, spread_points, vertex_normals
-from gaitcal.records import dataclass
 
 MEDIAL = np.array([1.0, 1.0, -1.0])
 """Mirrors a bone of the right side to the left."""

@@ -12,6 +12,8 @@ same root of C_u.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.arrays import Array
@@ -23,7 +25,6 @@ from gaitcal.page.bones.bone_shape import is_inside
 from gaitcal.page.bones.person_landmarks import KneeEvidence, PersonLandmarks
 from gaitcal.page.bones.placement import Landmarked, apply, place_of_femur
 from gaitcal.page.joint_marks import JointMark
-from gaitcal.records import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ A marker's centre lies its radius off the skin; epicondyles, malleoli and spines
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -24,7 +25,6 @@ from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.body_fit import vertex_above_lumbar, wrist
-from gaitcal.records import dataclass
 
 
 class KneeEvidence(Enum):

@@ -14,6 +14,7 @@ and the affine map that meets them all. The foot is scaled alike in all directio
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -39,7 +40,6 @@ from gaitcal.page.bones.bone_landmarks import (
     shank_bones,
 )
 from gaitcal.page.bones.person_landmarks import PersonLandmarks
-from gaitcal.records import dataclass
 
 CARTILAGE = 0.004
 """m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen et al. 1999)."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.words import coordinate_title, counted
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.records import dataclass
 from gaitcal.session.marker_fit import RmsErrors, leg_fit, trial_fit
 from gaitcal.session.parameter_words import counts, counts_sentence
 from gaitcal.session.result import Calibration

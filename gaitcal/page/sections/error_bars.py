@@ -5,6 +5,8 @@ At the frame of a peak the variances of independent sources add; the largest com
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.dynamics.ground_contact import leg_of
@@ -30,7 +32,6 @@ from gaitcal.page.sections.blocks import (
 )
 from gaitcal.page.sections.error_sources import ErrorSources, error_sources
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.records import dataclass
 
 FIRST = "knee_adduction"
 """The moment that is told in full; the others are folded."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.torque_sources import Source
 from gaitcal.gait.words import coordinate_title
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words
-from gaitcal.records import dataclass
 from gaitcal.session.result import TrialResult
 
 

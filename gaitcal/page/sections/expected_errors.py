@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import pandas as pd
@@ -10,7 +11,6 @@ import pandas as pd
 from gaitcal.published.leg_torques import TORQUES
 from gaitcal.published.settings import ReactionFrame, Varied
 from gaitcal.published.statistics import CauseOfMarkerError, expect
-from gaitcal.records import dataclass
 
 SOURCE_WORDS: Final = {
     Varied.JP: "joint positions and axes",

@@ -7,6 +7,7 @@ of one recording stands with it, so that trials of several runs can be joined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from gaitcal.gait.words import role_words
@@ -16,7 +17,6 @@ from gaitcal.page.sections.gait_numbers import gait_numbers
 from gaitcal.page.sections.lines import Line, agreement_line, counting_line
 from gaitcal.page.sections.provenance import note_blocks
 from gaitcal.page.sections.trial_rows import file_name
-from gaitcal.records import dataclass
 from gaitcal.session.result import TrialResult
 
 COPIED: Final = ("clinician", "joints", "provenance")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.residual_limits import ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import Layout, layout
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.records import dataclass
 from gaitcal.session.result import TrialResult
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from gaitcal.page.sections.blocks import named, number, visible
 from gaitcal.page.sections.clinician import complete_strides
 from gaitcal.page.sections.error_bars import FIRST
 from gaitcal.page.sections.gait_numbers import GaitNumbers
-from gaitcal.records import dataclass
 from gaitcal.session.marker_fit import leg_fit
 from gaitcal.session.result import Calibration, TrialResult
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.gait.words import joint_words, listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
-from gaitcal.records import dataclass
 from gaitcal.session.marker_fit import RmsErrors, leg_fit, segment_fits, trial_fit
 from gaitcal.session.result import Calibration, TrialResult
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from gaitcal.model.coordinates import coordinate_words, split_side
-from gaitcal.records import dataclass
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_errors import CurveTruth, FeatureTruth
 from gaitcal.session.truth_words import (

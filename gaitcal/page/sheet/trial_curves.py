@@ -7,6 +7,7 @@ forces in N. The page brings them into the convention that its reader chooses.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +23,6 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.page.packing import base64_of, lengths
 from gaitcal.page.sheet.rows import joint_of
-from gaitcal.records import dataclass
 from gaitcal.session.angle_validity import angle_counts
 from gaitcal.session.kinetic_tables import told_powers
 from gaitcal.session.result import LoadedTrial, TrialResult

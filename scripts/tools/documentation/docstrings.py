@@ -34,8 +34,3 @@ class Lists(griffe.Extension):
         """An object was read from its source."""
         if obj.docstring is not None:
             obj.docstring.value = lists(obj.docstring.value)
-
-    def on_alias_instance(self, *, alias: Any, **_: Any) -> None:
-        """A name was imported: `gaitcal.records` stands in for the standard library."""
-        if alias.target_path == "gaitcal.records.dataclass":
-            alias.target_path = "dataclasses.dataclass"
